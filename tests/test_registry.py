@@ -20,17 +20,6 @@ def test_entries_load_on_first_use_and_keep_their_order() -> None:
         registry["a"]
 
 
-def test_a_name_is_registered_once_and_a_temporary_entry_goes_whatever_happens() -> None:
-    registry: Registry[int] = Registry("thing", {"a": 1})
-    with pytest.raises(RuntimeError, match="on the way"), registry.temporarily("b", 2):
-        assert registry["b"] == 2
-        raise RuntimeError("on the way")
-    registry.register("b", 2)
-    with pytest.raises(ValueError, match="the thing 'b' is registered already"):
-        registry.register("b", 3)
-    assert dict(registry) == {"a": 1, "b": 2}
-
-
 def test_an_unknown_name_lists_those_there_are() -> None:
     registry: Registry[int] = Registry("window", {"hann": 1, "hamming": 2}, IdentificationError)
     with pytest.raises(IdentificationError) as error:

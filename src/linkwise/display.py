@@ -29,22 +29,18 @@ def shortened(message: str, most: int = LONGEST) -> str:
     return f"{message[:half]} [... {left_out} characters ...] {message[-half:]}"
 
 
-def paragraph(text: str) -> str:
+def paragraph(text: str, indent: str = "") -> str:
     """A text in lines that a terminal shows whole; a path or a name is never broken.
 
     >>> paragraph("written to " + 99 * "a").split()[-1] == 99 * "a"
     True
     """
-    return _wrapped(text)
+    return fill(text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def remark_lines(remark: str) -> str:
     """What a reader must not miss, as a paragraph with a mark in front."""
-    return _wrapped(f"! {remark}", indent="  ")
-
-
-def _wrapped(text: str, indent: str = "") -> str:
-    return fill(text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return paragraph(f"! {remark}", indent="  ")
 
 
 def on_one_line(text: str) -> str:

@@ -171,7 +171,17 @@ class LawError(LinkwiseError):
         super().__init__("\n".join([reason, *_quoted(text, position), *([advice] if advice else [])]))
 
 
-class StructureError(LinkwiseError):
+class _PlacedError(LinkwiseError):
+    """An error in a file or a part of it, `where`, which precedes the message."""
+
+    exit_code = 2
+
+    def __init__(self, message: str, where: str = "", *, arguments: Sequence[str] = ()) -> None:
+        self.message, self.where = message, where
+        super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
+
+
+class StructureError(_PlacedError):
     """A structure that is not valid.
 
     Parameters
@@ -197,12 +207,6 @@ class StructureError(LinkwiseError):
     ...     print(error)
     unknown link "nes2"; did you mean "nes1"?; the links are "spring1", "nes1"
     """
-
-    exit_code = 2
-
-    def __init__(self, message: str, where: str = "", *, arguments: Sequence[str] = ()) -> None:
-        self.message, self.where = message, where
-        super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
 
 
 class RecordError(LinkwiseError):
@@ -334,7 +338,7 @@ class OutputError(LinkwiseError):
     exit_code = 2
 
 
-class StudyError(LinkwiseError):
+class StudyError(_PlacedError):
     """A study that cannot be run or resumed.
 
     Parameters
@@ -360,12 +364,6 @@ class StudyError(LinkwiseError):
     ...     print(error)
     papr: there is no such study; did you mean "paper"?; give a TOML file, or a study that ships with linkwise: paper, reach
     """
-
-    exit_code = 2
-
-    def __init__(self, message: str, where: str = "", *, arguments: Sequence[str] = ()) -> None:
-        self.message, self.where = message, where
-        super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
 
 
 def _quoted(text: str, position: int | None) -> list[str]:

@@ -7,11 +7,12 @@ need. Both are used at module level, so that the imports of a file are still all
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections import UserDict
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from importlib import import_module
-from typing import Any, Generic, TypeVar, cast, final
+from pkgutil import resolve_name
+from typing import Any, TypeVar, cast, final
 
 from linkwise.errors import LinkwiseError
 
@@ -19,7 +20,7 @@ T = TypeVar("T")
 
 
 @final
-class Registry(Mapping[str, T], Generic[T]):
+class Registry(UserDict[str, T]):
     """Things of one `kind` by name, in the order in which they were registered.
 
     An entry is the thing itself or a text "package.module:attribute" ("package.module" for a module), which is imported when
@@ -27,9 +28,6 @@ class Registry(Mapping[str, T], Generic[T]):
     not there.
 
     >>> shapes = Registry("window", {"hann": 0.5})
-    >>> with shapes.temporarily("hamming", 0.54):
-    ...     list(shapes)
-    ['hann', 'hamming']
     >>> shapes.lookup("hamming")
     Traceback (most recent call last):
     linkwise.errors.LinkwiseError: unknown window 'hamming'; choose from 'hann'
@@ -38,50 +36,21 @@ class Registry(Mapping[str, T], Generic[T]):
     def __init__(
         self, kind: str, entries: Mapping[str, T | str], error: type[LinkwiseError] = LinkwiseError
     ) -> None:
-        self.kind, self.error = kind, error
-        self._entries: dict[str, T | str] = dict(entries)
-
-    def register(self, name: str, entry: T | str) -> None:
-        """Add an entry; ValueError for a name that is taken."""
-        if name in self._entries:
-            raise ValueError(f"the {self.kind} {name!r} is registered already")
-        self._entries[name] = entry
-
-    @contextmanager
-    def temporarily(self, name: str, entry: T | str) -> Iterator[None]:
-        """Add an entry for the time of a `with` block."""
-        self.register(name, entry)
-        try:
-            yield
-        finally:
-            del self._entries[name]
+        self.kind, self.error, self.data = kind, error, cast(dict[str, T], dict(entries))
 
     def lookup(self, name: str) -> T:
         """The entry of that name; raises `error`, which lists those there are."""
-        if name in self._entries:
+        if name in self:
             return self[name]
-        near = get_close_matches(name, self._entries, n=1)
+        near = get_close_matches(name, self, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise self.error(
-            f"unknown {self.kind} {name!r}{hint}; choose from {', '.join(map(repr, self._entries))}"
-        )
+        raise self.error(f"unknown {self.kind} {name!r}{hint}; choose from {', '.join(map(repr, self))}")
 
     def __getitem__(self, name: str) -> T:
-        entry = self._entries[name]
+        entry = self.data[name]
         if isinstance(entry, str):
-            module, _, attribute = entry.partition(":")
-            loaded = import_module(module)
-            entry = self._entries[name] = cast(T, getattr(loaded, attribute) if attribute else loaded)
+            entry = self.data[name] = cast(T, resolve_name(entry))
         return entry
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._entries
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
-
-    def __len__(self) -> int:
-        return len(self._entries)
 
 
 class _LazyModule:

@@ -49,7 +49,12 @@ def section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Build[A
 
 @pytest.mark.parametrize("kind", ["Estimate", "Discovery", "Absorption"])
 def test_a_figure_of_an_answer_is_a_function_and_a_line(
-    kind: str, section: Build[Any], fitted: lw.Estimate, discovered: lw.Discovery, tmp_path: Path
+    kind: str,
+    section: Build[Any],
+    fitted: lw.Estimate,
+    discovered: lw.Discovery,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The figure is on the page, beside it as a file, and nowhere without its line."""
     absorbed = lw.absorb(lw.bnes_chain(2), duration=0.5, rate=500.0, release={"v:m1": 1.0})
@@ -60,8 +65,8 @@ def test_a_figure_of_an_answer_is_a_function_and_a_line(
     }
     sections, write = kinds[kind]
     assert not (write(tmp_path / "before") / "spectrum.png").exists()
-    with sections.temporarily("spectrum", section):
-        folder = write(tmp_path / "answer")
+    monkeypatch.setitem(sections, "spectrum", section)
+    folder = write(tmp_path / "answer")
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Spectrum of all</h2>" in page and 'id="spectrum"' in page and kind in page
     assert page.count("plotly.js v") == 1
@@ -71,12 +76,14 @@ def test_a_figure_of_an_answer_is_a_function_and_a_line(
     assert kind != "Absorption" or re.search(r"the balance closes to \d+e-\d+\.", page)
 
 
-def test_a_figure_of_every_link_is_a_function_and_a_line(fitted: lw.Estimate, tmp_path: Path) -> None:
+def test_a_figure_of_every_link_is_a_function_and_a_line(
+    fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def again(reported: Reported[lw.Estimate], link: str) -> Callable[[], Figure]:
         return lambda: force_figure(reported.result, link)
 
-    with estimate.LINK_FIGURES.temporarily("again", again):
-        folder = lw.report.write_result(fitted, tmp_path / "answer")
+    monkeypatch.setitem(estimate.LINK_FIGURES, "again", again)
+    folder = lw.report.write_result(fitted, tmp_path / "answer")
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert (folder / "again_nes1.png").exists() and 'id="again_nes1"' in page
     assert not (folder / "again_spring1.png").exists()  # all of it is known
