@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -175,8 +175,7 @@ def export_writer(path: Path) -> Callable[[ExportedAnswer, Path, str], None]:
     if suffix not in EXPORTS:
         kind, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
         raise OutputError(f"{path}: answers cannot be exported to {kind}; choose from {choices}")
-    module, _, name = EXPORTS[suffix].writer.partition(":")
-    write: Callable[[ExportedAnswer, Path, str], None] = getattr(import_module(module), name)
+    write: Callable[[ExportedAnswer, Path, str], None] = resolve_name(EXPORTS[suffix].writer)
     return write
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import astuple
 from importlib import import_module
 from importlib.util import find_spec
 from io import BytesIO
@@ -30,17 +31,7 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
         law = laws.get(coefficient.owner) if coefficient.name != "mass" else None
         half = None if coefficient.error is None else NORMAL_95 * coefficient.error
         ends = [None, None] if half is None else [coefficient.value - half, coefficient.value + half]
-        rows.append(
-            [
-                coefficient.owner,
-                coefficient.name,
-                coefficient.value,
-                coefficient.unit,
-                coefficient.error,
-                *ends,
-                law,
-            ]
-        )
+        rows.append([*astuple(coefficient), *ends, law])
     for point, parts in answer.points.items():
         unit = SHAPE_UNITS[ANGLE if point in answer.structure.rotations else LENGTH]
         rows += [[mode, f"shape at {point}", part, unit, *[None] * 4] for mode, part in parts.items()]

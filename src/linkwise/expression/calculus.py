@@ -18,6 +18,7 @@ from linkwise.expression.tree import (
     Sum,
     Symbol,
     add,
+    as_expression,
     call,
     children,
     multiply,
@@ -56,12 +57,9 @@ def differentiate(expression: Expression, name: str) -> Expression:
             slopes = [differentiate(argument, name) for argument in arguments]
             if all(slope == ZERO for slope in slopes):
                 return ZERO
-            return add(
-                *(
-                    multiply(outer, slope)
-                    for outer, slope in zip(_call_slopes(function, arguments), slopes, strict=True)
-                )
-            )
+            rules = FUNCTIONS[function].derivatives
+            outer = (_applied(rule, arguments) for rule in rules)
+            return add(*(multiply(*pair) for pair in zip(outer, slopes, strict=True)))
     return ZERO
 
 
@@ -73,11 +71,6 @@ def _power_slope(base: Expression, exponent: int | float | Expression, name: str
     # base**p log(base) tends to 0 with base; the smallest normal number, lost in any other sum, keeps the logarithm finite
     logarithm = call("log", add(base, _TINY))
     return add(by_base, multiply(power(base, exponent), logarithm, differentiate(exponent, name)))
-
-
-def _call_slopes(function: str, arguments: tuple[Expression, ...]) -> tuple[Expression, ...]:
-    """The partial derivatives of a function by each of its arguments."""
-    return tuple(_applied(rule, arguments) for rule in FUNCTIONS[function].derivatives)
 
 
 def _applied(rule: str, arguments: tuple[Expression, ...]) -> Expression:
@@ -169,8 +162,8 @@ def _signed_power(factors: list[Expression], variable: Symbol) -> Expression | N
             odd ^= exponent % 2 == 1
         elif base == variable and isinstance(exponent, int) and exponent > 0:
             total, odd = add(total, Number(float(exponent))), odd ^ (exponent % 2 == 1)
-        elif base == size and variable.name not in symbols(_expression(exponent)):
-            total = add(total, _expression(exponent))
+        elif base == size and variable.name not in symbols(as_expression(exponent)):
+            total = add(total, as_expression(exponent))
         else:
             return None
     raised = add(total, ONE)
@@ -182,41 +175,24 @@ def _signed_power(factors: list[Expression], variable: Symbol) -> Expression | N
 
 def _of_linear_argument(expression: Expression, name: str) -> Expression | None:
     if isinstance(expression, Power):
-        argument, exponent = expression.base, _expression(expression.exponent)
-        if name in symbols(exponent):
+        argument, raised = expression.base, add(as_expression(expression.exponent), ONE)
+        if name in symbols(raised):
             return None
-    elif isinstance(expression, Call) and len(expression.arguments) == 1:
-        argument, exponent = expression.arguments[0], ONE
+        if argument == call("abs", Symbol(name)):
+            return _signed_power([expression], Symbol(name))
+        if raised == ZERO:
+            primitive = call("log", call("abs", argument))
+        else:
+            primitive = multiply(power(raised, -1), power(argument, raised))
+    elif isinstance(expression, Call) and (rule := FUNCTIONS[expression.function].antiderivative) is not None:
+        argument = expression.arguments[0]
+        primitive = _applied(rule, (argument,))
     else:
         return None
-    if isinstance(expression, Power) and argument == call("abs", Symbol(name)):
-        return _signed_power([expression], Symbol(name))
     terms = polynomial(argument, (name,))
     if terms is None or set(terms) - {(0,), (1,)}:
         return None
-    primitive = (
-        _power_primitive(argument, exponent)
-        if isinstance(expression, Power)
-        else _primitive(expression.function, argument)
-    )
-    return None if primitive is None else multiply(primitive, power(terms[(1,)], -1))
-
-
-def _power_primitive(argument: Expression, exponent: Expression) -> Expression | None:
-    if exponent == MINUS_ONE:
-        return call("log", call("abs", argument))
-    raised = add(exponent, ONE)
-    return multiply(power(raised, -1), power(argument, raised))
-
-
-def _primitive(function: str, argument: Expression) -> Expression | None:
-    """An antiderivative by the argument."""
-    rule = FUNCTIONS[function].antiderivative
-    return None if rule is None else _applied(rule, (argument,))
-
-
-def _expression(exponent: int | float | Expression) -> Expression:
-    return exponent if isinstance(exponent, Expression) else Number(float(exponent))
+    return multiply(primitive, power(terms[(1,)], -1))
 
 
 def kinks(expression: Expression) -> tuple[Expression, ...]:

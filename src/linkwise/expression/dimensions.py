@@ -11,8 +11,9 @@ factors. So `k*d*(1 + d/0.01)` has a dimensionless 1 and a length of 0.01.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from fractions import Fraction
+from operator import add
 from typing import NamedTuple, final
 
 from linkwise.expression.tree import (
@@ -51,25 +52,13 @@ class Dimension:
     radian: Fraction = Fraction(0)
 
     def __mul__(self, other: Dimension) -> Dimension:
-        return Dimension(
-            self.kilogram + other.kilogram,
-            self.metre + other.metre,
-            self.second + other.second,
-            self.ampere + other.ampere,
-            self.radian + other.radian,
-        )
+        return Dimension(*map(add, astuple(self), astuple(other)))
 
     def __truediv__(self, other: Dimension) -> Dimension:
         return self * other**-1
 
     def __pow__(self, exponent: int | Fraction) -> Dimension:
-        return Dimension(
-            self.kilogram * exponent,
-            self.metre * exponent,
-            self.second * exponent,
-            self.ampere * exponent,
-            self.radian * exponent,
-        )
+        return Dimension(*(own * exponent for own in astuple(self)))
 
     def __str__(self) -> str:
         if self in NAMED:

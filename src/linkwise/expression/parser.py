@@ -34,16 +34,11 @@ _ADVICE = {
     "^": "A power is written with two stars: d**3.",
     "=": "Write only the right-hand side, the expression itself.",
     ".": "Names have no attributes; a decimal point needs a digit next to it.",
-    "[": "Use parentheses.",
-    "]": "Use parentheses.",
-    "{": "Use parentheses.",
-    "}": "Use parentheses.",
+    **dict.fromkeys("[]{}", "Use parentheses."),
     "|": "An absolute value is written abs(d).",
-    "·": "A product is written with a star: k*d.",
-    "×": "A product is written with a star: k*d.",
+    **dict.fromkeys("·×", "A product is written with a star: k*d."),
     "−": "This is a typographic minus sign; use a hyphen.",
-    "<": "Comparisons are not supported; use max, min or sign.",
-    ">": "Comparisons are not supported; use max, min or sign.",
+    **dict.fromkeys("<>", "Comparisons are not supported; use max, min or sign."),
 }
 _ALLOWED = "An expression has names, numbers, + - * / **, parentheses and functions."
 
@@ -196,12 +191,11 @@ class _TokenChecker:
         name = self.token
         known = writable_functions()
         near = difflib.get_close_matches(name.lower(), known, n=1)
+        advice = f"The functions are {', '.join(known)}. For a product write {name}*(...)."
         if name in self.variables:
             advice = f"{name} is a variable: for a product write {name}*(...)."
         elif near:
-            advice = f"Did you mean {near[0]}? The functions are {', '.join(known)}. For a product write {name}*(...)."
-        else:
-            advice = f"The functions are {', '.join(known)}. For a product write {name}*(...)."
+            advice = f"Did you mean {near[0]}? {advice}"
         return self.error(f"{name!r} is not a function.", self.position, advice)
 
     def check_close(self, token: str, position: int) -> None:
@@ -246,9 +240,7 @@ class _TreeBuilder:
                 parsed = self.number(value, node)
             case ast.Name(id=name):
                 parsed = self.name(name, node)
-            case ast.BinOp(op=ast.Add() | ast.Sub()):
-                parsed = self.chain(node, depth)
-            case ast.BinOp(op=ast.Mult() | ast.Div()):
+            case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div()):
                 parsed = self.chain(node, depth)
             case ast.BinOp(op=ast.Pow()):
                 parsed = power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))

@@ -20,6 +20,7 @@ from linkwise.expression.tree import (
     Product,
     Sum,
     Symbol,
+    as_expression,
     multiply,
 )
 
@@ -194,8 +195,7 @@ class _ValueNumbering:
                     else self.integer_power(self.write(base), exponent)
                 )
             case Power(base, exponent):
-                raised = exponent if isinstance(exponent, Expression) else Number(float(exponent))
-                return self.apply("**", self.write(base), self.write(raised))
+                return self.apply("**", self.write(base), self.write(as_expression(exponent)))
             case Call(function, arguments):
                 return self.apply(function, *(self.write(argument) for argument in arguments))
         raise TypeError(f"not an expression: {expression!r}")

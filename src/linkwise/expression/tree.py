@@ -201,6 +201,11 @@ class Call(Expression):
 ZERO, ONE, MINUS_ONE = Number(0.0), Number(1.0), Number(-1.0)
 
 
+def as_expression(exponent: int | float | Expression) -> Expression:
+    """An exponent as a node."""
+    return exponent if isinstance(exponent, Expression) else Number(float(exponent))
+
+
 def add(*parts: Expression) -> Expression:
     """The canonical sum of any number of parts."""
     scales: dict[Expression, float] = {}
@@ -369,7 +374,7 @@ def to_text(expression: Expression) -> str:
         case Power(base, int() as exponent) if exponent < 0:
             return _product_text((expression,))
         case Power(base, exponent):
-            raised = exponent if isinstance(exponent, Expression) else Number(float(exponent))
+            raised = as_expression(exponent)
             return f"{_atom(base)}**{to_text(raised) if isinstance(raised, Number) else _atom(raised)}"
     raise TypeError(f"not an expression: {expression!r}")
 
@@ -447,8 +452,8 @@ def to_code(expression: Expression, style: CodeStyle, names: Mapping[str, str]) 
                 return _product((expression,), style, names)
             return f"({to_code(base, style, names)}){style.power}{exponent}"
         case Power(base, exponent):
-            raised = exponent if isinstance(exponent, Expression) else Number(exponent)
-            text = f"({to_code(base, style, names)}){style.power}({to_code(raised, style, names)})"
+            raised = to_code(as_expression(exponent), style, names)
+            text = f"({to_code(base, style, names)}){style.power}({raised})"
             return f"{style.real}({text})" if style.real else text
     raise TypeError(f"not an expression: {expression!r}")
 
