@@ -245,7 +245,7 @@ def test_what_cannot_be_read_is_one_clear_error(read: Reader, content: str | byt
 OPTIONS = [
     (
         {"channels": {"x:m2": "force"}},
-        "x:m2 is mapped to column 'force', which does not exist; did you mean force:m1? the columns",
+        "x:m2 is mapped to column 'force', which does not exist; did you mean \"force:m1\"?; the columns",
     ),
     ({"channels": {"x:m2": 4}}, "x:m2 is mapped to column '4', which does not exist; the columns are time, x:m1, force:m1"),
     ({"channels": {"m2": 2}}, "in `channels`: 'm2' is not a channel: expected KIND:MASS"),

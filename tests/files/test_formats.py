@@ -105,7 +105,7 @@ def test_half_a_file_is_one_clear_error(record: Record, tmp_path: Path, suffix: 
     [
         ("run.xyz", "unknown suffix '.xyz'; choose from .csv, .txt, .dat, .tsv, .mat"),
         ("run", "the file name has no suffix; choose from"),
-        ("rum.mat", "there is no such file; did you mean run.mat?"),
+        ("rum.mat", 'there is no such file; did you mean "run.mat"?'),
         ("other.h5", "there is no such file"),
         ("folder.csv", "is a folder, not a record file"),
         ("nowhere/run.csv", "nowhere' does not exist"),

@@ -19,7 +19,6 @@ from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
-from linkwise.registry import Registry
 from linkwise.verdict import Grade
 
 _LONGEST = 50  # characters of a name: MATLAB takes 63, and prefixes are added
@@ -102,25 +101,18 @@ class ExportedAnswer:
     @property
     def coefficients(self) -> tuple[ExportedCoefficient, ...]:
         """All coefficients and masses, link by link."""
-        errors = dict(
-            zip(self.names, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist(), strict=True)
-        )
-        masses = [
-            ExportedCoefficient(
-                mass.name, "mass", mass.mass.value, mass.mass_unit, errors.get(f"{mass.name}.mass")
-            )
-            for mass in self.structure.masses
-            if mass.mass.value is not None
+        deviations = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        errors = dict(zip(self.names, deviations.tolist(), strict=True))
+        rows = [(mass.name, "mass", mass.mass.value, mass.mass_unit) for mass in self.structure.masses]
+        rows += [
+            (link.name, name, value, link.law.units[name])
+            for link in self.links
+            for name, value in link.values.items()
         ]
-        return (
-            *masses,
-            *(
-                ExportedCoefficient(
-                    link.name, name, value, link.law.units[name], errors.get(f"{link.name}.{name}")
-                )
-                for link in self.links
-                for name, value in link.values.items()
-            ),
+        return tuple(
+            ExportedCoefficient(owner, name, value, unit, errors.get(f"{owner}.{name}"))
+            for owner, name, value, unit in rows
+            if value is not None
         )
 
 
@@ -190,24 +182,18 @@ class ExportFormat:
     writer: str
 
 
-EXPORTS: Registry[ExportFormat] = Registry(
-    "format",
-    {
-        ".py": ExportFormat(
-            "a Python module: the force of each link as a function of arrays, with coefficients, errors and covariance",
-            "linkwise.export.python:write",
-        ),
-        ".m": ExportFormat("the same as a function for MATLAB and Octave", "linkwise.export.matlab:write_m"),
-        ".mat": ExportFormat(
-            "the numbers and laws as variables for MATLAB", "linkwise.export.matlab:write_mat"
-        ),
-        ".csv": ExportFormat(
-            "a table of the coefficients with units, errors and intervals", "linkwise.export.table:write_csv"
-        ),
-        ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.table:write_xlsx"),
-    },
-    OutputError,
-)
+EXPORTS = {
+    ".py": ExportFormat(
+        "a Python module: the force of each link as a function of arrays, with coefficients, errors and covariance",
+        "linkwise.export.python:write",
+    ),
+    ".m": ExportFormat("the same as a function for MATLAB and Octave", "linkwise.export.matlab:write_m"),
+    ".mat": ExportFormat("the numbers and laws as variables for MATLAB", "linkwise.export.matlab:write_mat"),
+    ".csv": ExportFormat(
+        "a table of the coefficients with units, errors and intervals", "linkwise.export.table:write_csv"
+    ),
+    ".xlsx": ExportFormat("the same table, and the covariance", "linkwise.export.table:write_xlsx"),
+}
 
 
 def listed_formats() -> list[str]:

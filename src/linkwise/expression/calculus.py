@@ -52,7 +52,15 @@ def differentiate(expression: Expression, name: str) -> Expression:
                     terms.append(multiply(*factors[:index], slope, *factors[index + 1 :]))
             return add(*terms)
         case Power(base, exponent):
-            return _power_slope(base, exponent, name)
+            inner = differentiate(base, name)
+            if not isinstance(exponent, Expression):
+                slope = multiply(Number(float(exponent)), power(base, exponent - 1), inner)
+                return slope if inner != ZERO else ZERO
+            by_base = multiply(exponent, power(base, add(exponent, MINUS_ONE)), inner)
+            # base**p log(base) tends to 0 with base; the smallest normal number, lost in any other sum, keeps the logarithm
+            # finite
+            logarithm = call("log", add(base, _TINY))
+            return add(by_base, multiply(power(base, exponent), logarithm, differentiate(exponent, name)))
         case Call(function, arguments):
             slopes = [differentiate(argument, name) for argument in arguments]
             if all(slope == ZERO for slope in slopes):
@@ -61,16 +69,6 @@ def differentiate(expression: Expression, name: str) -> Expression:
             outer = (_applied(rule, arguments) for rule in rules)
             return add(*(multiply(*pair) for pair in zip(outer, slopes, strict=True)))
     return ZERO
-
-
-def _power_slope(base: Expression, exponent: int | float | Expression, name: str) -> Expression:
-    inner = differentiate(base, name)
-    if not isinstance(exponent, Expression):
-        return multiply(Number(float(exponent)), power(base, exponent - 1), inner) if inner != ZERO else ZERO
-    by_base = multiply(exponent, power(base, add(exponent, MINUS_ONE)), inner)
-    # base**p log(base) tends to 0 with base; the smallest normal number, lost in any other sum, keeps the logarithm finite
-    logarithm = call("log", add(base, _TINY))
-    return add(by_base, multiply(power(base, exponent), logarithm, differentiate(exponent, name)))
 
 
 def _applied(rule: str, arguments: tuple[Expression, ...]) -> Expression:

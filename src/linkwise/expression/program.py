@@ -274,13 +274,10 @@ def _allocate(
         else:
             to = inputs + len(slots)
             slots.append(None)
-        tape.append((_ufunc(operation), first, second, to, wide))
+        ufunc = _OPERATORS[operation] if operation in _OPERATORS else FUNCTIONS[operation].value
+        tape.append((ufunc, first, second, to, wide))
         slot[number] = to
     return slots, tape, [slot[number] for number in outputs]
-
-
-def _ufunc(operation: str) -> np.ufunc:
-    return _OPERATORS[operation] if operation in _OPERATORS else FUNCTIONS[operation].value
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)

@@ -26,8 +26,6 @@ from typing import final
 
 import numpy as np
 
-from linkwise.registry import Registry
-
 
 @final
 @dataclass(frozen=True, kw_only=True)
@@ -78,55 +76,52 @@ class LawFunction:
 _FLAT_TANH = 15.0  # up to which its slope, computed as 1 - tanh^2, still has digits; tanh is 1 - 2e-13 there
 _FLAT_EXP = -40.0  # below which it is nothing beside rounding
 
-FUNCTIONS: Registry[LawFunction] = Registry(
-    "function of laws",
-    {
-        "abs": LawFunction(
-            value=np.absolute,
-            derivatives=("sign(x)",),
-            antiderivative="0.5*x*abs(x)",
-            degree=Fraction(1),
-            kink="x",
-            branch="s*x",
-        ),
-        "sign": LawFunction(
-            value=np.sign,
-            derivatives=("0",),
-            antiderivative="abs(x)",
-            degree=Fraction(0),
-            kink="x",
-            branch="s",
-        ),
-        "sqrt": LawFunction(
-            value=np.sqrt, derivatives=("0.5/sqrt(x)",), antiderivative="2/3*x*sqrt(x)", degree=Fraction(1, 2)
-        ),
-        "exp": LawFunction(value=np.exp, derivatives=("exp(x)",), antiderivative="exp(x)", flat=(_FLAT_EXP,)),
-        "tanh": LawFunction(
-            value=np.tanh,
-            derivatives=("1 - tanh(x)**2",),
-            # log(cosh(x)) + log(2), written so that it neither overflows nor cancels far from 0
-            antiderivative="abs(x) + log(1 + exp(-2*abs(x)))",
-            flat=(_FLAT_TANH, -_FLAT_TANH),
-        ),
-        "sin": LawFunction(value=np.sin, derivatives=("cos(x)",), antiderivative="-cos(x)"),
-        "cos": LawFunction(value=np.cos, derivatives=("-sin(x)",), antiderivative="sin(x)"),
-        "max": LawFunction(
-            value=np.maximum,
-            derivatives=("0.5 + 0.5*sign(x - y)", "0.5 - 0.5*sign(x - y)"),
-            degree=Fraction(1),
-            kink="x - y",
-            branch="(0.5 + 0.5*s)*x + (0.5 - 0.5*s)*y",
-        ),
-        "min": LawFunction(
-            value=np.minimum,
-            derivatives=("0.5 - 0.5*sign(x - y)", "0.5 + 0.5*sign(x - y)"),
-            degree=Fraction(1),
-            kink="x - y",
-            branch="(0.5 - 0.5*s)*x + (0.5 + 0.5*s)*y",
-        ),
-        "log": LawFunction(value=np.log, derivatives=("1/x",), writable=False),
-    },
-)
+FUNCTIONS = {
+    "abs": LawFunction(
+        value=np.absolute,
+        derivatives=("sign(x)",),
+        antiderivative="0.5*x*abs(x)",
+        degree=Fraction(1),
+        kink="x",
+        branch="s*x",
+    ),
+    "sign": LawFunction(
+        value=np.sign,
+        derivatives=("0",),
+        antiderivative="abs(x)",
+        degree=Fraction(0),
+        kink="x",
+        branch="s",
+    ),
+    "sqrt": LawFunction(
+        value=np.sqrt, derivatives=("0.5/sqrt(x)",), antiderivative="2/3*x*sqrt(x)", degree=Fraction(1, 2)
+    ),
+    "exp": LawFunction(value=np.exp, derivatives=("exp(x)",), antiderivative="exp(x)", flat=(_FLAT_EXP,)),
+    "tanh": LawFunction(
+        value=np.tanh,
+        derivatives=("1 - tanh(x)**2",),
+        # log(cosh(x)) + log(2), written so that it neither overflows nor cancels far from 0
+        antiderivative="abs(x) + log(1 + exp(-2*abs(x)))",
+        flat=(_FLAT_TANH, -_FLAT_TANH),
+    ),
+    "sin": LawFunction(value=np.sin, derivatives=("cos(x)",), antiderivative="-cos(x)"),
+    "cos": LawFunction(value=np.cos, derivatives=("-sin(x)",), antiderivative="sin(x)"),
+    "max": LawFunction(
+        value=np.maximum,
+        derivatives=("0.5 + 0.5*sign(x - y)", "0.5 - 0.5*sign(x - y)"),
+        degree=Fraction(1),
+        kink="x - y",
+        branch="(0.5 + 0.5*s)*x + (0.5 - 0.5*s)*y",
+    ),
+    "min": LawFunction(
+        value=np.minimum,
+        derivatives=("0.5 - 0.5*sign(x - y)", "0.5 + 0.5*sign(x - y)"),
+        degree=Fraction(1),
+        kink="x - y",
+        branch="(0.5 - 0.5*s)*x + (0.5 + 0.5*s)*y",
+    ),
+    "log": LawFunction(value=np.log, derivatives=("1/x",), writable=False),
+}
 
 
 def writable_functions() -> tuple[str, ...]:

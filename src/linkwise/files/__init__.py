@@ -6,18 +6,17 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
 
+from linkwise.display import near_miss
 from linkwise.errors import OutputError, RecordError, expect
 from linkwise.files.assemble import first_mapping, to_record
 from linkwise.files.mapping import RecordMapping, read_mapping
 from linkwise.files.table import Table
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
-from linkwise.registry import Registry
 from linkwise.units import to_si
 
 __all__ = ["RecordMapping", "read_mapping", "read_record", "to_si", "write_record"]
@@ -39,29 +38,21 @@ class Format:
     header: bool = False
 
 
-FORMATS: Registry[Format] = Registry(
-    "suffix",
-    {
-        ".csv": Format("linkwise.files.text:read_text", "linkwise.files.text:write_csv", header=True),
-        ".txt": Format("linkwise.files.text:read_text", header=True),
-        ".dat": Format("linkwise.files.text:read_text", header=True),
-        ".tsv": Format("linkwise.files.text:read_text", header=True),
-        ".mat": Format("linkwise.files.mat:read_table", "linkwise.files.mat:write"),
-        ".h5": Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write"),
-        ".hdf5": Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write"),
-        ".parquet": Format(
-            "linkwise.files.parquet:read_table", "linkwise.files.parquet:write", library="pyarrow"
-        ),
-        ".uff": Format("linkwise.files.uff:read_table", library="pyuff"),
-        ".unv": Format("linkwise.files.uff:read_table", library="pyuff"),
-        ".npy": Format("linkwise.files.arrays:read_numpy"),
-        ".npz": Format("linkwise.files.arrays:read_numpy"),
-        ".json": Format("linkwise.files.arrays:read_json"),
-        ".lvm": Format("linkwise.files.text:read_lvm"),
-        ".xlsx": Format("linkwise.files.xlsx:read_table", library="openpyxl", header=True),
-        ".tdms": Format("linkwise.files.tdms:read_table", library="nptdms"),
-    },
-)
+FORMATS = {
+    ".csv": Format("linkwise.files.text:read_text", "linkwise.files.text:write_csv", header=True),
+    **dict.fromkeys((".txt", ".dat", ".tsv"), Format("linkwise.files.text:read_text", header=True)),
+    ".mat": Format("linkwise.files.mat:read_table", "linkwise.files.mat:write"),
+    **dict.fromkeys((".h5", ".hdf5"), Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write")),
+    ".parquet": Format(
+        "linkwise.files.parquet:read_table", "linkwise.files.parquet:write", library="pyarrow"
+    ),
+    **dict.fromkeys((".uff", ".unv"), Format("linkwise.files.uff:read_table", library="pyuff")),
+    **dict.fromkeys((".npy", ".npz"), Format("linkwise.files.arrays:read_numpy")),
+    ".json": Format("linkwise.files.arrays:read_json"),
+    ".lvm": Format("linkwise.files.text:read_lvm"),
+    ".xlsx": Format("linkwise.files.xlsx:read_table", library="openpyxl", header=True),
+    ".tdms": Format("linkwise.files.tdms:read_table", library="nptdms"),
+}
 """The formats by the suffix of their files."""
 
 
@@ -273,5 +264,5 @@ def _check_exists(path: Path) -> None:
     folder = path.parent
     if not folder.is_dir():
         raise RecordError(f"the folder {str(folder)!r} does not exist", path)
-    near = get_close_matches(path.name, [entry.name for entry in folder.iterdir() if entry.is_file()], n=1)
-    raise RecordError(f"there is no such file{f'; did you mean {near[0]}?' if near else ''}", path)
+    names = [entry.name for entry in folder.iterdir() if entry.is_file()]
+    raise RecordError(f"there is no such file{near_miss(path.name, names)}", path)

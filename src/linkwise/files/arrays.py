@@ -144,7 +144,8 @@ def with_joined_periods(arrays: Mapping[str, Any]) -> tuple[dict[str, Any], tupl
             for number, realisation in enumerate(periods[name], start=1):
                 joined[f"realisation {number}/{name}" if several else name] = realisation.ravel()
         elif name == time and np.size(value) == length:
-            joined[name] = _continued(np.ravel(value), count)
+            once = np.ravel(value)
+            joined[name] = once[0] + (once[-1] - once[0]) / (length - 1) * np.arange(count * length)
         elif name in channels and channels[name].is_input and np.size(value) == length:
             joined[name] = np.tile(np.ravel(value), count)
         else:
@@ -175,12 +176,6 @@ def _periods(array: np.ndarray[Any, Any], samples: int | None) -> np.ndarray[Any
     axis = max(number for number, side in enumerate(shape) if side == samples)
     last = np.moveaxis(array, axis, -1)
     return last if last.ndim == 3 else last[np.newaxis]
-
-
-def _continued(time: np.ndarray[Any, Any], count: int) -> np.ndarray[Any, Any]:
-    """Times of one period, carried on for `count` periods."""
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    return np.asarray(time[0] + step * np.arange(count * len(time)))
 
 
 _NAMES = ("columns", "names", "channels", "header")
@@ -223,13 +218,10 @@ def _array(value: Any, depth: int) -> Any:
     if not value:
         return np.empty(0)
     try:
-        return np.array(value, dtype=float if _has_null(value) else None)
+        has_null = any(entry is None or (isinstance(entry, list) and None in entry) for entry in value)
+        return np.array(value, dtype=float if has_null else None)
     except (TypeError, ValueError, OverflowError):
         return Unread("a list of rows of unequal length, or of texts")
-
-
-def _has_null(value: list[Any]) -> bool:
-    return any(entry is None or (isinstance(entry, list) and None in entry) for entry in value)
 
 
 def _renamed(columns: tuple[Column, ...], content: Mapping[str, Any]) -> tuple[Column, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import count
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.display import on_one_line
+from linkwise.display import near_miss, on_one_line
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
@@ -149,10 +149,8 @@ def _find(table: Table, key: str, column: str | int) -> int:
             return names.index(wanted)
     if wanted.isdecimal() and 1 <= int(wanted) <= len(table.columns):
         return int(wanted) - 1
-    near = get_close_matches(wanted, table.headers, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
     raise table.error(
-        f"{key} is mapped to column {wanted!r}, which does not exist; {hint}{listing(table)}",
+        f"{key} is mapped to column {wanted!r}, which does not exist{near_miss(wanted, table.headers)}; {listing(table)}",
         *(("channels",) if table.lines is None else ("channels", "header")),
         line=table.header_line,
     )
@@ -278,6 +276,7 @@ def to_record(
     timeline, values, remarks = sampled_columns(
         grid.time, columns, table.file, lines, informative=informative
     )
+    stated, unread = _statements(table, chosen, mapping)
     stored: dict[str, Any] = {
         kind: {name: value for name, value in of_channels.items() if name in columns}
         for kind, of_channels in table.stored.items()
@@ -288,22 +287,16 @@ def to_record(
         tuple(columns),
         values,
         source=table.source or table.file,
-        notes=(*notes, *remarks),
-        units=_stated_units(chosen),
+        notes=(*notes, *remarks, *unread),
+        units={
+            choice.name: choice.unit if choice.kind == "state" else si_unit(choice.unit, choice.kind)
+            for choice in chosen
+            if choice.unit and choice.channel
+        },
         **stored,
     )
-    stated, unread = _statements(table, chosen, mapping)
-    record = with_statements(replace(record, notes=(*record.notes, *unread)), stated, table.file)
+    record = with_statements(record, stated, table.file)
     return record if mapping.decimate is None else record.decimate(mapping.decimate)
-
-
-def _stated_units(chosen: tuple[ColumnChoice, ...]) -> dict[str, str]:
-    """Units of states, and in SI those of places, each of which may turn, where the file states them."""
-    return {
-        choice.name: choice.unit if choice.kind == "state" else si_unit(choice.unit, choice.kind)
-        for choice in chosen
-        if choice.unit and choice.channel
-    }
 
 
 def _statements(

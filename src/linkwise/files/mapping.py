@@ -214,10 +214,12 @@ def read_mapping(path: str | Path) -> RecordMapping:
             sensors[known] = SensorStatement.of(stated, known, source)
     if table.common_calibration is not None:
         sensors[COMMON] = SensorStatement.of({"calibration": table.common_calibration}, COMMON, source)
+    of_all = {} if table.calibration is None else {"calibration": table.calibration}
+    gain = SensorStatement.of(of_all, COMMON, source).gain
     return RecordMapping(
         channels,
         sensors,
-        _calibration(table.calibration, source),
+        None if gain is None else gain.sigma,
         {name: _mass(mass, source, f"mass.{name}") for name, mass in table.mass.items()},
         _rate(table.rate, source, "rate"),
         _rate(table.resample, source, "resample"),
@@ -235,13 +237,6 @@ def _checked_name(name: str, source: str) -> Channel:
         return Channel.parse(name)
     except RecordError as error:
         raise RecordError(f'channel."{name}": {error.message}', source) from error
-
-
-def _calibration(given: object, source: str) -> float | None:
-    if given is None:
-        return None
-    gain = SensorStatement.of({"calibration": given}, COMMON, source).gain
-    return None if gain is None else gain.sigma
 
 
 def _rate(given: object, source: str, key: str) -> float | None:

@@ -35,7 +35,12 @@ _OWN = frozenset({"sensors", "channels", "variables", "notes", "start", "rate", 
 
 def read_table(path: Path) -> Table:
     """All numeric variables, those in structs as `struct/field`; see `files.read_record`."""
-    tree = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
+    if h5py.is_hdf5(path):
+        with open_file(path) as file:
+            tree = {name: _from_hdf5(item, file) for name, item in file.items() if not name.startswith("#")}
+    else:
+        variables = load_mat(path, squeeze_me=True, simplify_cells=True)
+        tree = {name: _dense(value) for name, value in variables.items()}
     names = dict(zip(_texts(tree.get("variables")), _texts(tree.get("channels")), strict=False))
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
     samples |= {name: Unread("missing") for name in names if name not in tree}
@@ -68,12 +73,6 @@ def _texts(value: Any) -> tuple[str, ...]:
     return tuple("" if isinstance(text, np.ndarray) and not text.size else str(text) for text in texts)
 
 
-def _read_v5(path: Path) -> dict[str, Any]:
-    return {
-        name: _dense(value) for name, value in load_mat(path, squeeze_me=True, simplify_cells=True).items()
-    }
-
-
 def _dense(value: Any) -> Any:
     """A sparse matrix as an array, in structs too; one that is too large to be a set of channels is left unread."""
     if isinstance(value, dict):
@@ -84,11 +83,6 @@ def _dense(value: Any) -> Any:
     if rows * columns > _LARGEST:
         return Unread(f"a sparse matrix of {rows} x {columns}")
     return np.squeeze(sound_sparse(value).toarray())
-
-
-def _read_v73(path: Path) -> dict[str, Any]:
-    with open_file(path) as file:
-        return {name: _from_hdf5(item, file) for name, item in file.items() if not name.startswith("#")}
 
 
 def _from_hdf5(item: h5py.Group | h5py.Dataset, file: h5py.File) -> Any:

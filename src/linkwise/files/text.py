@@ -192,7 +192,9 @@ def table_of(
     `files.read_record`.
     """
     header, first = _header(lines) if named_header is None else _named(lines, named_header, path)
-    data_lines = _data_lines(lines, first)
+    data_lines = np.array(
+        [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])], dtype=np.int64
+    )
     if not len(data_lines):
         line = None if header is None else header + 1 + lines_before
         raise RecordError("there are no data below the header", path, line)
@@ -321,13 +323,6 @@ def _names_columns(cells: list[str]) -> bool:
     )
 
 
-def _data_lines(lines: list[str], first: int) -> NDArray[np.int64]:
-    """Indices of the lines from `first` on that are neither blank nor comments."""
-    return np.array(
-        [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])], dtype=np.int64
-    )
-
-
 def write_csv(record: Record, path: Path) -> None:
     """Write times in s and channels in SI units with all digits; a missing sample is an empty cell."""
     header = io.StringIO()
@@ -360,7 +355,8 @@ def read_lvm(path: Path) -> Table:
             ends[2] + 1,
         )
     separator = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
-    keys = _keys(lines[: ends[-1]], separator)
+    above = [line.split(separator) for line in lines[: ends[-1]]]
+    keys = {row[0].strip().lower(): [cell.strip() for cell in row[1:]] for row in above if len(row) > 1}
     first = next((n for n in range(ends[-1] + 1, len(lines)) if lines[n].strip()), len(lines))
     if first == len(lines):
         raise RecordError("there are no measurements below the header", path, len(lines))
@@ -371,19 +367,14 @@ def read_lvm(path: Path) -> Table:
         names = [name for index, name in enumerate(names) if name != _TIME or index == 0]
     units = [unit.strip() for unit in keys.get("y_unit_label", [])]
     headers = _headers(names, units, timed=clocks != "no")
-    rows = [
-        _row(line.split(separator), len(headers), multiple=clocks == "multi") for line in lines[first + 1 :]
-    ]
-    body = ["\t".join(row) for row in rows]
+    body = []
+    for line in lines[first + 1 :]:
+        cells = [cell.strip() for cell in line.split(separator)]
+        own = [cells[0], *cells[1::2]] if clocks == "multi" else cells  # without those of further clocks
+        body.append("\t".join(own[: len(headers)]))
     steps = {step for cell in keys.get("delta_x", []) if cell and (step := parse_number(cell))}
     rate = 1.0 / min(steps) if clocks == "no" and len(steps) == 1 and min(steps) > 0.0 else None
     return table_of(["\t".join(headers), *body], path, rate=rate, lines_before=first)
-
-
-def _keys(lines: list[str], separator: str) -> dict[str, list[str]]:
-    """Values by key of the header, in lower case."""
-    cells = [line.split(separator) for line in lines]
-    return {row[0].strip().lower(): [cell.strip() for cell in row[1:]] for row in cells if len(row) > 1}
 
 
 def _headers(names: list[str], units: list[str], *, timed: bool) -> list[str]:
@@ -398,13 +389,6 @@ def _headers(names: list[str], units: list[str], *, timed: bool) -> list[str]:
         headers.append(f"{name}[{unit}]" if unit and not ColumnHeader.parse(name).unit else name)
         channel += 1
     return headers
-
-
-def _row(cells: list[str], count: int, *, multiple: bool) -> list[str]:
-    """The cells of the named columns; those of further clocks are left out."""
-    if multiple:
-        cells = [cell for index, cell in enumerate(cells) if index % 2 or index == 0]
-    return [cell.strip() for cell in cells[:count]]
 
 
 def _require_one_clock(lines: list[str], separator: str, path: Path, line: int) -> None:

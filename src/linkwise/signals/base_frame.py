@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import combinations
 
 import numpy as np
 import scipy
@@ -26,7 +27,7 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import BASE, GROUND, Structure
-from linkwise.records.channel import MOTIONS, Channel, interpolated, require_complete
+from linkwise.records.channel import BAND_LIMITED, MOTIONS, Channel, interpolated, require_complete
 from linkwise.records.record import Record
 
 _SPLINE = 7  # order of the spline that is integrated
@@ -68,7 +69,7 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
     displaced = f"x:{BASE}" in record.channels
     known = bool(record.motions_of(BASE))
     based = [link.name for link in structure.links if BASE in link.between]
-    grounded = any(GROUND in link.between for link in structure.links)
+    grounded = [link.name for link in structure.links if GROUND in link.between]
     if based and not known and not relative and not structure.hosts:
         raise IdentificationError(
             f'the link "{based[0]}" ends at the base, and the record has no motion of it; add a channel x:base, v:base or '
@@ -83,9 +84,13 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
             f"{relative[0]} is relative to the base, whose motion the record lacks: give a channel x:{BASE}, v:{BASE} or "
             f"a:{BASE}"
         )
-    if moves:
-        _require_links_to_base(record, structure)
-    elif not displaced:
+    if moves and grounded:
+        raise IdentificationError(
+            f'link "{grounded[0]}" ends at the ground and another at the base, so the displacement of the base is needed, '
+            f"which {record.motions_of(BASE)[0]} determines only up to drift: give a channel x:{BASE}, or let every link end "
+            "at the base"
+        )
+    if not moves and not displaced:
         raise IdentificationError(
             f"{relative[0]} is relative to the base, whose displacement the record lacks: with links to the ground alone, "
             f"give a channel x:{BASE}"
@@ -93,7 +98,11 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
     names: dict[str, Channel] = {
         channel: Channel(channel.kind, channel.place) for channel in record.responses
     }
-    _require_distinct(names)
+    for (first, motion_of_first), (second, motion_of_second) in combinations(names.items(), 2):
+        if motion_of_first == motion_of_second:
+            raise IdentificationError(
+                f"{first} and {second} show the same motion, relative to the base or not: select one of them"
+            )
     motion = _BaseMotion(record, integrated and moves)
     carried, drifting = {}, []
     for channel, plain in zip(record.responses, names.values(), strict=True):
@@ -111,27 +120,6 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
         acceleration,
         tuple(drifting),
     )
-
-
-def _require_links_to_base(record: Record, structure: Structure) -> None:
-    """IdentificationError where the displacement of the base counts."""
-    has = record.motions_of(BASE)[0]
-    grounded = [link.name for link in structure.links if GROUND in link.between]
-    if grounded:
-        raise IdentificationError(
-            f'link "{grounded[0]}" ends at the ground and another at the base, so the displacement of the base is needed, '
-            f"which {has} determines only up to drift: give a channel x:{BASE}, or let every link end at the base"
-        )
-
-
-def _require_distinct(names: Mapping[str, Channel]) -> None:
-    names_by_motion: dict[str, str] = {}
-    for name, plain in names.items():
-        if plain in names_by_motion:
-            raise IdentificationError(
-                f"{names_by_motion[plain]} and {name} show the same motion, relative to the base or not: select one of them"
-            )
-        names_by_motion[plain] = name
 
 
 def _changed(
@@ -154,7 +142,12 @@ def _changed(
             if name in record.noise:
                 noise[name] = record.noise[name]
     if acceleration is not None:
-        _require_band_limited(record)
+        for name in record.inputs:  # with inertia, which joins them
+            if (kind := record.interpolation.get(name, BAND_LIMITED)) != BAND_LIMITED:
+                raise IdentificationError(
+                    f"{name} is stated to be {kind} between its samples, which is not supported beside a base of which the "
+                    "acceleration or velocity alone is known: leave that out, or record the displacement of the base"
+                )
         for mass in structure.masses:
             channel = Channel("force", mass.name)
             columns[channel] = columns.get(channel, 0.0) - (mass.mass.value or 0.0) * acceleration
@@ -180,21 +173,6 @@ def frame_acceleration(record: Record) -> Floats | None:
     in those of a base that accelerates.
     """
     return record.channel(f"a:{BASE}") if isinstance(record, RelativeRecord) else None
-
-
-def _require_band_limited(record: Record) -> None:
-    """IdentificationError for inputs that run otherwise between their samples: inertia, which joins them, is band-limited."""
-    unsupported = [
-        name
-        for name, kind in record.interpolation.items()
-        if kind != "band-limited" and name in record.inputs
-    ]
-    if unsupported:
-        raise IdentificationError(
-            f"{unsupported[0]} is stated to be {record.interpolation[unsupported[0]]} between its samples, which is not "
-            "supported beside a base of which the acceleration or velocity alone is known: leave that out, or record the "
-            "displacement of the base"
-        )
 
 
 @dataclass(frozen=True, eq=False)

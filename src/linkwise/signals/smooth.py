@@ -20,6 +20,7 @@ _SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
 _CURVATURE = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6
 _MARGIN = 1.4  # cut-off of a Savitzky-Golay window in bandwidths; gives the best derivatives at 20 to 60 dB
 _PENALTY = 4  # order of the penalised differences; 4 gives the best second derivatives
+_DIFFERENCES = np.array([(-1.0) ** lag * comb(_PENALTY, lag) for lag in range(_PENALTY + 1)])
 _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/200 of the sampling rate
 
 
@@ -49,7 +50,10 @@ def savitzky_golay(
             derivative[half : len(values) - half, channel] = np.correlate(
                 values[:, channel], kernel, mode="valid"
             )
-        slopes = _derivative_rows(u, degree, order) * unit @ fit
+        rows = np.zeros((length, degree + 1))  # derivatives of the powers
+        for power in range(order, degree + 1):
+            rows[:, power] = factorial(power) / factorial(power - order) * u ** (power - order)
+        slopes = rows * unit @ fit
         derivative[:half] = slopes[:half] @ values[:length]
         derivative[len(values) - half :] = slopes[half + 1 :] @ values[-length:]
         derivatives.append(derivative)
@@ -99,7 +103,7 @@ class SmoothingSpline:
         """
         rows = len(self.coefficients)
         bands = _normal_bands(_VALUE, rows - 4) + self.smoothing[0] * _normal_bands(
-            _differences(), rows - _PENALTY
+            _DIFFERENCES, rows - _PENALTY
         )
         factor = cholesky_banded(bands, lower=True, check_finite=False)
         return _stencil(cho_solve_banded((factor, True), by_coefficient, check_finite=False), _VALUE)
@@ -129,7 +133,7 @@ def smoothing_spline(samples: ArrayLike, rate: float, *, smoothing: float | None
     weights = _SMOOTHINGS if smoothing is None else np.array([smoothing])
     best = np.full(values.shape[1], np.inf)
     coefficients, chosen = np.zeros((len(values) + 4, values.shape[1])), np.zeros(values.shape[1])
-    bands = _normal_bands(_VALUE, len(values)), _normal_bands(_differences(), len(values) + 4 - _PENALTY)
+    bands = _normal_bands(_VALUE, len(values)), _normal_bands(_DIFFERENCES, len(values) + 4 - _PENALTY)
     right = _transposed(values, _VALUE)
     for weight in weights:
         factor = cholesky_banded(bands[0] + weight * bands[1], lower=True, check_finite=False)
@@ -150,7 +154,7 @@ def _refined(factor: Floats, solved: Floats, values: Floats, weight: float) -> F
     """Spline coefficients after two steps of iterative refinement, for the digits that a strong penalty costs."""
     for _ in range(2):
         rest = _transposed(values - _stencil(solved, _VALUE), _VALUE)
-        rest -= weight * _transposed(_stencil(solved, _differences()), _differences())
+        rest -= weight * _transposed(_stencil(solved, _DIFFERENCES), _DIFFERENCES)
         solved = solved + cho_solve_banded((factor, True), rest, check_finite=False)
     return solved
 
@@ -165,14 +169,6 @@ def _columns(samples: ArrayLike) -> Floats:
             "complete pieces separately"
         )
     return values
-
-
-def _derivative_rows(u: Floats, degree: int, order: int) -> Floats:
-    """Rows (len(u), degree + 1) that evaluate the derivative of that order of a polynomial in rising powers."""
-    rows = np.zeros((len(u), degree + 1))
-    for power in range(order, degree + 1):
-        rows[:, power] = factorial(power) / factorial(power - order) * u ** (power - order)
-    return rows
 
 
 def _stencil(coefficients: Floats, weights: Floats) -> Floats:
@@ -191,10 +187,6 @@ def _transposed(rows: Floats, weights: Floats) -> Floats:
     for lag, weight in enumerate(weights):
         total[lag : lag + len(rows)] += weight * rows
     return total
-
-
-def _differences() -> Floats:
-    return np.array([(-1.0) ** lag * comb(_PENALTY, lag) for lag in range(_PENALTY + 1)])
 
 
 def _normal_bands(stencil: Floats, rows: int) -> Floats:
