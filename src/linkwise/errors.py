@@ -6,6 +6,7 @@ The message is one paragraph: what was given, why it is refused, what was expect
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real
@@ -63,15 +64,11 @@ class LinkwiseError(Exception):
         return shortened(super().__str__())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (type(self), self.args[0], dict(vars(self)))
-
-
-def _rebuilt(kind: type[LinkwiseError], message: str, attributes: dict[str, Any]) -> LinkwiseError:
-    """The error that a process pickled, whatever the signature of its class."""
-    error = kind.__new__(kind, message)
-    error.args = (message,)
-    vars(error).update(attributes)
-    return error
+        return (
+            copyreg.__newobj__,
+            (type(self), self.args[0]),
+            dict(vars(self)),
+        )  # whatever the signature of the class
 
 
 class ArgumentTypeError(LinkwiseError, TypeError):

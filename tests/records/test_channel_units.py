@@ -12,7 +12,7 @@ from present import some
 from structures import host, link, structure, torsion_chain
 
 import linkwise as lw
-from linkwise.records.channel_units import channel_unit, in_units_of
+from linkwise.records.channel_units import in_units_of, unit_in
 from linkwise.units import factor_to_si
 
 UNITS = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "force": "N m"}
@@ -49,7 +49,7 @@ def recorded(folder: Path, header: str, factor: float = 1.0) -> lw.Record:
 def test_angular_units_are_read_as_rad(tmp_path: Path, header: str, unit: str, factor: float) -> None:
     record = recorded(tmp_path, header, factor)
     (name,) = record.channels
-    assert record.unit(name) == unit == channel_unit(record, name, beam())
+    assert record.unit(name) == unit == unit_in(beam(), name)
     assert record.channel(name) == pytest.approx(np.sin(0.2 * np.arange(64)), rel=1e-12)
     assert in_units_of(record, beam()) is not None
 

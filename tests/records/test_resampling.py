@@ -26,21 +26,21 @@ def test_samples_whose_times_lie_on_the_grid_stay_as_they_are_and_none_is_invent
     samples = noisy(times, 2)
     for given in (times[there], times):  # rows that the file lacks, and empty cells
         column = samples[there] if len(given) < 2001 else np.where(there, samples, np.nan)
-        even = resample_evenly(given, {X: column}, RATE)
-        assert even.start == 0.0
-        assert np.array_equal(even.columns[X], np.where(there, samples, np.nan), equal_nan=True)
-        assert even.note.endswith("lie on an even grid of 200 Hz: no response was interpolated.")
+        start, columns, note = resample_evenly(given, {X: column}, RATE)
+        assert start == 0.0
+        assert np.array_equal(columns[X], np.where(there, samples, np.nan), equal_nan=True)
+        assert note.endswith("lie on an even grid of 200 Hz: no response was interpolated.")
 
 
 def test_short_gaps_of_an_input_are_interpolated_beside_responses_that_are_not() -> None:
     times = np.arange(1001) / RATE
     smooth = np.sin(12.0 * times)
     smooth[[300, 500, 501]] = np.nan
-    even = resample_evenly(times, {X: smooth, FORCE: smooth, BASE: smooth}, RATE)
-    assert np.isnan(even.columns[X]).sum() == 3
+    _, columns, note = resample_evenly(times, {X: smooth, FORCE: smooth, BASE: smooth}, RATE)
+    assert np.isnan(columns[X]).sum() == 3
     for name in (FORCE, BASE):
-        assert np.max(np.abs(even.columns[name] - np.sin(12.0 * times))) < 1e-7
-    assert even.note.endswith("Short gaps of force:m1, a:base were, by quintic splines.")
+        assert np.max(np.abs(columns[name] - np.sin(12.0 * times))) < 1e-7
+    assert note.endswith("Short gaps of force:m1, a:base were, by quintic splines.")
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.4])
@@ -49,9 +49,9 @@ def test_where_a_spline_would_amplify_noise_samples_are_missing(missing: float) 
     rng = np.random.default_rng(3)
     times = np.sort(rng.uniform(0.0, 10.0, 2001))
     column = np.where(rng.random(2001) < missing, np.nan, noisy(times, 4))
-    even = resample_evenly(times, {X: column}, RATE * 1.01)
-    grid = even.start + np.arange(len(even.columns[X])) / (RATE * 1.01)
-    errors = even.columns[X] - np.sin(12.0 * grid)
+    start, columns, _ = resample_evenly(times, {X: column}, RATE * 1.01)
+    grid = start + np.arange(len(columns[X])) / (RATE * 1.01)
+    errors = columns[X] - np.sin(12.0 * grid)
     assert np.sum(~np.isnan(errors)) > 300
     assert np.nanmax(np.abs(errors)) < 5.0 * 3.0 * 0.01
 

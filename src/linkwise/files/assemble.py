@@ -240,20 +240,6 @@ _OVERLOAD, _NO_NUMBER = 9.899e37, 9.911e37
 """Around 9.9e37, infinity to instruments, and 9.91e37, which is no number to them (SCPI-99, volume 1, numeric data)."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """Sampling times (N,) in s; `rate` in Hz and `start` in s where the file or the user states an even grid."""
-
-    time: NDArray[Any]
-    start: float = 0.0
-    rate: float | None = None
-
-    @classmethod
-    def even(cls, start: float, rate: float, count: int) -> _Grid:
-        """`count` times at `rate` in Hz, the first at `start` in s."""
-        return cls(start + np.arange(count) / rate, start, rate)
-
-
 def to_record(
     table: Table, mapping: RecordMapping, known_masses: tuple[str, ...] | None, *, informative: bool
 ) -> Record:
@@ -267,23 +253,21 @@ def to_record(
         time_column = None
     time = None if time_column is None else _in_si(table, time_column)
     count = len(next(iter(columns.values())))
-    grid, lines = _grid(table, time, mapping.rate, count), table.lines
+    (start, rate), times, lines = *_grid(table, time, mapping.rate, count), table.lines
     if mapping.resample is not None:
-        even = resample_evenly(grid.time, columns, mapping.resample, file=table.file, lines=lines)
-        columns = even.columns
-        notes.append(even.note)
-        grid, lines = _Grid.even(even.start, mapping.resample, len(next(iter(columns.values())))), None
-    timeline, values, remarks = sampled_columns(
-        grid.time, columns, table.file, lines, informative=informative
-    )
+        rate = mapping.resample
+        start, columns, note = resample_evenly(times, columns, rate, file=table.file, lines=lines)
+        notes.append(note)
+        times, lines = start + np.arange(len(next(iter(columns.values())))) / rate, None
+    timeline, values, remarks = sampled_columns(times, columns, table.file, lines, informative=informative)
     stated, unread = _statements(table, chosen, mapping)
     stored: dict[str, Any] = {
         kind: {name: value for name, value in of_channels.items() if name in columns}
         for kind, of_channels in table.stored.items()
     }
     record = Record(
-        timeline.start if grid.rate is None else grid.start,
-        timeline.rate if grid.rate is None else grid.rate,
+        timeline.start if rate is None else start,
+        rate or timeline.rate,
         tuple(columns),
         values,
         source=table.source or table.file,
@@ -323,16 +307,21 @@ def _statements(
     return stated, unread
 
 
-def _grid(table: Table, time: NDArray[Any] | None, rate: float | None, count: int) -> _Grid:
-    """The stated even grid if there is no time column or it agrees; otherwise the times of the column."""
+def _grid(
+    table: Table, time: NDArray[Any] | None, rate: float | None, count: int
+) -> tuple[tuple[float, float | None], NDArray[Any]]:
+    """Start in s and rate in Hz of the stated even grid if there is no time column or it agrees, and the times (N,) in s;
+    otherwise no rate, and those of the column.
+    """
     stated = table.rate if rate is None else rate
     if stated is not None and (rate is not None or 0.0 < stated < np.inf):
         check_rate(float(stated), table.file)
-        even = _Grid.even(table.start if rate is None else 0.0, float(stated), count)
-        if time is None or (len(time) == count and np.all(np.abs(time - even.time) <= JITTER / stated)):
-            return even
+        start = table.start if rate is None else 0.0
+        even = start + np.arange(count) / float(stated)
+        if time is None or (len(time) == count and np.all(np.abs(time - even) <= JITTER / stated)):
+            return (start, float(stated)), even
     if time is not None:
-        return _Grid(time)
+        return (0.0, None), time
     raise table.error(
         f"there is no time column; {listing(table)}. Name it `time` (in s, or `time[ms]`), map a column to it "
         "(`channels`), or give the sampling rate (`rate`)",

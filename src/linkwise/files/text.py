@@ -8,7 +8,6 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -328,10 +327,7 @@ def write_csv(record: Record, path: Path) -> None:
     header = io.StringIO()
     csv.writer(header, lineterminator="\n").writerow(["time", *headers(record)])
     rows = np.column_stack([record.time, record.values]).tolist()
-    if record.missing.any():
-        body = [",".join("" if math.isnan(value) else repr(value) for value in row) for row in rows]
-    else:
-        body = [",".join(map(repr, row)) for row in rows]
+    body = [",".join(map(repr, row)).replace("nan", "") for row in rows]
     path.write_text(header.getvalue() + "\n".join(body) + "\n", encoding="utf-8", newline="\n")
 
 

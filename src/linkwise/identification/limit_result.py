@@ -20,7 +20,7 @@ from linkwise.model.link import Link
 from linkwise.model.names import Name
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.records.channel_units import channel_unit
+from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
@@ -405,7 +405,7 @@ def _table(rows: Rows) -> str:
 
 
 def _noise_text(limit: Limit, name: str) -> str:
-    return f"{limit.noise[name]:.3g} {channel_unit(limit.record, name, limit.structure)}".strip()
+    return f"{limit.noise[name]:.3g} {unit_in(limit.structure, name)}".strip()
 
 
 def _coefficient_row(coefficient: CoefficientEstimate) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ from linkwise.likelihood.starts.values import equivalent_values, require_support
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
-from linkwise.records.channel_units import channel_unit
+from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
@@ -585,7 +585,7 @@ def estimate_of(
     covariance, faint = with_faint_modes(fit, identified)
     added = [] if approximate else judgement.additions  # the scatter of blocks and the path hold all that
     covariance = sum(added, covariance)
-    units: dict[str, str] = {name: channel_unit(records[0], name, structure) for name in records[0].channels}
+    units: dict[str, str] = {name: unit_in(structure, name) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
     tested = None if approximate else judgement.trusted_tests

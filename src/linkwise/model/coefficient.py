@@ -121,7 +121,14 @@ class Coefficient:
             raise StructureError(
                 'a known coefficient needs a value; write "unknown" if it is to be identified'
             )
-        self._check_prior()
+        if not self.sigma > 0.0:
+            raise StructureError(
+                f"the standard deviation sigma must be positive, got {self.sigma!r}; write a number for a known coefficient"
+            )
+        if self.sigma < math.inf and (self.known or self.value is None):
+            raise StructureError(
+                "a coefficient that is known to within sigma needs a start, its most likely value, and is not a known number"
+            )
         if not self.lower < self.upper:
             raise StructureError(
                 f"the lower bound {self.lower!r} must be below the upper bound {self.upper!r}"
@@ -130,18 +137,6 @@ class Coefficient:
             role = "value" if self.known else "start"
             raise StructureError(
                 f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
-            )
-
-    def _check_prior(self) -> None:
-        if self.sigma == math.inf:
-            return
-        if not self.sigma > 0.0:
-            raise StructureError(
-                f"the standard deviation sigma must be positive, got {self.sigma!r}; write a number for a known coefficient"
-            )
-        if self.known or self.value is None:
-            raise StructureError(
-                "a coefficient that is known to within sigma needs a start, its most likely value, and is not a known number"
             )
 
     def following(self, leader: Coefficient) -> Coefficient:

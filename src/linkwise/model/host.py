@@ -240,11 +240,8 @@ def entries_of(matrix: Floats, where: str) -> dict[Pair, float]:
         raise StructureError("the damping matrix of the modes is not symmetric", where)
     if np.linalg.eigvalsh(matrix).min(initial=0.0) < -1e-6 * largest:
         raise StructureError("the damping matrix feeds energy into a motion of the modes", where)
-    rows, columns = np.nonzero(np.triu(matrix))
-    return {
-        (row + 1, column + 1): float(matrix[row, column])
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
-    }
+    pairs = np.argwhere(np.triu(matrix)).tolist()
+    return {(row + 1, column + 1): float(matrix[row, column]) for row, column in pairs}
 
 
 MODE_LAW = Law.parse(

@@ -99,7 +99,7 @@ _FREQUENCY, _DAMPING = "frequency", "damping"
 _MODES = 10  # modes of matrices, where the file does not say how many
 
 
-_OF_MATRICES = ("keep", "modal_damping", "rayleigh", "residual")
+_OF_MATRICES = ("points", "keep", "modal_damping", "rayleigh", "residual")
 
 
 class HostTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -137,16 +137,16 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
     where = f'{source}, {path} "{entry.name}"'
     if (entry.modes is None) == (entry.matrices is None):
         raise StructureError("a host has either modes or matrices", where)
-    if entry.modes is not None and entry.points:
-        raise StructureError("points belong to matrices; modes have a shape at every point", where)
     if entry.modes is None and entry.damping is not None:
         raise StructureError(
             'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"',
             where,
         )
     for key in _OF_MATRICES if entry.modes is not None else ():
-        if getattr(entry, key) is not None:
-            raise StructureError(f"{key} belongs to matrices; modes are taken as they are", where)
+        if getattr(entry, key) not in (None, {}):
+            raise StructureError(
+                f"{key} belongs to matrices; modes are taken as they are, with a shape at every point", where
+            )
     host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
     parts: dict[str, Any] = {
         quantity: 0.01 * percentage(text, f"{source}, {path}.{quantity}_sigma")

@@ -49,7 +49,6 @@ from linkwise.expression.dimensions import (
     UnitConflict,
     infer,
 )
-from linkwise.expression.parser import Parsed
 from linkwise.expression.program import cached_program, integral_from_zero
 from linkwise.units import base_exponents
 
@@ -68,20 +67,13 @@ def checked_expression(text: str, variables: tuple[str, ...]) -> Expression:
         place = parsed.position(Symbol(name))
         if place is not None:
             raise LawError(f"Unknown variable {name!r} in a law.", text, place, advice)
-    _check_rest(text, parsed, variables)
-    return parsed.expression
-
-
-def _check_rest(text: str, parsed: Parsed, variables: tuple[str, ...]) -> None:
-    """Raise LawError for a law that is not finite at d = v = 0, neither with coefficients of 1 nor with others."""
-    # of folded parts too
+    # of folded parts too; what is not finite with coefficients of 1 may be with others
     names = dict.fromkeys(name for part, _ in parsed.positions for name in symbols(part))
-    ones = dict.fromkeys(names, 1.0)
-    others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)}
-    ones |= dict.fromkeys(variables, 0.0)
-    others |= dict.fromkeys(variables, 0.0)
+    rest = dict.fromkeys(variables, 0.0)
+    ones = dict.fromkeys(names, 1.0) | rest
+    others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)} | rest
     if any(np.isfinite(_at_rest(parsed.expression, values)) for values in (ones, others)):
-        return
+        return parsed.expression
     expression, position = next(
         place for place in parsed.positions if not np.isfinite(_at_rest(place[0], others))
     )

@@ -159,7 +159,19 @@ class Link:
             raise StructureError(f"`between` must name two ends, got {list(self.between)}", where)
         if self.between[0] == self.between[1]:
             raise StructureError(f'both ends are "{self.between[0]}"; a link needs two different ends', where)
-        self._check_coefficients(where)
+        missing = [name for name in self.law.coefficients if name not in self.coefficients]
+        if missing:
+            lines = ", ".join(f'{name} = "unknown"' for name in missing)
+            raise StructureError(
+                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)", where
+            )
+        extra = [name for name in self.coefficients if name not in self.law.coefficients]
+        if extra:
+            raise StructureError(
+                f"unknown coefficient {_list(extra)}; the law {self.law.text} has the coefficients "
+                f"{_list(self.law.coefficients)}{near_miss(extra[0], self.law.coefficients)}",
+                where,
+            )
         ordered = {
             key: as_coefficient(coefficients[key], f"{where}, coefficient {key}")
             for key in self.law.coefficients
@@ -223,21 +235,6 @@ class Link:
                 f'link "{self.name}"',
             )
         return initial
-
-    def _check_coefficients(self, where: str) -> None:
-        missing = [name for name in self.law.coefficients if name not in self.coefficients]
-        if missing:
-            lines = ", ".join(f'{name} = "unknown"' for name in missing)
-            raise StructureError(
-                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)", where
-            )
-        extra = [name for name in self.coefficients if name not in self.law.coefficients]
-        if extra:
-            raise StructureError(
-                f"unknown coefficient {_list(extra)}; the law {self.law.text} has the coefficients "
-                f"{_list(self.law.coefficients)}{near_miss(extra[0], self.law.coefficients)}",
-                where,
-            )
 
     @cached_property
     def values(self) -> dict[str, float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -93,16 +93,13 @@ def _check_keys(data: object, kind: type[msgspec.Struct], source: str, path: str
             )
     for name, field in fields.items():
         place, value, choices = f"{path}.{name}".lstrip("."), data.get(name), get_args(field.type)
-        if get_origin(field.type) is Literal:
-            one_of = f"one of {', '.join(choices)}"
-            if name not in data and field.required:
-                raise error(f"the key `{name}` is missing, {one_of}", _joined(source, path))
-            if isinstance(value, str) and value not in choices:
-                raise error(
-                    f"expected {one_of}; got {value!r}{near_miss(value, choices)}", _joined(source, place)
-                )
+        one_of = f"one of {', '.join(choices)}" if get_origin(field.type) is Literal else ""
         if name not in data and field.required:
-            raise error(f"the key `{name}` is missing", _joined(source, path))
+            raise error(f"the key `{name}` is missing{', ' * bool(one_of)}{one_of}", _joined(source, path))
+        if one_of and isinstance(value, str) and value not in choices:
+            raise error(
+                f"expected {one_of}; got {value!r}{near_miss(value, choices)}", _joined(source, place)
+            )
         if get_origin(field.type) is list and isinstance(value, list) and _is_table(choices[0]):
             for index, entry in enumerate(value):
                 _check_keys(entry, choices[0], source, f"{place}[{index}]", error)
@@ -177,27 +174,19 @@ def link_of(entry: LinkTable, index: int, source: str, rotations: Collection[str
         if isinstance(error, StructureError) and error.where:
             raise
         raise StructureError(f"invalid law: {error}", where) from None
-    coefficients = {
-        name: coefficient_of(given, units.get(name, ""), source, f"{path}.coefficients.{name}")
-        for name, given in entry.coefficients.items()
-    }
-    if named is not None:
-        coefficients = _within_bounds(named, law, coefficients, f"{source}, {path}.coefficients")
-    initial = _initial_values(entry, law, source, path)
-    states = {name: replace(state, initial=initial[name]) for name, state in states.items()}
+    coefficients = {name: named.coefficient(name) for name in law.coefficients} if named else {}
+    for name, given in entry.coefficients.items():
+        place = f"{path}.coefficients.{name}"
+        coefficient = coefficient_of(given, units.get(name, ""), source, place)
+        with located(f"{source}, {place}"):
+            coefficients[name] = named.within_bounds(name, coefficient) if named else coefficient
+    for name, state in states.items():
+        given = entry.states.get(name)
+        initial = given.get("initial", 0.0) if isinstance(given, dict) else 0.0
+        value = coefficient_of(initial, law.state_units[name], source, f"{path}.states.{name}.initial")
+        states[name] = replace(state, initial=value.value if value.known else None)
     with located(where):
         return Link(entry.name, (*entry.between,), law, coefficients, states)  # type: ignore[arg-type]  # Link counts the ends
-
-
-def _within_bounds(
-    named: NamedLaw, law: Law, given: Mapping[str, Coefficient], where: str
-) -> dict[str, Coefficient]:
-    """The coefficients of a named law, unknown where none is given. Raises StructureError for a start outside its bounds."""
-    coefficients = {name: named.coefficient(name) for name in law.coefficients}
-    for name, coefficient in given.items():
-        with located(f"{where}.{name}"):
-            coefficients[name] = named.within_bounds(name, coefficient)
-    return coefficients
 
 
 def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) -> dict[str, LinkState]:
@@ -220,17 +209,6 @@ def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) ->
                 f"{source}, {place}",
             )
     return states
-
-
-def _initial_values(entry: LinkTable, law: Law, source: str, path: str) -> dict[str, float | None]:
-    """The initial value of each state of a law in SI units; None for an unknown one."""
-    values: dict[str, float | None] = {}
-    for name, unit in law.state_units.items():
-        given = entry.states.get(name)
-        initial = given.get("initial", 0.0) if isinstance(given, dict) else 0.0
-        value = coefficient_of(initial, unit, source, f"{path}.states.{name}.initial")
-        values[name] = value.value if value.known else None
-    return values
 
 
 def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:

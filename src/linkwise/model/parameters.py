@@ -161,14 +161,14 @@ def free_parameters(
             members[leader].append((slots[name].index, slots[name].name.key))
             if units[leader] == _ANY_UNIT:
                 units[leader] = slots[name].unit
-    return tuple(_parameter(units[name], slots[name], tuple(sharing)) for name, sharing in members.items())
-
-
-def _parameter(unit: str, slot: CoefficientSlot, members: tuple[tuple[int, str], ...]) -> Parameter:
-    coefficient = slot.coefficient
-    of_mass = any(index < 0 and key == MASS for index, key in members)
-    lower = max(coefficient.lower, 0.0) if of_mass else coefficient.lower
-    return Parameter(slot.name, unit, coefficient.value, lower, coefficient.upper, members, coefficient.sigma)
+    parameters = []
+    for name, sharing in members.items():
+        own = slots[name].coefficient
+        of_mass = any(index < 0 and key == MASS for index, key in sharing)
+        lower = max(own.lower, 0.0) if of_mass else own.lower
+        within = lower, own.upper, tuple(sharing), own.sigma
+        parameters.append(Parameter(slots[name].name, units[name], own.value, *within))
+    return tuple(parameters)
 
 
 def chosen_names(selector: str, links: Mapping[str, int], slots: Mapping[str, CoefficientSlot]) -> list[str]:

@@ -211,7 +211,12 @@ def reduce_matrices(
     if of_damping is not None:
         zeta, coupling, between = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
     elif isinstance(damping, tuple):
-        zeta = _rayleigh_ratios(frequencies, damping)
+        omega = 2.0 * np.pi * frequencies
+        if (omega == 0.0).any() and damping[0] != 0.0:
+            raise StructureError(
+                "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+            )
+        zeta = 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega)
     else:
         zeta = np.full(len(frequencies), damping)
     local = at_points.T @ shapes
@@ -422,15 +427,6 @@ def _residual_modes(
     return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
 
 
-def _rayleigh_ratios(frequencies: Floats, factors: tuple[float, float]) -> Floats:
-    omega = 2.0 * np.pi * frequencies
-    if (omega == 0.0).any() and factors[0] != 0.0:
-        raise StructureError(
-            "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
-        )
-    return np.asarray(0.5 * (factors[0] / np.where(omega > 0.0, omega, 1.0) + factors[1] * omega))
-
-
 def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float, dict[Pair, Coefficient]]:
     """Damping ratios (k,), the largest coupling, and the other entries of a damping matrix (k, k) of mass-normalised modes."""
     omega, own = 2.0 * np.pi * frequencies, modal.diagonal()
@@ -446,10 +442,9 @@ def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, floa
     rigid = omega == 0.0
     both_rigid = np.outer(rigid, rigid) & (np.abs(modal) > _ROUNDED * largest)
     kept_pairs = (np.maximum(coupling, coupling.T) > _COUPLED) | both_rigid
-    rows, columns = np.nonzero(np.triu(kept_pairs))
     entries = {
         (row + 1, column + 1): Coefficient.number(float(modal[row, column]))
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+        for row, column in np.argwhere(np.triu(kept_pairs)).tolist()
     }
     ratios = np.maximum(own, 0.0) / (2.0 * np.where(rigid, np.inf, omega))
     return np.asarray(ratios), float(coupling.max(initial=0.0)), entries

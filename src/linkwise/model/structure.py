@@ -399,23 +399,21 @@ class Structure(NotebookView):
         -50.0
         """
         changes: dict[str, Coefficient] = {}
-        identified = False
+        identified = any(not self.coefficient(name).known for name in values)
         for name, value in values.items():
-            identified = identified or not self.coefficient(name).known
             leader = self._leaders.get(name, name)
             change = as_coefficient(value, name)
             if changes.setdefault(leader, change) != change:
                 raise StructureError(f'is equal to "{leader}", for which another value is given', name)
         changed = self._with(changes)
-        return changed._without_sharing() if identified else changed
-
-    def _without_sharing(self) -> Structure:
+        if not identified:
+            return changed
         plain = {
-            name: replace(self._slots[name].coefficient, same_as=None)
-            for name in self._leaders
-            if self._slots[name].coefficient.known and not is_between_modes(name)
+            name: replace(changed._slots[name].coefficient, same_as=None)
+            for name in changed._leaders
+            if changed._slots[name].coefficient.known and not is_between_modes(name)
         }
-        return self._with(plain) if plain else self
+        return changed._with(plain) if plain else changed
 
     def _with(self, changes: Mapping[str, Coefficient]) -> Structure:
         masses, links = replace_coefficients(self.masses, self.links, self._slots, changes)

@@ -131,16 +131,12 @@ class Topology:
         by_law = tuple((law, np.array(numbers, dtype=np.intp)) for law, numbers in members.items())
         states = tuple((number, name) for number, link in enumerate(links) for name in link.law.states)
         topology = cls(index, ends, by_law, states, tuple(shapes.values()))
-        still = (
-            [link for link, column in zip(links, topology.columns, strict=True) if not column]
-            if hosts
-            else []
-        )
-        if still:
-            raise StructureError(
-                f"both ends, {still[0].between[0]} and {still[0].between[1]}, move alike in every mode: nothing stretches it",
-                f'link "{still[0].name}"',
-            )
+        for link, column in zip(links, topology.columns, strict=True) if hosts else ():
+            if not column:
+                raise StructureError(
+                    f"both ends, {' and '.join(link.between)}, move alike in every mode: nothing stretches it",
+                    f'link "{link.name}"',
+                )
         return topology
 
     @property

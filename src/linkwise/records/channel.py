@@ -299,7 +299,7 @@ class ClippedSamples:
         ClippedSamples
             Those of the samples alone.
         """
-        return ClippedSamples(self.samples[which], self.readings[which], self.sides[which])
+        return ClippedSamples(*(column[which] for column in vars(self).values()))
 
     @classmethod
     def none_of(cls, samples: Floats) -> ClippedSamples:
@@ -333,7 +333,7 @@ class ClippedSamples:
             Those of both.
         """
         missing = np.full(gap, np.nan)
-        pairs = ((getattr(self, name), getattr(others, name)) for name in ("samples", "readings", "sides"))
+        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
         return ClippedSamples(*(np.concatenate([first, missing, second]) for first, second in pairs))
 
 
@@ -348,7 +348,10 @@ def is_angular(unit: str, kind: str) -> bool:
     if row is None or not row.angular_unit:
         return False
     words = _MOMENT if row.unit == "N" else _ANGLE
-    return bool(words.search(unit)) and _converts(unit, row.angular_unit)
+    try:
+        return bool(words.search(unit) and factor_to_si(unit, row.angular_unit))
+    except LinkwiseError:
+        return False
 
 
 def si_unit(unit: str, kind: str) -> str:
@@ -359,13 +362,6 @@ def si_unit(unit: str, kind: str) -> str:
 def unit_behind(quantity: str) -> str:
     """The unit of a quantity, such as "deg" of "0.3 deg"; empty where there is none."""
     return _NUMBER.sub("", quantity, count=1).strip()
-
-
-def _converts(unit: str, dimension: str) -> bool:
-    try:
-        return bool(factor_to_si(unit, dimension))
-    except LinkwiseError:
-        return False
 
 
 @dataclass(frozen=True)

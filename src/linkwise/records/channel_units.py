@@ -35,14 +35,6 @@ def unit_in(structure: Structure, name: str) -> str:
     return channel.angular_unit if channel.place in structure.rotations else channel.unit
 
 
-def channel_unit(record: Record, name: str, structure: Structure) -> str:
-    """The SI unit of a channel of a record, by the link or point of the structure that it belongs to; empty for a state
-    without unit.
-    """
-    record.unit(name)  # refuses a channel that the record lacks
-    return unit_in(structure, name)
-
-
 def in_units_of(record: Record, structure: Structure) -> Record:
     """A record with the units of places of a structure that turn, whose channels it may have without a unit; RecordError
     if a channel is stated in units of a rotation and its place moves in m, or the other way round.

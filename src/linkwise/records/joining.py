@@ -93,16 +93,15 @@ def check_distinct(records: Sequence[Record]) -> None:
         if (
             shared
             and len(first_record) == len(second_record)
-            and all(_equal(first_record, second_record, name) for name in shared)
+            and all(
+                np.array_equal(first_record.channel(name), second_record.channel(name), equal_nan=True)
+                for name in shared
+            )
         ):
             names = f"records {first} and {second}" + (
                 f" ({first_record.source})" if first_record.source else ""
             )
             raise RecordError(f"{names} hold the same samples; give each record once")
-
-
-def _equal(first: Record, second: Record, name: str) -> bool:
-    return np.array_equal(first.channel(name), second.channel(name), equal_nan=True)
 
 
 def joined_notes(records: Sequence[Record]) -> tuple[str, ...]:
@@ -246,7 +245,17 @@ def joined_by_time(record: Record, other: Record) -> Record:
     Record of 401 samples at 1000 Hz, 0.1 to 0.5 s: x:m1, x:m2
     """
     _refuse_common(record, other)
-    record, other = _at_one_rate(record, other)
+    slower, faster = sorted((record.rate, other.rate))
+    factor = round(faster / slower)
+    if abs(factor * slower / faster - 1.0) > _SAME_RATE:
+        raise RecordError(
+            f"records that are joined need rates of which one is a multiple of the other, got {record.rate:g} and "
+            f"{other.rate:g} Hz: resample one of them before"
+        )
+    if record.rate > other.rate:
+        record = record.decimate(factor)
+    else:
+        other = other.decimate(factor)
     shift = (other.start - record.start) * record.rate
     part = round(shift) - shift
     if abs(part) > _ALIGNED:
@@ -298,7 +307,16 @@ def continued(record: Record, other: Record) -> Record:
             other.source or None,
         )
     _require_same_rate(record, other, "the parts of a record")
-    _refuse_other_statements(record, other)
+    for kind, attribute in OF_CHANNELS.items():
+        first, second = getattr(record, kind), getattr(other, kind)
+        for name in () if attribute.of_samples else first:
+            if name in second and first[name] != second[name]:
+                raise RecordError(
+                    f"states another {attribute.label} of its sensor than the first part of the record; state the same of "
+                    "both, for instance in a mapping file",
+                    other.source or None,
+                    channel=name,
+                )
     exact = (other.start - record.start) * record.rate - len(record)
     gap = round(exact)
     if gap < 0:
@@ -315,13 +333,19 @@ def continued(record: Record, other: Record) -> Record:
             "records of their own",
             other.source or None,
         )
+    clipped = {}
+    for name in dict.fromkeys((*record.clipped, *other.clipped)):
+        before, after = (
+            part.clipped.get(name) or ClippedSamples.none_of(part.channel(name)) for part in (record, other)
+        )
+        clipped[name] = before.followed_by(after, gap)
     missing = np.full((gap, len(record.channels)), np.nan)
     note = f"The record continues in {other.source or 'a second part'}"
     return replace(
         record,
         values=np.vstack([record.values, missing, other.select(record.channels).values]),
         **_stated_by_both(record, other),
-        clipped=_clipped_in_turn(record, other, gap),
+        clipped=clipped,
         simulated=None,
         notes=(
             *joined_notes((record, other)),
@@ -340,38 +364,9 @@ def _refuse_common(record: Record, added: Record) -> None:
         raise RecordError("is in both records that are joined", channel=common[0])
 
 
-def _refuse_other_statements(record: Record, continuation: Record) -> None:
-    """Raise RecordError where a part of a record states another noise, uncertainty or interpolation of a channel."""
-    for kind, attribute in OF_CHANNELS.items():
-        if attribute.of_samples:
-            continue
-        first, second = getattr(record, kind), getattr(continuation, kind)
-        for name in first:
-            if name in second and first[name] != second[name]:
-                raise RecordError(
-                    f"states another {attribute.label} of its sensor than the first part of the record; state the same of "
-                    "both, for instance in a mapping file",
-                    continuation.source or None,
-                    channel=name,
-                )
-
-
 def _require_same_rate(record: Record, added: Record, subject: str) -> None:
     if abs(record.rate - added.rate) > _SAME_RATE * record.rate:
         raise RecordError(f"{subject} need one sampling rate, got {record.rate:g} and {added.rate:g} Hz")
-
-
-def _at_one_rate(record: Record, added: Record) -> tuple[Record, Record]:
-    """The records at the lower of their rates; RecordError where the higher is no multiple of it."""
-    factor = round(max(record.rate, added.rate) / min(record.rate, added.rate))
-    if abs(factor * min(record.rate, added.rate) / max(record.rate, added.rate) - 1.0) > _SAME_RATE:
-        raise RecordError(
-            f"records that are joined need rates of which one is a multiple of the other, got {record.rate:g} and "
-            f"{added.rate:g} Hz: resample one of them before"
-        )
-    if record.rate > added.rate:
-        return record.decimate(factor), added
-    return record, added.decimate(factor)
 
 
 def _side_by_side(record: Record, added: Record) -> Record:
@@ -398,15 +393,3 @@ def _stated_by_both(record: Record, added: Record) -> dict[str, Any]:
         for kind, attribute in OF_CHANNELS.items()
         if not attribute.of_samples
     }
-
-
-def _clipped_in_turn(record: Record, continuation: Record, gap: int) -> dict[str, ClippedSamples]:
-    """Clipped samples of two parts of a record, `gap` samples apart."""
-    joined = {}
-    for name in dict.fromkeys((*record.clipped, *continuation.clipped)):
-        before, after = (
-            part.clipped.get(name) or ClippedSamples.none_of(part.channel(name))
-            for part in (record, continuation)
-        )
-        joined[name] = before.followed_by(after, gap)
-    return joined

@@ -280,7 +280,12 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             values[:, column] = (values[:, column] - offset.value) / gain.value
             if name in noise:
                 noise[name] /= abs(gain.value)
-            notes.append(_taken_out(record.channels[column], gain.value, offset.value, units.get(name, "")))
+            size = size_in_unit(offset.value, record.channels[column], units.get(name, ""))
+            errors = [f"an offset of {size}"] * bool(offset.value)
+            errors += [f"a gain of {gain.value:g}"] * (gain.value != 1.0)
+            notes.append(
+                f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
+            )
         if statement.delay is not None and statement.delay.value:
             late[name] = statement.delay.value
         corrected = {"gain": gain.value != 1.0, "offset": offset.value, "delay": late.get(name)}
@@ -328,12 +333,6 @@ def _require_gain_around_one(common: SensorStatement, file: str | None) -> None:
             file,
             channel=COMMON,
         )
-
-
-def _taken_out(name: Channel, gain: float, offset: float, of_state: str) -> str:
-    errors = [f"an offset of {size_in_unit(offset, name, of_state)}"] if offset else []
-    errors += [f"a gain of {gain:g}"] if gain != 1.0 else []
-    return f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
 
 
 def attributes_of(known: SensorUncertainty, unit: str) -> dict[str, str]:

@@ -332,15 +332,6 @@ AMPLIFIED = 3.0  # times the noise of a sample: between uneven ones the noise of
 _TRIALS = 32  # sequences of noise that tell by how much, to an eighth of it
 
 
-@dataclass(frozen=True, eq=False)
-class Resampled:
-    """Columns at an even rate, from `start` in s on, and a sentence on how they were made."""
-
-    start: float
-    columns: dict[Channel, Floats]
-    note: str
-
-
 def resample_evenly(
     time: Floats,
     columns: Mapping[Channel, Floats],
@@ -348,8 +339,8 @@ def resample_evenly(
     *,
     file: str | None = None,
     lines: NDArray[np.int64] | None = None,
-) -> Resampled:
-    """Columns at start + k/`rate` within the span of `time` (N,) in s.
+) -> tuple[float, dict[Channel, Floats], str]:
+    """A start in s, columns at start + k/`rate` within the span of `time` (N,) in s, and a sentence on how they were made.
 
     Samples whose times all lie on that grid go to their places, and those that the file lacks are missing; only inputs, which
     must be complete, are interpolated then. Other samples are interpolated without the missing ones. In gaps of more than
@@ -391,22 +382,21 @@ def resample_evenly(
     grid = np.minimum(times[0] + np.arange(count) / rate, times[-1])
     columns = {name: _checked(times, values, name, file) for name, values in columns.items()}
     splined = [name for name in columns if not on_grid or name.is_input]
-    resampled = {
-        name: _interpolated(times, values, grid) if name in splined else _placed(values, places, count)
-        for name, values in columns.items()
-    }
-    return Resampled(float(times[0]), resampled, _note(len(times), rate, splined if on_grid else None))
-
-
-def _note(samples: int, rate: float, splined: Sequence[str] | None) -> str:
-    """How `samples` came to `rate` in Hz: all by splines, or the channels in `splined` alone."""
-    if splined is None:
-        return (
-            f"Resampled from {samples} samples to {rate:g} Hz by quintic splines; "
-            "noise of neighbouring samples is no longer independent."
-        )
-    note = f"The times of the {samples} samples lie on an even grid of {rate:g} Hz: no response was interpolated."
-    return note + (f" Short gaps of {', '.join(splined)} were, by quintic splines." if splined else "")
+    resampled = {}
+    for name, values in columns.items():
+        if name in splined:
+            resampled[name] = _interpolated(times, values, grid)
+        else:
+            resampled[name] = np.full(count, np.nan)
+            resampled[name][places] = values
+    note = (
+        f"Resampled from {len(times)} samples to {rate:g} Hz by quintic splines; "
+        "noise of neighbouring samples is no longer independent."
+    )
+    if on_grid:
+        note = f"The times of the {len(times)} samples lie on an even grid of {rate:g} Hz: no response was interpolated."
+        note += f" Short gaps of {', '.join(splined)} were, by quintic splines." if splined else ""
+    return float(times[0]), resampled, note
 
 
 def _checked(times: Floats, column: Floats, name: str, file: str | None) -> Floats:
@@ -424,13 +414,6 @@ def _checked(times: Floats, column: Floats, name: str, file: str | None) -> Floa
             f"{present} samples are too few; a record needs at least {MIN_SAMPLES}", file, channel=name
         )
     return values
-
-
-def _placed(values: Floats, places: NDArray[np.int64], count: int) -> Floats:
-    """Samples at their places among `count`, the others missing."""
-    column = np.full(count, np.nan)
-    column[places] = values
-    return column
 
 
 def _interpolated(times: Floats, values: Floats, grid: Floats) -> Floats:

@@ -67,9 +67,7 @@ class EnergyBalance:
         EnergyBalance
             Their energies in J.
         """
-        return EnergyBalance(
-            self.supplied[which], self.kinetic[which], self.potential[which], self.dissipated[which]
-        )
+        return EnergyBalance(*(energies[which] for energies in vars(self).values()))
 
 
 class MotionDiagnostics(Protocol):

@@ -44,7 +44,7 @@ from linkwise.identification.validation.result import (
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel_units import channel_unit, in_units_of, places_of
+from linkwise.records.channel_units import in_units_of, places_of, unit_in
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.signals.base_frame import framed
@@ -127,7 +127,7 @@ def channel_scores(
         ahead = measured - steps[0][:, column]
         scores[name] = ChannelPrediction(
             name=name,
-            unit=channel_unit(record, name, structure),
+            unit=unit_in(structure, name),
             samples=count,
             rmse=math.sqrt(mean_square),
             nmse_percent=100.0 * nmse,
