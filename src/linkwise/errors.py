@@ -249,12 +249,8 @@ class RecordError(LinkwiseError):
         arguments: Sequence[str] = (),
     ) -> None:
         self.message, self.file, self.line, self.channel = message, file, line, channel
-        places = [
-            str(file) if file is not None else "",
-            f"line {line}" if line is not None else "",
-            f"channel {channel}" if channel is not None else "",
-        ]
-        where = ", ".join(place for place in places if place)
+        places = {"": file, "line ": line, "channel ": channel}
+        where = ", ".join(f"{kind}{place}" for kind, place in places.items() if place not in (None, ""))
         super().__init__(f"{where}: {message}" if where else message, arguments=arguments)
 
 

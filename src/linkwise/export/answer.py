@@ -16,7 +16,6 @@ from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import ValidatedAnswer
-from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 from linkwise.verdict import Grade
@@ -71,14 +70,9 @@ class ExportedAnswer:
         return cls(given.structure, names, covariance, note, version("linkwise"), given.grade, given.warning)
 
     @property
-    def links(self) -> tuple[Link, ...]:
-        """The links of the structure."""
-        return self.structure.links
-
-    @property
     def quantities(self) -> dict[str, str]:
         """SI units of forces, elongations and rates of the links, both where some of them are moments."""
-        angular = sorted({link.law.angular for link in self.links}) or [False]
+        angular = sorted({link.law.angular for link in self.structure.links}) or [False]
         units = {True: ("N m", "rad", "rad/s"), False: ("N", "m", "m/s")}
         joined = (" or ".join(names) for names in zip(*(units[turns] for turns in angular), strict=True))
         return dict(zip(("force", "d", "v"), joined, strict=True))
@@ -106,7 +100,7 @@ class ExportedAnswer:
         rows = [(mass.name, "mass", mass.mass.value, mass.mass_unit) for mass in self.structure.masses]
         rows += [
             (link.name, name, value, link.law.units[name])
-            for link in self.links
+            for link in self.structure.links
             for name, value in link.values.items()
         ]
         return tuple(

@@ -57,7 +57,7 @@ def write_m(answer: ExportedAnswer, path: Path, name: str) -> None:
         )
     note = f"\n%   {on_one_line(answer.note)}" if answer.note else ""
     head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note, **answer.quantities)
-    cases = "".join(_case(link) for link in answer.links)
+    cases = "".join(_case(link) for link in answer.structure.links)
     path.write_text(f"{head}{cases}{_TAIL}\n{_values(answer)}", encoding="utf-8", newline="\n")
 
 
@@ -68,10 +68,8 @@ def _text(text: str) -> str:
 
 def _case(link: Link) -> str:
     law, values = link.law, link.values
-    names = identifiers((*law.states, *law.coefficients), (*_OWN, *_KEYWORDS, *FUNCTIONS)) | {
-        "d": "d",
-        "v": "v",
-    }
+    reserved = (*_OWN, *_KEYWORDS, *FUNCTIONS)
+    names = identifiers((*law.states, *law.coefficients), reserved) | {"d": "d", "v": "v"}
     lines = [f"    case {_text(link.name)}", f"        % {to_text(law.expression)}"]
     lines += [f"        {names[key]} = {values[key]!r};" for key in law.coefficients]
     lines += [
@@ -119,8 +117,8 @@ def write_mat(answer: ExportedAnswer, path: Path, name: str) -> None:
     """
     every = answer.coefficients
     kinds = [("name", object), ("first", object), ("second", object), ("law", object), ("rates", object)]
-    links = np.zeros((len(answer.links), 1), dtype=kinds)
-    for number, link in enumerate(answer.links):
+    links = np.zeros((len(answer.structure.links), 1), dtype=kinds)
+    for number, link in enumerate(answer.structure.links):
         rates = [f"{rate.name}: {rate.text}" for rate in link.law.rates]
         links[number, 0] = (link.name, *link.between, link.law.text, _cells(rates))
     content = {

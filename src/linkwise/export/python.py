@@ -36,7 +36,7 @@ COVARIANCE = np.array({covariance}, dtype=float).reshape(len(COVARIANCE_NAMES), 
 
 def write(answer: ExportedAnswer, path: Path, name: str) -> None:
     """Write the module; `name` is not needed in it."""
-    functions = identifiers((link.name for link in answer.links), ())
+    functions = identifiers((link.name for link in answer.structure.links), ())
     every = answer.coefficients
     note = f"\n\n{answer.note}" if answer.note else ""
     head = _HEAD.format(
@@ -46,9 +46,11 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
             {coefficient.owner: coefficient.value for coefficient in every if coefficient.name == "mass"}
         ),
         points=ascii(answer.points),
-        between=ascii({link.name: link.between for link in answer.links}),
-        coefficients=ascii({link.name: link.values for link in answer.links}),
-        units=ascii({link.name: {key: link.law.units[key] for key in link.values} for link in answer.links}),
+        between=ascii({link.name: link.between for link in answer.structure.links}),
+        coefficients=ascii({link.name: link.values for link in answer.structure.links}),
+        units=ascii(
+            {link.name: {key: link.law.units[key] for key in link.values} for link in answer.structure.links}
+        ),
         errors=ascii(
             {
                 f"{coefficient.owner}.{coefficient.name}": coefficient.error
@@ -59,9 +61,9 @@ def write(answer: ExportedAnswer, path: Path, name: str) -> None:
         names=ascii(list(answer.names)),
         covariance=ascii(answer.covariance.tolist()),
     )
-    texts = [_functions(link, functions[link.name]) for link in answer.links]
+    texts = [_functions(link, functions[link.name]) for link in answer.structure.links]
     tables = [f"FORCES = {_table('force', functions)}\n"]
-    moving = {link.name: functions[link.name] for link in answer.links if link.law.states}
+    moving = {link.name: functions[link.name] for link in answer.structure.links if link.law.states}
     if moving:
         tables.append(f"RATES = {_table('rates', moving)}\n")
     path.write_text("\n\n".join([head, *texts, "".join(tables)]), encoding="utf-8", newline="\n")
@@ -86,10 +88,8 @@ def _functions(link: Link, own: str) -> str:
     )
     if not law.states:
         return force
-    rates, states = (
-        ", ".join(to_code(rate.expression, NUMPY, names) for rate in law.rates),
-        ", ".join(law.states),
-    )
+    rates = ", ".join(to_code(rate.expression, NUMPY, names) for rate in law.rates)
+    states = ", ".join(law.states)
     return (
         f'{force}\n\n@np.errstate(all="ignore")\ndef rates_{own}({arguments}):\n'
         f"    {_docstring(f'Rates of {states}.')}\n{arrays}    return ({rates},)\n"

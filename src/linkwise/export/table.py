@@ -25,7 +25,7 @@ def _rows(answer: ExportedAnswer) -> list[list[Any]]:
 
     Then one for the shape of each mode at each point of its host.
     """
-    laws = {link.name: link.law.text for link in answer.links}
+    laws = {link.name: link.law.text for link in answer.structure.links}
     rows: list[list[Any]] = []
     for coefficient in answer.coefficients:
         law = laws.get(coefficient.owner) if coefficient.name != "mass" else None

@@ -259,9 +259,8 @@ class _Constraints:
         match expression:
             case Symbol(name):
                 return name not in self.variables
-            case Call(function, _) if not FUNCTIONS[
-                function
-            ].degree:  # the value has no unit, whatever the argument
+            case Call(function, _) if not FUNCTIONS[function].degree:
+                # the value has no unit, whatever the argument
                 return False
         return any(self.carries(below) for below in children(expression))
 

@@ -103,9 +103,8 @@ class _TokenChecker:
 
     def __init__(self, text: str, variables: tuple[str, ...]) -> None:
         self.text, self.variables = text, variables
-        self.open: list[
-            tuple[int, bool]
-        ] = []  # position of each open parenthesis, and whether it is that of a call
+        # position of each open parenthesis, and whether it is that of a call
+        self.open: list[tuple[int, bool]] = []
         self.kind, self.token, self.position = "", "", 0  # the last token other than white space
 
     def run(self) -> None:
@@ -295,7 +294,7 @@ class _TreeBuilder:
         return Number(math.pi) if name == "pi" else Symbol(name)
 
     def function(self, name: str, arguments: list[ast.expr], node: ast.expr, depth: int) -> Expression:
-        least = FUNCTIONS[name].arity
+        least = len(FUNCTIONS[name].derivatives)
         if len(arguments) < least or (least == 1 and len(arguments) > 1):
             wanted = "one argument" if least == 1 else "two or more arguments"
             raise self.error(

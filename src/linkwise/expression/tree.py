@@ -67,11 +67,6 @@ class LawFunction:
     integrator: str = ""
     writable: bool = True
 
-    @property
-    def arity(self) -> int:
-        """The number of arguments."""
-        return len(self.derivatives)
-
 
 _FLAT_TANH = 15.0  # up to which its slope, computed as 1 - tanh^2, still has digits; tanh is 1 - 2e-13 there
 _FLAT_EXP = -40.0  # below which it is nothing beside rounding

@@ -60,10 +60,32 @@ def choose(
     """
     mapped = _mapped(table, channels)
     chosen = (*mapped, *_recognised(table, mapped, known_masses))
+    if all(choice.name == "time" for choice in chosen) and not table.named:
+        raise table.error(
+            f"there is no header: the file starts with {table.opening!r}. The first line must name the columns, as in "
+            "`time,x:m1,x:m2`; or map columns by number, as in channels={'time': 1, 'x:m1': 2}",
+            "channels",
+            line=1,
+        )
     if all(choice.name == "time" for choice in chosen):
-        raise _nothing_recognised(table)
-    for choice in chosen:
-        _check_mass(table, choice, known_masses)
+        raise table.error(
+            f"no channel is recognised; {listing(table)}. Channels are named KIND:MASS, such as x:m1 or a:m2[g]; "
+            "map columns of other names, as in channels={'x:m1': 'laser'}",
+            *("channels", "mapping"),
+            line=table.header_line,
+        )
+    for channel in (choice.channel for choice in chosen if choice.channel and known_masses is not None):
+        mass, masses = channel.place, known_masses or ()
+        if channel.of_link or mass in (BASE, *masses):
+            continue
+        near = get_close_matches(mass, masses, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise table.error(
+            f"the structure has no mass {mass!r}; {hint}it has {_list(list(masses)) or 'none'}",
+            "known_masses",
+            line=table.header_line,
+            channel=channel,
+        )
     return chosen
 
 
@@ -90,15 +112,13 @@ def _other_spelling(column: Column) -> str:
 
 def units_over_headers(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note for each column whose mapping states another unit than its header does."""
-    notes = []
-    for choice in chosen:
-        header = ColumnHeader.parse(table.headers[choice.column]).unit
-        if choice.unit and header and choice.unit != header:
-            notes.append(
-                f"{choice.name} is taken to be in {choice.unit}, as its mapping states; the header of its column, "
-                f"{table.headers[choice.column]}, states {header}."
-            )
-    return notes
+    return [
+        f"{choice.name} is taken to be in {choice.unit}, as its mapping states; the header of its column, "
+        f"{table.headers[choice.column]}, states {header}."
+        for choice in chosen
+        if (header := ColumnHeader.parse(table.headers[choice.column]).unit)
+        and choice.unit not in ("", header)
+    ]
 
 
 def listing(table: Table) -> str:
@@ -199,41 +219,6 @@ def _meaning(column: Column, known_masses: tuple[str, ...] | None) -> ColumnHead
     if known_masses is None:
         return None if column.instead else meant
     return meant if meant.channel.place in (*known_masses, BASE) else None
-
-
-def _nothing_recognised(table: Table) -> RecordError:
-    """The error for a table without a single channel."""
-    if not table.named:
-        return table.error(
-            f"there is no header: the file starts with {table.opening!r}. The first line must name the columns, as in "
-            "`time,x:m1,x:m2`; or map columns by number, as in channels={'time': 1, 'x:m1': 2}",
-            "channels",
-            line=1,
-        )
-    return table.error(
-        f"no channel is recognised; {listing(table)}. Channels are named KIND:MASS, such as x:m1 or a:m2[g]; "
-        "map columns of other names, as in channels={'x:m1': 'laser'}",
-        *("channels", "mapping"),
-        line=table.header_line,
-    )
-
-
-def _check_mass(table: Table, choice: ColumnChoice, known_masses: tuple[str, ...] | None) -> None:
-    """Raise RecordError for a channel of a mass that the structure does not have."""
-    channel = choice.channel
-    if known_masses is None or channel is None:
-        return
-    mass = channel.place
-    if channel.of_link or mass == BASE or mass in known_masses:
-        return
-    near = get_close_matches(mass, known_masses, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}? " if near else ""
-    raise table.error(
-        f"the structure has no mass {mass!r}; {hint}it has {_list(list(known_masses)) or 'none'}",
-        "known_masses",
-        line=table.header_line,
-        channel=choice.name,
-    )
 
 
 _OVERLOAD, _NO_NUMBER = 9.899e37, 9.911e37

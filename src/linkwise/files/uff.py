@@ -26,7 +26,11 @@ def read_table(path: Path) -> Table:
     A response whose ID line does not name a channel stands for KIND:NODE, from the quantity and node of the data set. Raises
     RecordError for a file without time responses and for responses that do not share one time axis.
     """
-    _check_complete(path)
+    content = path.read_bytes()
+    marks = [match.start() for match in _MARK.finditer(content)]
+    if len(marks) % 2:  # pyuff leaves such a set out
+        line = content.count(b"\n", 0, marks[-1]) + 1
+        raise RecordError("the data set that begins here has no end; the file was cut off", path, line)
     file = pyuff.UFF(str(path))
     unreadable = [str(k + 1) for k, kind in enumerate(file.get_set_types()) if kind == 0]
     if unreadable:
@@ -57,15 +61,6 @@ def read_table(path: Path) -> Table:
         return Table((Column("time", np.asarray(first["x"])), *columns), notes=notes)
     rate = _rate(float(first["abscissa_inc"]))
     return Table(columns, start=float(first["abscissa_min"]), rate=rate, notes=notes)
-
-
-def _check_complete(path: Path) -> None:
-    """Raise RecordError where the last data set has no end: pyuff leaves it out."""
-    content = path.read_bytes()
-    marks = [match.start() for match in _MARK.finditer(content)]
-    if len(marks) % 2:
-        line = content.count(b"\n", 0, marks[-1]) + 1
-        raise RecordError("the data set that begins here has no end; the file was cut off", path, line)
 
 
 def _column(data: dict[str, Any]) -> Column:

@@ -433,10 +433,14 @@ class Excitation:
             expect(f"Excitation: {name}", getattr(self, name), Mapping)
         for number, impulse in enumerate(self.impulses):
             expect(f"Excitation: impulses[{number}]", impulse, Impulse)
-        for place, signal in {**self.forces, **({} if self.base is None else {"base": self.base})}.items():
+        for name, value in self.release.items():
+            expect(f"release[{name!r}]", value, float)
+            if not abs(value) <= float_info.max:
+                raise SimulationError(f"the release {name} must be finite, got {value!r}")
+        for place, signal in self.drives.items():
             expect(f"Excitation: {place}", signal, TimeFunction, Sampled)
         vars(self).update(
-            release=MappingProxyType(dict(self.release)),
+            release=MappingProxyType({name: float(value) for name, value in self.release.items()}),
             impulses=tuple(sorted(self.impulses, key=lambda impulse: impulse.time)),
             forces=MappingProxyType(dict(self.forces)),
         )
@@ -477,7 +481,7 @@ class Excitation:
         for name, given in (("release", release), ("forces", forces)):
             expect(name, given, Mapping, NoneType)
         return cls(
-            {name: _number(name, value) for name, value in (release or {}).items()},
+            release or {},
             tuple(impulses),
             {mass: _drive(f"forces[{mass!r}]", given) for mass, given in (forces or {}).items()},
             None if base is None else _drive("base", base),
@@ -505,13 +509,6 @@ class Excitation:
     def drives(self) -> dict[str, InputSignal]:
         """Force by mass and, under the name "base", the motion of the base."""
         return dict(self.forces) if self.base is None else {**self.forces, "base": self.base}
-
-
-def _number(name: str, value: float) -> float:
-    expect(f"release[{name!r}]", value, float)
-    if not abs(value) <= float_info.max:
-        raise SimulationError(f"the release {name} must be finite, got {value!r}")
-    return float(value)
 
 
 def _drive(argument: str, given: InputSignal | str | float) -> InputSignal:

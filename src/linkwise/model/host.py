@@ -370,11 +370,6 @@ class Host:
         return {pair: damping_link(self.name, pair) for pair in self.damping}
 
     @property
-    def shown_links(self) -> tuple[str, ...]:
-        """Names of the links of its modes, and of those with the entries of `damping`."""
-        return (*self.coordinates, *self.damping_links.values())
-
-    @property
     def negated(self) -> dict[str, str]:
         """Places that move as modes do in the other direction, with these modes: ends of the dampers between modes."""
         numbers = dict.fromkeys(second for first, second in self.damping if first != second)

@@ -380,9 +380,8 @@ class Law:
                 None,
                 "Write the sum and its states out in one law.",
             )
-        shared = [name for name in self.coefficients if name in other.coefficients]
-        for name in shared:
-            if self.units[name] != other.units[name]:
+        for name in self.coefficients:
+            if name in other.coefficients and self.units[name] != other.units[name]:
                 raise LawError(
                     f"The coefficient {name!r} is in {self.units[name]} in {self.text!r}, but in {other.units[name]} here.",
                     other.text,

@@ -213,13 +213,12 @@ def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) ->
 
 def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:
     """Dimensions of the coefficients that are given with a unit."""
-    texts: dict[str, str] = {}
-    for name, given in entry.coefficients.items():
-        candidates = given.values() if isinstance(given, dict) else (given,)
-        for text in candidates:
-            if name in law.coefficients and isinstance(text, str) and _WITH_UNIT.fullmatch(text):
-                texts[name] = text
-    return {name: unit_dimension(text) for name, text in texts.items()}
+    return {
+        name: unit_dimension(text)
+        for name, given in entry.coefficients.items()
+        for text in (given.values() if isinstance(given, dict) else (given,))
+        if name in law.coefficients and isinstance(text, str) and _WITH_UNIT.fullmatch(text)
+    }
 
 
 @lru_cache(maxsize=256)

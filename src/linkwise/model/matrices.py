@@ -158,20 +158,17 @@ class HostMatrices:
         weights = {given: 1.0} if given in numbers else row_weights(given)
         missing = next((name for name in weights if name not in numbers), None)
         if missing is not None:
-            raise StructureError(f'the point "{point}" is {given}, but {self._named(missing)}')
+            first, last = self.names[0], self.names[-1]
+            if first.isdecimal() and last.isdecimal():
+                fixed = "; rows that are held fixed are left out" if int(last) > len(self.names) else ""
+                named = f"the matrices have rows {first} to {last}, counted from 1{fixed}"
+            else:
+                near = get_close_matches(missing, self.names, n=3) or self.names[:3]
+                named = "its file names points by node and direction, and has none of this name that is not held fixed; "
+                named += f"nearest are {', '.join(near)}"
+            raise StructureError(f'the point "{point}" is {given}, but {named}')
         require_direction(point, weights)
         return {numbers[name]: weight for name, weight in weights.items()}
-
-    def _named(self, name: str) -> str:
-        """How the degrees of freedom are named, for a name that is none of them."""
-        if self.names[0].isdecimal() and self.names[-1].isdecimal():
-            fixed = "; rows that are held fixed are left out" if int(self.names[-1]) > len(self.names) else ""
-            return f"the matrices have rows {self.names[0]} to {self.names[-1]}, counted from 1{fixed}"
-        near = get_close_matches(name, self.names, n=3) or self.names[:3]
-        return (
-            "its file names points by node and direction, and has none of this name that is not held fixed; nearest are "
-            f"{', '.join(near)}"
-        )
 
 
 def read_host_matrices(

@@ -317,12 +317,6 @@ def _checked(
                 f"{matrix[row, column]:.6g}, row {column + 1} and column {row + 1} {matrix[column, row]:.6g}; a host is a "
                 "linear structure that conserves energy. If the file has one triangle only, add the other"
             )
-    _require_plausible(mass, stiffness)
-    return at_points
-
-
-def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> None:
-    """Raise StructureError for matrices that may have been taken for each other."""
     of_mass, of_stiffness = mass.diagonal(), stiffness.diagonal()
     if (of_mass < 0.0).any() or not of_mass.any():
         raise StructureError(
@@ -341,6 +335,7 @@ def _require_plausible(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc
             f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
             "stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one system"
         )
+    return at_points
 
 
 def _fastest(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> float:

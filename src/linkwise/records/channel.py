@@ -301,22 +301,6 @@ class ClippedSamples:
         """
         return ClippedSamples(*(column[which] for column in vars(self).values()))
 
-    @classmethod
-    def none_of(cls, samples: Floats) -> ClippedSamples:
-        """Those of a channel without any.
-
-        Parameters
-        ----------
-        samples : array of shape (N,)
-            The channel.
-
-        Returns
-        -------
-        ClippedSamples
-            Without readings.
-        """
-        return cls(samples, np.full(len(samples), np.nan), np.full(len(samples), np.nan))
-
     def followed_by(self, others: ClippedSamples, gap: int) -> ClippedSamples:
         """The readings of this part of a channel and of another.
 

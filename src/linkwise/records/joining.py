@@ -336,7 +336,8 @@ def continued(record: Record, other: Record) -> Record:
     clipped = {}
     for name in dict.fromkeys((*record.clipped, *other.clipped)):
         before, after = (
-            part.clipped.get(name) or ClippedSamples.none_of(part.channel(name)) for part in (record, other)
+            part.clipped.get(name) or ClippedSamples(part.channel(name), *np.full((2, len(part)), np.nan))
+            for part in (record, other)
         )
         clipped[name] = before.followed_by(after, gap)
     missing = np.full((gap, len(record.channels)), np.nan)
