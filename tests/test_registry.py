@@ -25,7 +25,8 @@ def test_an_unknown_name_lists_those_there_are() -> None:
     with pytest.raises(IdentificationError) as error:
         registry.lookup("haming")
     assert (
-        str(error.value) == "unknown window 'haming' (did you mean 'hamming'?); choose from 'hann', 'hamming'"
+        str(error.value)
+        == "unknown window 'haming'; did you mean \"hamming\"?; choose from 'hann', 'hamming'"
     )
     with pytest.raises(KeyError):
         registry["haming"]

@@ -64,11 +64,8 @@ class LinkwiseError(Exception):
         return shortened(super().__str__())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (
-            copyreg.__newobj__,
-            (type(self), self.args[0]),
-            dict(vars(self)),
-        )  # whatever the signature of the class
+        rebuild = copyreg.__newobj__  # type: ignore[attr-defined]  # whatever the signature of the class; in no stub
+        return rebuild, (type(self), self.args[0]), dict(vars(self))
 
 
 class ArgumentTypeError(LinkwiseError, TypeError):

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections import UserDict
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from importlib import import_module
 from pkgutil import resolve_name
 from typing import Any, TypeVar, cast, final
 
+from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError
 
 T = TypeVar("T")
@@ -42,9 +42,8 @@ class Registry(UserDict[str, T]):
         """The entry of that name; raises `error`, which lists those there are."""
         if name in self:
             return self[name]
-        near = get_close_matches(name, self, n=1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise self.error(f"unknown {self.kind} {name!r}{hint}; choose from {', '.join(map(repr, self))}")
+        choices = ", ".join(map(repr, self))
+        raise self.error(f"unknown {self.kind} {name!r}{near_miss(name, self)}; choose from {choices}")
 
     def __getitem__(self, name: str) -> T:
         entry = self.data[name]

@@ -328,11 +328,7 @@ class Estimate(JudgedView):
     @property
     def modes(self) -> tuple[LinkEstimate, ...]:
         """Estimates of the modes of hosts, with the coefficients frequency and damping, and of the damping between them."""
-        shown = {
-            name
-            for host in self.structure.hosts
-            for name in (*host.coordinates, *host.damping_links.values())
-        }
+        shown = {name for host in self.structure.hosts for name in host.shown_links}
         return tuple(link for link in self._every_link if link.link.name in shown)
 
     @cached_property

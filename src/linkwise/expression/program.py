@@ -44,7 +44,7 @@ class Program:
     memory with each other and with the inputs. No warning is issued where a result is not finite.
 
     `wide` names the inputs that are large arrays (by default all): what depends only on the others is computed first, at
-    their smaller size. `len(program)` is the number of operations. Raises ValueError for a name that is not an input.
+    their smaller size. Raises ValueError for a name that is not an input.
     """
 
     __slots__ = ("_large", "_narrow", "_outputs", "_slots", "_tape", "inputs")
@@ -61,9 +61,6 @@ class Program:
         self._narrow = frozenset([*narrow, *known, *(to for *_, to, wide in self._tape if not wide)])
         written = {to for *_, to, is_wide in self._tape if is_wide}
         self._large = tuple(dict.fromkeys(index for index in self._outputs if index in written))
-
-    def __len__(self) -> int:
-        return len(self._tape)
 
     def __call__(self, *arrays: ArrayLike) -> tuple[Floats, ...]:
         if len(arrays) != len(self.inputs):

@@ -126,10 +126,7 @@ def _unit(item: h5py.Dataset) -> str:
 def write(record: Record, path: Path) -> None:
     """Write the layout described at the top of this module."""
     with h5py.File(path, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
-        file.attrs["start"] = record.start
-        file.attrs["rate"] = record.rate
+        file.attrs.update(format=FORMAT, version=VERSION, start=record.start, rate=record.rate)
         file.attrs["source"] = record.source
         file.attrs["channels"] = np.array(record.channels, dtype=h5py.string_dtype())
         file.attrs["notes"] = np.array(record.notes, dtype=h5py.string_dtype())

@@ -64,14 +64,11 @@ class TimeFunction:
     def __post_init__(self) -> None:
         expect("TimeFunction: text", self.text, str)
         parsed = parse_with_positions(self.text, ("t",))
-        others = [name for name in symbols(parsed.expression) if name != "t"]
-        if others:
-            raise LawError(
-                f"Unknown name {others[0]!r} in a function of time.",
-                self.text,
-                parsed.position(Symbol(others[0])),
-                "The only variable is the time t, in s.",
-            )
+        for name in symbols(parsed.expression):
+            if name != "t":
+                place = parsed.position(Symbol(name))
+                reason = f"Unknown name {name!r} in a function of time."
+                raise LawError(reason, self.text, place, "The only variable is the time t, in s.")
         object.__setattr__(self, "expression", parsed.expression)
 
     def value(self, time: ArrayLike) -> Floats:

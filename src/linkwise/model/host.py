@@ -328,17 +328,14 @@ class Host:
                 raise StructureError(
                     f"{name!r} cannot be part of the name of a channel: leave out {' '.join(reserved)}", where
                 )
-        clashes = [point for point in points if f"{self.name}.{point}" in self.coordinates]
-        if clashes:
-            raise StructureError(f'the point "{clashes[0]}" has the name of a mode; choose another', where)
-        twice = [
-            first for first, second in damping if first == second and self.modes[first - 1].damping.value
-        ]
-        if twice:
-            raise StructureError(
-                f"the damping of mode {twice[0]} is given by a ratio and by an entry of the damping matrix; give one",
-                where,
-            )
+            if f"{self.name}.{name}" in self.coordinates:
+                raise StructureError(f'the point "{name}" has the name of a mode; choose another', where)
+        for first, second in damping:
+            if first == second and self.modes[first - 1].damping.value:
+                raise StructureError(
+                    f"the damping of mode {first} is given by a ratio and by an entry of the damping matrix; give one",
+                    where,
+                )
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -368,6 +365,11 @@ class Host:
     def damping_links(self) -> dict[Pair, str]:
         """Names of the links, such as ``"HOST.mode1+mode2"``, whose coefficient is an entry of `damping`, by its modes."""
         return {pair: damping_link(self.name, pair) for pair in self.damping}
+
+    @property
+    def shown_links(self) -> tuple[str, ...]:
+        """Names of the links of its modes, and of those with the entries of `damping`."""
+        return (*self.coordinates, *self.damping_links.values())
 
     @property
     def negated(self) -> dict[str, str]:

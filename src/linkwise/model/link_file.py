@@ -100,13 +100,10 @@ def _check_keys(data: object, kind: type[msgspec.Struct], source: str, path: str
             raise error(
                 f"expected {one_of}; got {value!r}{near_miss(value, choices)}", _joined(source, place)
             )
-        if get_origin(field.type) is list and isinstance(value, list) and _is_table(choices[0]):
+        of_tables = choices and isinstance(choices[0], type) and issubclass(choices[0], msgspec.Struct)
+        if get_origin(field.type) is list and isinstance(value, list) and of_tables:
             for index, entry in enumerate(value):
                 _check_keys(entry, choices[0], source, f"{place}[{index}]", error)
-
-
-def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
 
 
 def _joined(source: str, place: str) -> str:

@@ -81,12 +81,9 @@ def matching(names: Iterable[str], typed: str) -> list[str]:
 
 
 def check_unique(names: tuple[str, ...], kind: str) -> None:
-    repeated = [name for name, count in Counter(names).items() if count > 1]
-    if repeated:
-        count = names.count(repeated[0])
-        raise StructureError(
-            f"the name is used {count} times; names must be unique", f'{kind} "{repeated[0]}"'
-        )
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise StructureError(f"the name is used {count} times; names must be unique", f'{kind} "{name}"')
 
 
 Value = TypeVar("Value")

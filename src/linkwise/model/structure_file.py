@@ -348,13 +348,12 @@ def _coefficient_text(coefficient: Coefficient) -> str:
         return toml_text(f"={coefficient.same_as}")
     if coefficient.known:
         return repr(coefficient.value)
-    fields = {
-        "start": coefficient.value,
-        "lower": coefficient.lower if coefficient.lower > -math.inf else None,
-        "upper": coefficient.upper if coefficient.upper < math.inf else None,
-        "sigma": coefficient.sigma if coefficient.sigma < math.inf else None,
-    }
-    pairs = [f"{name} = {value!r}" for name, value in fields.items() if value is not None]
+    values = (coefficient.value, coefficient.lower, coefficient.upper, coefficient.sigma)
+    pairs = [
+        f"{name} = {value!r}"
+        for name, value in zip(("start", "lower", "upper", "sigma"), values, strict=True)
+        if value is not None and math.isfinite(value)
+    ]
     return f"{{ {', '.join(pairs)} }}" if pairs else '"unknown"'
 
 

@@ -427,9 +427,9 @@ def check_names(
     channels: Sequence[Channel], noise: Mapping[str, float], interpolation: Mapping[str, str]
 ) -> None:
     """Raise RecordError for a channel that is listed twice, and for invalid noise or interpolation."""
-    repeated = [name for i, name in enumerate(channels) if name in channels[:i]]
-    if repeated:
-        raise RecordError("is listed twice", channel=repeated[0])
+    for number, name in enumerate(channels):
+        if name in channels[:number]:
+            raise RecordError("is listed twice", channel=name)
     for name, sigma in noise.items():
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)

@@ -25,7 +25,7 @@ from linkwise.records.channel import (
     check_values,
     require_channel,
 )
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, check_common
+from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns
 from linkwise.records.truth import SimulationTruth
 
@@ -140,7 +140,9 @@ class Record(NotebookView):
                     require_channel(name, self.channels, OF_CHANNELS[kind].label)
         check_names(self.channels, self.noise, self.interpolation)
         check_clipped(self.channels, self.clipped)
-        check_common(self.uncertainty.get(COMMON, SensorUncertainty()))
+        common = self.uncertainty.get(COMMON, SensorUncertainty())
+        if common.offset or common.delay:
+            raise RecordError("sensors share a gain, not an offset or a delay", channel=COMMON)
         check_values(self.start, self.rate, self.channels, self.values)
 
     @classmethod

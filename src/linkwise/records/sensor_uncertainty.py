@@ -92,9 +92,3 @@ def size_in_unit(size: float, channel: Channel, of_state: str = "", *, digits: i
     if not of_state:
         return f"{size:.{digits}g} in its SI unit"
     return f"{size / factor_to_si(of_state, '?'):.{digits}g} {of_state}"
-
-
-def check_common(known: SensorUncertainty) -> None:
-    """Raise RecordError for anything but a gain that sensors share."""
-    if known.offset or known.delay:
-        raise RecordError("sensors share a gain, not an offset or a delay", channel=COMMON)

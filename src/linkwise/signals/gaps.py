@@ -139,8 +139,7 @@ def _not_white(record: Record, cube: Floats) -> tuple[str, ...]:
     change = cube[-1] - cube[-2]
     white = np.nanmean(np.diff(change, 2, axis=0) ** 2, axis=0) / 6.0
     smooth = white < _WHITE * np.nanvar(change, axis=0)
-    names = [name for name, is_smooth in zip(record.channels, smooth.tolist(), strict=True) if is_smooth]
-    names = [name for name in names if name in record.responses]
+    names = [name for name in record.responses if smooth[record.channels.index(name)]]
     if not names:
         return ()
     return (
