@@ -125,7 +125,9 @@ def host(
         _refuse(context, _OF_RECORDS, "{} is for records of a test: give --modes with it.")
     title = options["name"] or files[0].stem
     stated = {kind: options[f"{kind}_sigma"] for kind in ("frequency", "damping", "shape")}
-    sigmas = {kind: 0.01 * percentage(text, f"--{kind}-sigma", "2%") for kind, text in stated.items() if text}
+    sigmas: dict[str, Any] = {
+        kind: 0.01 * percentage(text, f"--{kind}-sigma", "2%") for kind, text in stated.items() if text
+    }
     estimate = None
     if modes is not None:
         _refuse(context, _NOT_OF_RECORDS, "{} is for modes or matrices, and --modes for records of a test.")

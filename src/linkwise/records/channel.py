@@ -430,9 +430,9 @@ def check_names(
     for number, name in enumerate(channels):
         if name in channels[:number]:
             raise RecordError("is listed twice", channel=name)
-    for name, sigma in noise.items():
+    for measured, sigma in noise.items():
         if not (np.isfinite(sigma) and sigma >= 0.0):
-            raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=name)
+            raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=measured)
 
     check_interpolation([name for name in channels if name.is_input], interpolation)
 

@@ -134,10 +134,10 @@ class Record(NotebookView):
             given = getattr(self, name).items()
             object.__setattr__(self, name, MappingProxyType({parsed.get(k, k): v for k, v in given}))
         object.__setattr__(self, "values", read_only(self.values))
-        for kind in ("noise", "uncertainty", "clipped"):
-            for name in getattr(self, kind):
-                if (kind, name) != ("uncertainty", COMMON):
-                    require_channel(name, self.channels, OF_CHANNELS[kind].label)
+        for stated in ("noise", "uncertainty", "clipped"):
+            for name in getattr(self, stated):
+                if (stated, name) != ("uncertainty", COMMON):
+                    require_channel(name, self.channels, OF_CHANNELS[stated].label)
         check_names(self.channels, self.noise, self.interpolation)
         check_clipped(self.channels, self.clipped)
         common = self.uncertainty.get(COMMON, SensorUncertainty())
@@ -475,7 +475,7 @@ class Record(NotebookView):
         if seed < 0:
             raise RecordError(f"seed must not be negative, got {seed}")
         earlier = self.simulated.noise if self.simulated else {}
-        values, added = self.values.copy(), {}
+        values, added = self.values.copy(), dict[str, float]()
         for name in self.responses:
             samples = values[:, self.channels.index(name)]
             sigma = 0.0
