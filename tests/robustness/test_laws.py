@@ -71,7 +71,7 @@ def test_samples_that_nothing_can_have_are_refused() -> None:
     record = chain_record(2, duration=0.5, rate=500.0).with_noise(30.0, seed=1)
     values = {str(name): record.channel(name).copy() for name in record.channels}
     values["x:m2"][40] = 1e300
-    with pytest.raises(lw.RecordError, match=r"the value is 1e\+300, more than 1e\+100 \(sample 40\)"):
+    with pytest.raises(lw.RecordError, match=r"the value is 1e\+300, more than 1e\+100; .* \(sample 40\)"):
         lw.Record.from_arrays(record.time, values)
     with pytest.raises(lw.RecordError, match=r"the value at 0.08 s is 1e\+300, more than 1e\+100"):
         lw.Record(0.0, 500.0, record.channels, np.column_stack(list(values.values())))
