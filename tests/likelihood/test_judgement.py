@@ -17,7 +17,6 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.checks.held_errors import decisive
 from linkwise.likelihood.noise import is_coloured, whiteness_text
 from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
@@ -210,9 +209,7 @@ def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain:
     fit = lw.identify(short, chain.unknown("nes"))
     assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
-    assert fit.message.startswith(
-        "The structure explains the record to within 0.11 % of its forces, but what is left follows"
-    )
+    assert "but what is left follows the motion: a force like d**5 in nes1" in fit.message
 
 
 def test_a_small_missing_term_is_told_where_chi_square_is_near_one() -> None:
@@ -275,12 +272,6 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
     assert fits[0].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert {fit.grade for fit in fits} == {lw.Grade.APPROXIMATE}  # of a linear damper that comes closest
     assert present(fits[0].coefficient("link.c").interval)[0] > 0.0
-    narrow = fits[0].diagnosis[0]
-    assert decisive((narrow,), by_blocks=True) is narrow
-    assert decisive((replace(narrow, overturned=()),), by_blocks=True) is None
-    # a term that makes most of the force in its own link, after one that explains more elsewhere
-    large = replace(narrow, overturned=(), share=0.6, gain=0.5 * narrow.gain)
-    assert decisive((replace(narrow, overturned=()), large), by_blocks=True) is large
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message
 

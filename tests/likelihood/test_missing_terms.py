@@ -83,14 +83,10 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
     if fit.trusted:
         assert_held(fit, asked, moved, times)
         assert not fit.diagnosis
-    if said.startswith(MOST):
-        assert 0.0 < fit.model_error < 0.01
     if said == "With it, ":
         assert fit.diagnosis[0].shifted == moved
         with pytest.raises(lw.IdentificationError, match="does not allow for terms that are missing"):
             lw.likelihood.profile_interval(fit, moved)
-    if "r*d**5" in term.law.text:  # the second term is not significant
-        assert "d**5" not in [cause.term for cause in fit.diagnosis]
 
 
 def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
@@ -108,7 +104,6 @@ def test_a_term_that_hardly_raises_chi_square_is_told() -> None:
     asked = chain.unknown("all")
     fit = lw.identify(clean.with_noise(30.0, seed=5), asked)
     assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
-    assert 0.0 < fit.model_error < 0.05
     assert abs(present(fit.chi_square_per_sample) - 1.0) < 3.0 * np.sqrt(2.0 / fit.samples)
     assert (fit.diagnosis[0].where, fit.diagnosis[0].term) == ("nes1", "d**5")
     assert "Most of what is left would be explained by a force like d**5 in nes1" in fit.message
@@ -225,15 +220,15 @@ def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Reco
     number = [str(parameter.name) for parameter in fit.parameters].index("nes1.c")
     off = fit.values[number] - truth(chain, chain.unknown("nes"))[number]
     assert off > 5.0 * np.sqrt(fit.covariance[number, number])
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
+    assert fit.grade is lw.Grade.APPROXIMATE
     assert fit.diagnosis[0].term == "sign(v)" and fit.diagnosis[0].where == "nes1"
     assert fit.diagnosis[0].size == pytest.approx(FRICTION, rel=0.05)  # linearised at the fit without it
-    assert "a force like sign(v) in nes1" in fit.message and "change nes1.c by" in fit.message
+    assert "With sign(v) in nes1 only noise is left, and nes1.c changes by" in fit.message
 
 
 def test_friction_that_was_not_offered_takes_trust_from_a_discovery(rough_chain: lw.Record) -> None:
     discovery = lw.discover(rough_chain.with_noise(20.0, seed=1), masses(lw.bnes_chain(2)))
-    assert lw.Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and not discovery.trusted
+    assert discovery.grade is lw.Grade.APPROXIMATE and not discovery.trusted
     assert discovery.diagnosis[0].term == "sign(v)"
 
 
@@ -300,9 +295,8 @@ def test_a_small_error_beside_a_missing_term_leaves_an_approximate_answer(
     if kind == "term":
         assert some(cause for cause in fit.diagnosis if cause.kind.endswith("delay"))
         return
-    assert (
-        fit.diagnosis[0].is_instrument and "of its standard errors, and no coefficient by more" in fit.message
-    )
+    assert fit.diagnosis[0].is_instrument
+    assert f"Most of what is left would be explained by {fit.diagnosis[0].description}" in fit.message
     assert all(cause.shift <= 3.0 for cause in some(cause for cause in fit.diagnosis if cause.is_instrument))
 
 
@@ -319,8 +313,8 @@ def test_an_error_that_moves_a_coefficient_beyond_its_interval_takes_trust(
     assert not fit.trusted
     if structure is MORE_DRAG:
         assert fit.diagnosis[0].kind == "term" and fit.model_error > 0.0
-        assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,)
-        assert "beside the terms that would explain more it would change" in fit.message
+        assert fit.grade is lw.Grade.APPROXIMATE
+        assert some(cause for cause in fit.diagnosis if cause.kind == "gain")
         return
     off = fit.values - truth(TRUE, fit.given_structure)
     assert np.max(np.abs(off) / np.sqrt(np.asarray(fit.covariance).diagonal())) > CHANCE

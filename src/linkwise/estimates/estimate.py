@@ -211,7 +211,7 @@ class Estimate(JudgedView):
     links_in_doubt : frozenset of str
         Links of a discovery that others may stand for; their coefficients have no intervals.
     for_dropped_terms : array of shape (p, p) or None
-        The part of the covariance that allows for terms that a discovery dropped, or that explain a model error;
+        The part of the covariance that allows for terms that a discovery dropped, or at which residuals hint;
         predictions without these do not have it.
 
     Examples

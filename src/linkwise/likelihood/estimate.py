@@ -18,10 +18,11 @@ from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import ErrorKind, NoiseEstimate, SensorErrorEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.inspection.missing_samples import EstimatedError
-from linkwise.likelihood.checks.held_errors import unseen_terms
 from linkwise.likelihood.checks.horizons import over_horizons
-from linkwise.likelihood.checks.record import judge
+from linkwise.likelihood.checks.judgement import Examined
+from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
+from linkwise.likelihood.checks.usual_terms import unseen_terms
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, motion_of_links, require_told
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
@@ -577,18 +578,20 @@ def estimate_of(
     require_told(fit)
     identified, fit = _with_values(structure, fit), with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
-    judgement = judge(fit, identified, structures, records, searched=offered is not None)
+    examined = Examined(fit, identified, structures, records, searched=offered is not None)
+    judgement = judge(examined)
     residuals = fit.misfit.residuals
     approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
     if approximate is not None:
         fit, identified = approximate, _with_values(structure, approximate)
     covariance, faint = with_faint_modes(fit, identified)
-    added = [] if approximate else judgement.additions  # the scatter of blocks and the path hold all that
-    covariance = sum(added, covariance)
+    added = {} if approximate else judgement.added  # the scatter of blocks and the path hold all that
+    covariance = sum(added.values(), covariance)
+    of_terms_and_masses = [added[what] for what in ("terms", "masses") if what in added]
     units: dict[str, str] = {name: unit_in(structure, name) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
-    tested = None if approximate else judgement.trusted_tests
+    tested = None if approximate or judgement.verdict.forbids else examined.diagnosis.tested
     unseen = unseen_terms(fit, identified, tested, covariance, terms=of_terms)
     return Estimate(
         method="ml",
@@ -613,13 +616,15 @@ def estimate_of(
             *unseen_remark(unseen),
             *(inseparable(fit) if judgement.verdict.forbids else ()),
         ),
-        profile=None if approximate or judgement.widens_for_laws else partial(profile_ends, fit.optimum),
+        profile=None
+        if approximate or judgement.lacks_more_than_profiles_hold
+        else partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
         disturbances=estimated_disturbances(fit),
         unseen_terms=unseen,
-        for_dropped_terms=None if approximate else judgement.for_missing_terms,
+        for_dropped_terms=np.sum(of_terms_and_masses, axis=0) if of_terms_and_masses else None,
         approximate=approximate is not None,
     )

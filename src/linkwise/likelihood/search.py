@@ -155,6 +155,11 @@ class BlockScatter:
     ratios: Floats
     chance: float
 
+    def added(self, white: Floats) -> Floats:
+        """(p, p) what the scatter adds to the covariance of p parameters that `white` noise gives."""
+        ratios = self.ratios[: len(white)]
+        return white * (np.outer(ratios, ratios) - 1.0)
+
 
 def block_scatter(
     segments: Segments,

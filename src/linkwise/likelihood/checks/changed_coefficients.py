@@ -16,9 +16,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.checks.held_errors import LIKELIER
-from linkwise.likelihood.checks.judgement import Judgement
-from linkwise.likelihood.checks.model_error import CloserFit
+from linkwise.likelihood.checks.held_closer import CloserFit
+from linkwise.likelihood.checks.judgement import LIKELIER, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.search import BLOCKS, BlockScores, block_scores, blocks_of_scatter
@@ -46,31 +45,19 @@ _CHANCE = 12.0
 _LEFT = 1e-6  # of the information before a moment: what the coefficients, fitted anew, leave of it at least
 
 
-def beside_changes(judgement: Judgement, fit: LikelihoodFit, records: Sequence[Record]) -> Judgement:
-    """The judgement, without trust where a change of one coefficient explains much more than all other causes.
+def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether a change of one coefficient explains much more than all other causes.
 
-    Parameters
-    ----------
-    judgement : Judgement
-        The judgement on the fit.
-    fit : LikelihoodFit
-        The fit.
-    records : sequence of Record
-        The records.
-
-    Returns
-    -------
-    Judgement
-        The same where no change is significant, where another cause is likelier, in records too short for blocks or so long
-        that they are fitted in pieces, and with random forces or a robust loss, whose weights the scores do not have.
+    It is not tested in records too short for blocks or so long that they are fitted in pieces, and with random forces or a
+    robust loss, whose weights the scores do not have.
     """
-    if judgement.verdict not in _JUDGED:
-        return judgement
-    change = likeliest_change(fit, records, judgement.tested, judgement.diagnosis)
+    if before.verdict not in _JUDGED:
+        return None
+    change = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis)
     if change is not None:
-        return with_change(judgement, change)
-    hidden = _hidden_change(judgement.closer_fit, records)
-    return judgement if hidden is None else with_change(judgement, hidden, "Held closer to the laws")
+        return with_change(before, change)
+    hidden = None if of.causes else _hidden_change(of.closer, of.records)
+    return None if hidden is None else with_change(before, hidden, "Held closer to the laws")
 
 
 def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause | None:
@@ -93,9 +80,7 @@ def with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgem
             "neither value: identify the parts of the record before and after it by themselves."
         ),
         diagnosis=(change, *judgement.diagnosis),
-        for_missing_terms=None,
-        for_blocks=None,
-        for_input_noise=None,
+        added={},
     )
 
 

@@ -35,7 +35,7 @@ from linkwise.estimates.causes import DEGREES, Cause
 from linkwise.inspection.channel_signal import RecordSignals
 from linkwise.inspection.inspect import inspect
 from linkwise.inspection.samples import rails
-from linkwise.likelihood.checks.judgement import Judgement
+from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
 from linkwise.likelihood.noise import is_white
 from linkwise.modal.oscillators import SampledForce
@@ -75,30 +75,31 @@ def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[C
             yield Cause("clipped", name, float(count), "1", gain, standard_error=0.0)
 
 
+_MORE = 20.0  # times what any other cause explains: a mode that is lacking is no small error, as these are
 _JUMPS = "jumps between two samples"  # of a channel that lacks samples, without a gap in the times
 _SYSTEMATIC = (Verdict.MEASUREMENT_ERROR, Verdict.SYSTEMATIC_MISFIT, Verdict.UNEXPLAINED_FORCES)
 
 
-def before_other_causes(judgement: Judgement, records: Sequence[Record]) -> Judgement:
-    """The judgement, with uneven samples told before the causes of a diagnosis, all of which such samples resemble.
+def uneven_samples(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether samples were lost or written twice, which all causes of a diagnosis resemble.
 
     A step in time moves everything behind it, which gains and delays explain in part.
     """
-    if judgement.verdict not in _SYSTEMATIC or not judgement.diagnosis:
-        return judgement
+    if of.fit.random_forces or before.verdict not in _SYSTEMATIC or not before.diagnosis:
+        return None
     shown = {
         f"{alert.channel} {alert.message.partition(',' if alert.kind == 'dropped' else ':')[0]}"
-        for alert in inspect(tuple(records)).alerts
+        for alert in inspect(tuple(of.records)).alerts
         if alert.kind == "doubled" or (alert.kind == "dropped" and alert.message.startswith(_JUMPS))
     }
     if not shown:
-        return judgement
+        return None
     return replace(
-        judgement,
+        before,
         message=(
             f"The record shows by itself what comes before any cause below: {'; '.join(sorted(shown))}. Samples were lost or "
             "written twice, so that what follows is early or late. Mend that first, as the alerts say, and identify again. "
-            f"As it stands: {judgement.message[:1].lower()}{judgement.message[1:]}"
+            f"As it stands: {before.message[:1].lower()}{before.message[1:]}"
         ),
     )
 
@@ -276,19 +277,16 @@ _SCATTERED = 100.0
 _DOUBTED = (Verdict.NOT_CONVERGED, Verdict.NOISE_MISMATCH)
 
 
-def with_understated_noise(
-    judgement: Judgement, fit: LikelihoodFit, records: Sequence[Record]
-) -> Judgement | None:
-    """The judgement that says that the noise of channels is stated too small, where that alone is wrong; else None.
+def understated_noise(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether the noise of channels is stated too small, and nothing else is wrong.
 
     What laws lack leaves residuals that follow the motion, from one sample to the next; those of noise are white.
     """
-    if judgement.verdict not in _DOUBTED or fit.random_forces:
+    fit, records, unsettled = of.fit, of.records, before.verdict is Verdict.NOT_CONVERGED
+    if before.verdict not in _DOUBTED or fit.random_forces:
         return None
-    if judgement.verdict is Verdict.NOT_CONVERGED:
-        scattered = beyond_statement(records)
-        if scattered:
-            return replace(judgement, message=f"{judgement.message} {scattered}")
+    if unsettled and (scattered := beyond_statement(records)):
+        return replace(before, message=f"{before.message} {scattered}", is_final=True)
     if not np.isfinite(fit.chi_square):
         return None
     stated = {name for record in records for name in record.noise}
@@ -303,15 +301,14 @@ def with_understated_noise(
         exceeded.append(f"{ratio:.2g} times in {name}, {fit.noise[name]:.2g} {records[0].unit(name)}")
     if not exceeded:
         return None
-    which = " and ".join(exceeded)
-    unsettled = judgement.verdict is Verdict.NOT_CONVERGED
     return replace(
-        judgement,
+        before,
         message=(
-            f"The residuals exceed the noise that is stated ({which}), and are white, as noise is and what laws lack is not: "
-            f"it is stated too small.{' The search did not converge with it.' if unsettled else ''} "
+            f"The residuals exceed the noise that is stated ({' and '.join(exceeded)}), and are white, as noise is and what "
+            f"laws lack is not: it is stated too small.{' The search did not converge with it.' if unsettled else ''} "
             "State what it is, or leave it out, so that it is found with the laws."
         ),
+        is_final=True,
     )
 
 
@@ -596,3 +593,92 @@ def _orthonormal(columns: Floats) -> Floats:
     size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     basis, root, _ = scipy.linalg.qr(columns / size, mode="economic", pivoting=True)
     return np.asarray(basis[:, np.abs(root.diagonal()) > _RANK])
+
+
+def errors_of_records(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether samples are clipped, or a whole channel has the wrong sign, another unit or place, or a high pass.
+
+    Without such an error one of the structures explains the records to within their noise, or the record itself shows it, and
+    no other cause is likelier.
+    """
+    if of.fit.random_forces or not (before.verdict.forbids or before.diagnosis):
+        return None
+    clipped = tuple(clipped_samples(of.fit, of.records))
+    unexplained = _is_unexplained(of.fit, before.verdict)
+    of_channels = (recording_errors(of.records, structure) for structure in of.structures if unexplained)
+    errors = (*clipped, *next(filter(None, of_channels), ()))
+    if not errors:
+        return None
+    unsettled = before.verdict is Verdict.NOT_CONVERGED
+    return replace(
+        before,
+        verdict=Verdict.NOT_CONVERGED if unsettled else Verdict.MEASUREMENT_ERROR,
+        message=(f"{before.message} " if unsettled else "") + _explanation(errors, is_clipped=bool(clipped)),
+        diagnosis=(*errors, *before.diagnosis),
+        added={},
+        is_final=True,
+    )
+
+
+def modes_of_hosts(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether hosts lack modes, before all other causes: errors of sensors look a little like them."""
+    settled = before.verdict is not Verdict.NOT_CONVERGED  # else the forces of links are wrong
+    if of.fit.random_forces or not (settled and _is_unexplained(of.fit, before.verdict)):
+        return None
+    most = max((cause.gain for cause in before.diagnosis), default=0.0)
+    causes = lacking_modes(of.fit, of.identified, of.records) if of.identified.hosts else ()
+    causes = tuple(cause for cause in causes if cause.gain > _MORE * most)
+    if not causes:
+        return None
+    parts = [
+        f"with {cause.description}, the forces on it explain {100.0 * cause.share:.3g} % of what its stated modes leave in "
+        f"its sensors: {_ADVICE[cause.kind]}"
+        for cause in causes
+    ]
+    return replace(
+        before,
+        verdict=Verdict.UNEXPLAINED_FORCES,
+        message=f"The structure does not explain the record: {'; '.join(parts)}.",
+        diagnosis=(*causes, *before.diagnosis),
+        is_final=True,
+    )
+
+
+def _is_unexplained(fit: LikelihoodFit, verdict: Verdict) -> bool:
+    """Whether the laws leave more than noise, and the answer is not to be trusted."""
+    unsettled = verdict is Verdict.NOT_CONVERGED and fit.model_error == 0.0 and not fit.chi_square_off
+    return verdict.forbids and not unsettled and verdict not in _LEAVES_NOISE
+
+
+def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
+    """What the first of the errors means, and what mends it; the others look like it."""
+    first, others = errors[0], errors[1:]
+    advice = _ADVICE[first.kind].format(where=first.where, source=first.source, factor=_factor(first))
+    if is_clipped:
+        more = f" There is also {' and '.join(error.description for error in others)}." if others else ""
+        return (
+            f"The motion goes on beyond the range of {first.where}: {first.description} would lower -2 log likelihood by "
+            f"{first.gain:.3g}.{more} Intervals of exact laws would not include that: {advice}."
+        )
+    alike = f" ({' or '.join(error.description for error in others)} would do the same)" if others else ""
+    return (
+        f"The laws do not explain the record as it stands, and explain it to within its noise but for one error: "
+        f"{first.description}{alike}: {advice}, and identify again."
+    )
+
+
+def _factor(cause: Cause) -> str:
+    return f"{1.0 / cause.size:g}" if cause.kind == "unit" else ""
+
+
+_LEAVES_NOISE = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
+"""Verdicts on laws that leave only noise."""
+
+_ADVICE = {
+    "sign": "change the sign of {where}",
+    "unit": "multiply {where} by {factor}, or state its unit",
+    "swapped": "exchange {where} and {source}",
+    "high pass": "couple the sensor of {where} directly (DC), or integrate what it took off",
+    "mode": "state that mode, or keep it of the matrices",
+    "clipped": "mark these samples as missing (mark_missing), or measure with a larger range",
+}

@@ -22,8 +22,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.changed_coefficients import likeliest_change, with_change
-from linkwise.likelihood.checks.held_errors import LARGEST_SHIFT
-from linkwise.likelihood.checks.judgement import Judgement
+from linkwise.likelihood.checks.judgement import LARGEST_SHIFT, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.optima.other_optima import with_faint_modes
@@ -138,94 +137,60 @@ _TRIED = 3  # causes that are as likely
 _LEFT = 2.0  # chi-square that exact laws may leave where more is missing
 
 _CROSSTALK = "crosstalk"
+_TINY = float(np.finfo(float).tiny)
 
 
-def beside_richer_laws(
-    judgement: Judgement, fit: LikelihoodFit, structure: Structure, records: Sequence[Record]
-) -> Judgement:
-    """The judgement, without trust where laws that leave only noise contradict the intervals.
+def richer_laws(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether laws with the likeliest term, and what is significant beside it, leave only noise, and move coefficients.
 
-    Parameters
-    ----------
-    judgement : Judgement
-        The judgement on the fit.
-    fit : LikelihoodFit
-        The fit.
-    structure : Structure
-        The structure with its unknowns.
-    records : sequence of Record
-        The records.
-
-    Returns
-    -------
-    Judgement
-        The same where no term explains most of what a model error stands for, and where no few terms, links and errors leave
-        only noise. Long records are not fitted again.
+    Neither where the laws were searched nor in long records, which are not fitted again.
     """
-    causes = judgement.diagnosis
-    if judgement.verdict is not Verdict.MODEL_ERROR_NEEDED or not causes or causes[0].kind != "term":
-        return judgement
-    if fit.random_forces or is_long(fit.segments):
-        return judgement
-    deviations = _deviations(judgement, fit, structure)
+    fit, structure, records, causes = of.fit, of.structures[0], of.records, before.diagnosis
+    if before.verdict is not Verdict.MODEL_ERROR_NEEDED or not causes or causes[0].kind != "term":
+        return None
+    if of.searched or fit.random_forces or is_long(fit.segments):
+        return None
+    deviations = np.sqrt(np.maximum(with_faint_modes(fit, of.identified)[0].diagonal(), _TINY))
     exact = _exact_laws(causes[0], fit, structure, records, deviations)
     if exact is None:
-        return judgement
+        return None
     terms = " and ".join(map(_in_words, exact.added))
     if exact.is_interrupted:
-        return _without_trust(
-            judgement,
-            Verdict.NOT_CONVERGED,
-            f"Interrupted: the fit with {terms}, which tells whether intervals hold, did not end. "
-            "The values are the best of the laws as stated.",
+        return replace(
+            before,
+            verdict=Verdict.NOT_CONVERGED,
+            message=f"Interrupted: the fit with {terms} did not end. The values are the best of the laws as stated.",
         )
     with_them, names = f"With {terms}", fit.segments.system.parameters.names
     if exact.change is not None:
         return _beside_change(
-            judgement, exact.change, dict(zip(names, deviations.tolist(), strict=True)), with_them
+            before, exact.change, dict(zip(names, deviations.tolist(), strict=True)), with_them
         )
     shifted, shift = exact.farthest(fit, deviations)
     if shift <= LARGEST_SHIFT and exact.causes:
-        return judgement
+        return None
+    noise = "hardly more than noise" if exact.causes else "only noise"
+    message = f"{before.message} {with_them} {noise} is left"
     if shift <= LARGEST_SHIFT:
-        return replace(judgement, message=f"{judgement.message} {with_them} only noise is left.")
-    refuted = _without_trust(
-        judgement,
-        Verdict.SYSTEMATIC_MISFIT,
-        f"{with_them} the laws leave {'hardly more than' if exact.causes else 'only'} noise, and {shifted} is "
-        f"{shift:.2g} of the standard errors of this answer away, which intervals of exact laws do not include: "
-        f"add what is missing{', and correct what is off' if any(of.is_instrument for of in exact.added) else ''}.",
-    )
+        return replace(before, message=f"{message}.")
     added = set(map(_identity, exact.added))
-    others = (cause for cause in causes if _identity(cause) not in added)
-    return replace(refuted, diagnosis=(*exact.added, *others))
+    return replace(
+        before,
+        message=f"{message}, and {shifted} changes by {shift:.2g} of its standard errors.",
+        diagnosis=(*exact.added, *(cause for cause in causes if _identity(cause) not in added)),
+    )
 
 
 def _beside_change(
-    judgement: Judgement, change: Cause, deviations: Mapping[str, float], with_them: str
-) -> Judgement:
+    before: Judgement, change: Cause, deviations: Mapping[str, float], with_them: str
+) -> Judgement | None:
     """The judgement where a coefficient changes in laws with what is missing, by their standard `deviations` in the answer."""
     if change.where not in deviations:  # of a term that was added, which may be of another form
-        return judgement
+        return None
     if abs(change.size) > NORMAL_95 * deviations[change.where]:
-        return with_change(judgement, change, with_them)
+        return with_change(before, change, with_them)
     remark = f"{with_them}, {change.description} would explain most of the rest."
-    return replace(judgement, message=f"{judgement.message} {remark}")
-
-
-def _deviations(judgement: Judgement, fit: LikelihoodFit, structure: Structure) -> Floats:
-    """(p,) standard errors of the answer, which include missing terms; those of faint modes are known beforehand."""
-    names = (parameter.name for parameter in structure.parameters)
-    identified = structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
-    covariance = with_faint_modes(fit, identified)[0].copy()
-    for addition in (judgement.for_missing_terms, judgement.for_blocks):
-        covariance += 0.0 if addition is None else addition
-    return np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
-
-
-def _without_trust(judgement: Judgement, verdict: Verdict, message: str) -> Judgement:
-    """The judgement with a verdict that forbids trust."""
-    return replace(judgement, verdict=verdict, message=message, for_missing_terms=None, for_blocks=None)
+    return replace(before, message=f"{before.message} {remark}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,10 +23,15 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.checks.judgement import Judgement
+from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.marginal import is_long
-from linkwise.likelihood.optima.other_optima import is_loosened, rise_of_profile, rises_by
+from linkwise.likelihood.optima.other_optima import (
+    is_loosened,
+    rise_of_profile,
+    rises_by,
+    with_faint_modes,
+)
 from linkwise.likelihood.shooting.linear_model import FactoredModel, linear_model, precise_model
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.steps import pull_of_defects
@@ -50,38 +55,28 @@ _TOO_LITTLE = 0.5  # of the rise expected there
 _LOWER = -0.5  # of -2 log likelihood: there is another optimum, which is higher
 
 
-def with_skewed_profiles(judgement: Judgement, fit: LikelihoodFit, faint: Sequence[str] = ()) -> Judgement:
-    """The judgement with what skewed profiles add to the covariance; one that forbids trust where they cannot be followed.
+def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether profiles of the likelihood are skewed, beside nothing but exact laws and white noise.
 
-    Parameters
-    ----------
-    judgement : Judgement
-        The judgement.
-    fit : LikelihoodFit
-        The fit.
-    faint : sequence of str, optional
-        Parameters that are left out, as their intervals do not rest on the covariance.
-
-    Returns
-    -------
-    Judgement
-        The same one where no profile is skewed, and beside anything but exact laws and white noise.
+    Intervals reach as far as these do; none where they cannot be followed. Those of faint modes do not rest on the covariance.
     """
-    exact = judgement.verdict is Verdict.CONVERGED and not fit.random_forces and fit.optimum.coloured is None
+    fit = of.fit
+    exact = before.verdict is Verdict.CONVERGED and not fit.random_forces and fit.optimum.coloured is None
     if not exact or not fit.free.any():
-        return judgement
+        return None
+    faint = with_faint_modes(fit, of.identified)[1]
     names = fit.segments.system.parameters.names
-    accelerations = _accelerations(fit, judgement.tested)
+    accelerations = _accelerations(fit, of.diagnosis.tested)
     skewed = {k: a for k, a in accelerations.items() if not abs(a) < _SKEWED and names[k] not in faint}
     reaches: dict[int, float] = {}
     for number, acceleration in skewed.items():
         reach = _reach_on_slow_side(fit, number, acceleration)
         if reach is None:
             return replace(
-                judgement,
+                before,
                 verdict=Verdict.SEVERAL_OPTIMA,
                 message=(
-                    f"{judgement.message} But the likelihood of {names[number]} falls steeply on one side, and either cannot "
+                    f"{before.message} But the likelihood of {names[number]} falls steeply on one side, and either cannot "
                     "be followed to the end of its interval on the other or rises again beyond. Hold "
                     "it at a known value, or add a record of another motion or with less noise."
                 ),
@@ -89,12 +84,12 @@ def with_skewed_profiles(judgement: Judgement, fit: LikelihoodFit, faint: Sequen
         reaches[number] = reach / NORMAL_95
     wider = {number: factor for number, factor in reaches.items() if factor > _WIDER}
     if not wider:
-        return judgement
+        return None
     named = _listed([f"{names[number]} ({factor:.2g} times)" for number, factor in wider.items()])
     return replace(
-        judgement,
-        message=f"{judgement.message} The likelihood falls slowly on one side of {named}; intervals reach as far as it does.",
-        for_skewed_profiles=_added(fit.covariance, wider),
+        before,
+        message=f"{before.message} The likelihood falls slowly on one side of {named}; intervals reach as far as it does.",
+        added={**before.added, SKEWED: _added(fit.covariance, wider)},
     )
 
 

@@ -1,0 +1,53 @@
+"""The checks of a fit, in their order: what each asks, and what it does to the answer."""
+
+from __future__ import annotations
+
+from linkwise.likelihood.checks import recording, verdicts
+from linkwise.likelihood.checks.changed_coefficients import changed_coefficients
+from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
+from linkwise.likelihood.checks.richer_laws import richer_laws
+from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
+
+VERDICTS = (
+    Check("convergence", "refuses", verdicts.convergence),
+    Check("standard errors", "refuses", verdicts.standard_errors),
+    Check("level of the noise", "approximates", verdicts.level_of_noise),
+    Check("noise found of inputs", "approximates", verdicts.noise_found_of_inputs),
+    Check("error of a measurement", "approximates", verdicts.error_of_measurement),
+    Check("unexplained forces", "approximates", verdicts.unexplained_forces),
+    Check("systematic misfit", "approximates", verdicts.systematic_misfit),
+    Check("spectra of random forces", "approximates", verdicts.spectra_of_forces),
+    Check("filter of all sensors", "refuses", verdicts.filter_of_all_sensors),
+    Check("whiteness", "refuses", verdicts.whiteness),
+    Check("values far away", "refuses", verdicts.values_far_away),
+    Check("another position of rest", "refuses", verdicts.another_rest),
+    Check("regularity", "refuses", verdicts.regularity),
+    Check("model error", "approximates", verdicts.model_error),
+)
+"""Checks that find the verdict, in their order: the first that has one does."""
+
+FINDINGS = (
+    Check("hidden terms", "approximates", verdicts.term_hidden_by_model_error),
+    Check("unrecorded forces", "names", verdicts.remarks_on_forces),
+    Check("hints at noise of inputs", "widens", verdicts.hinted_noise_of_inputs),
+    Check("hints at masses", "widens", verdicts.hinted_masses),
+    Check("hints at missing terms", "widens", verdicts.hinted_terms),
+    Check("stated noise", "names", recording.understated_noise),
+    Check("changes along the record", "approximates", changed_coefficients),
+    Check("skewed profiles", "widens", skewed_profiles),
+    Check("richer laws", "names", richer_laws),
+    Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
+    Check("modes that hosts lack", "approximates", recording.modes_of_hosts),
+    Check("uneven samples", "names", recording.uneven_samples),
+)
+"""Checks that follow, in their order, each on what those before it said."""
+
+
+def judge(of: Examined) -> Judgement:
+    """The judgement on a fit by all checks in turn."""
+    found = (check.judge(of) for check in VERDICTS)
+    judgement: Judgement = next(verdict for verdict in found if verdict is not None)
+    for check in FINDINGS:
+        if not judgement.is_final:
+            judgement = check.judge(of, judgement) or judgement
+    return judgement

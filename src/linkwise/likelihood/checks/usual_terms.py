@@ -1,0 +1,373 @@
+"""Terms that exact laws may lack, none of them significant: what residuals hint at, and what no test sees.
+
+Chi-square sees an error of the laws only where it exceeds several percent of the noise in power. Two tests see a smaller one:
+the scores of terms that laws lack most often, and the scatter of blocks of the records, as a law that lacks a term is fitted
+by other values to each motion that it meets (a test of homogeneity: Cochran, Biometrics 10, 1954). For exact laws the two are
+nearly independent, and their product says more than either (Fisher, "Statistical methods for research workers", 1932).
+Where they doubt the laws, intervals are as wide as blocks scatter, and hold what usual terms would make of the coefficients.
+
+Terms are added to the linearised equations one at a time, always the one that explains most of what those before it leave.
+With values c_D of the terms D so found the coefficients move by G c_D, and G c_D c_D' G' is added to their covariance: the
+second moment of the c_D about the zero that the laws as stated give them (Berk et al., Ann. Statist. 41, 2013).
+
+The score test of a term bounds its size. A term that resembles those of the law moves their coefficients by many standard
+errors before its own score is significant, so that intervals hold for the law as stated only. No interval of reasonable width
+could hold what no test of the records sees; it is reported instead. Stated masses may be off likewise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats
+from linkwise.estimates.causes import UnseenTerm
+from linkwise.estimates.link_estimate import NORMAL_95
+from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.search import BLOCKS, EQUAL, BlockScatter, block_scatter
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.tests.columns import largest_damping
+from linkwise.likelihood.tests.diagnosis import (
+    LARGEST,
+    TestedCauses,
+    beyond_white,
+    in_longer_segments,
+    link_forces,
+    which_stated,
+)
+from linkwise.likelihood.tests.score_test import (
+    BETWEEN_MODES,
+    MEMORY_TERMS,
+    PRICE_OF_REACH,
+    Hypothesis,
+    single_tests,
+    which_between_modes,
+    which_usual,
+)
+from linkwise.model.host import in_words
+from linkwise.model.names import MASS
+from linkwise.model.structure import Structure
+from linkwise.runtime import one_blas_thread
+
+_SINGULAR = 1e-12
+_MOST = 6  # terms at which residuals hint; of more, each makes a small part of what the first ones do
+_MOST_DOUBTED = 24  # the same where the laws are doubted; those of more links are as many decisions
+_LIKELY = 1.0
+"""Standard errors from zero beyond which usual terms are counted: as for a term of a regression (Theil 1961), those that are
+nearer to zero than their own error say no more of the coefficients than their absence does."""
+
+_HINT = 2.5
+"""A normal score, on either side, beyond which intervals of exact laws hold a usual term: one in 80 by chance, so that nearly
+all stay as they are. To hold what terms with a smaller score may do, all would have to be several times as wide."""
+
+_POWERS = ("d**3", "d**5")
+_HINT_OF_POWER = 2.0
+"""The same of a power of the elongation: one in 22 by chance. What the coefficients make up for it depends on the amplitude:
+those of 10 s of random motion differ from those of an endless record by about as many standard errors as the score says, and
+beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class HintedTerms:
+    """The `terms` at which residuals hint, the likeliest first, and what each makes of the coefficients: `moves` (p, c)."""
+
+    terms: tuple[Hypothesis, ...]
+    moves: Floats
+
+    @property
+    def covariance(self) -> Floats:
+        """(p, p) what they add to that of the coefficients, in SI units."""
+        moved = self.moves.sum(axis=1)
+        return np.outer(moved, moved)
+
+
+def _scores(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Floats:
+    """(u,) normal scores of the usual terms among what was `tested`, without sign; 0 of those that cannot be told.
+
+    They are tested one at a time, all coefficients fitted anew to first order.
+    """
+    return np.sqrt(_gains_of(tested, which_usual(tested.hypotheses, identified))) / fit.optimum.noise
+
+
+def _hinted(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, doubted: bool
+) -> HintedTerms | None:
+    """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
+
+    Damping between modes of hosts counts as one. Those at which the residuals hint; where it is `doubted` that the laws are
+    exact, those of one link that are farther from zero than their standard error, of more links fewer, as chance gives more of
+    them (Foster and George, Ann. Statist. 22, 1994).
+    """
+    usual = which_usual(tested.hypotheses, identified)
+    between = which_between_modes(tested.hypotheses)
+    if not (usual or between):
+        return None
+    links = max(len({tested.hypotheses[number].where for number in usual}), 1)
+    hypotheses = [tested.hypotheses[number] for number in usual + between]
+    least = _hints(hypotheses)
+    if doubted:
+        least = np.minimum(_LIKELY**2 + 2.0 * np.log(links), least)
+    limits = least + _prices(hypotheses)
+    if not np.any(_gains_of(tested, usual + between) > limits * fit.optimum.noise**2):
+        return None
+    among = _among(tested, usual + between, len(fit.values))
+    return _added(fit, *among, limits, _MOST_DOUBTED if doubted else _MOST)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
+def _added(
+    fit: LikelihoodFit,
+    hypotheses: Sequence[Hypothesis],
+    curvature: Floats,
+    slope: Floats,
+    least: Floats,
+    at_most: int,
+) -> HintedTerms | None:
+    """The terms that gain more than the `least` (h,), each the likeliest beside those before it, up to a number."""
+    optimum, p = fit.optimum, len(fit.values)
+    scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
+    curvature, slope = curvature * np.outer(scale, scale), slope * scale
+    order, added = np.arange(len(slope)), 0
+    for position in range(p, p + min(at_most, len(hypotheses))):
+        among = np.ix_(order, order)
+        gains = single_tests(curvature[among], slope[order], curvature[among], position).gains
+        beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2
+        excess = np.where(beyond > least[order[position:] - p], beyond, 0.0)
+        if not excess.any():
+            break
+        best = position + int(np.argmax(excess))
+        order[[position, best]] = order[[best, position]]
+        added += 1
+    if not added:
+        return None
+    own, terms = order[:p], order[p : p + added]
+    both = order[: p + added]
+    values = np.linalg.lstsq(curvature[np.ix_(both, both)], slope[both], rcond=_SINGULAR)[0][p:]
+    follow = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
+    moves = np.linalg.lstsq(*follow, rcond=_SINGULAR)[0] * values
+    moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
+    return HintedTerms(tuple(hypotheses[number - p] for number in terms.tolist()), moves)
+
+
+def _hints(hypotheses: Sequence[Hypothesis]) -> Floats:
+    """(h,) what each gains at least where the residuals of exact laws hint at it."""
+    powers = np.array([hypothesis.term in _POWERS for hypothesis in hypotheses])
+    of_power = _HINT_OF_POWER**2 + 2.0 * np.log(max(int(np.count_nonzero(powers)), 1))
+    return np.asarray(np.where(powers, min(of_power, _HINT**2), _HINT**2))
+
+
+def _prices(hypotheses: Sequence[Hypothesis]) -> Floats:
+    """(h,) what each gains by chance beside its size: a force with memory has a reach as well.
+
+    Beside a stiff link it hardly differs from a damper, whose interval it would make many times as wide. Damping between
+    modes is one of many pairs.
+    """
+    pairs = sum(hypothesis.kind == BETWEEN_MODES for hypothesis in hypotheses)
+    of_pair = 2.0 * float(np.log(max(pairs, 1)))
+    return np.array(
+        [
+            of_pair
+            if hypothesis.kind == BETWEEN_MODES
+            else PRICE_OF_REACH * (hypothesis.term in MEMORY_TERMS)
+            for hypothesis in hypotheses
+        ]
+    )
+
+
+def _gains_of(tested: TestedCauses, numbers: Sequence[int]) -> Floats:
+    """What each of some hypotheses alone would take off the cost; 0 of those that cannot be told."""
+    gains = tested.tests.gains[np.array(numbers, dtype=int)]
+    return np.where(np.isfinite(gains), gains, 0.0)
+
+
+def _among(
+    tested: TestedCauses, numbers: Sequence[int], parameters: int
+) -> tuple[list[Hypothesis], Floats, Floats]:
+    """The hypotheses of these `numbers`; curvature and slope in the `parameters` and their sizes, scaled."""
+    order = [*range(parameters), *(parameters + number for number in numbers)]
+    hypotheses = [tested.hypotheses[number] for number in numbers]
+    return hypotheses, tested.curvature[np.ix_(order, order)], tested.slope[order]
+
+
+_DOUBT = 0.02
+"""Probability of so large scores and so much scatter by chance, below which exact laws are doubted: one record in 50 has wider
+intervals for nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Doubt:
+    """What exact laws may lack: `terms` at which residuals hint, and the `scatter` of blocks where they disagree."""
+
+    terms: HintedTerms | None
+    scatter: BlockScatter | None = None
+
+    def added(self, white: Floats) -> dict[str, Floats]:
+        """What they add to the covariance (p, p) that `white` noise gives."""
+        by_blocks = {} if self.scatter is None else {"blocks": self.scatter.added(white)}
+        return by_blocks | ({} if self.terms is None else {"terms": self.terms.covariance})
+
+    @property
+    def hint(self) -> str:
+        """What the residuals show of it."""
+        if self.terms is None:
+            return "a difference between parts of the records"
+        first = self.terms.terms[0]
+        if first.kind == BETWEEN_MODES:
+            return f"damping {in_words(first.where)}"
+        return f"a force like {first.term} in {first.where}"
+
+
+def doubt(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, *, searched: bool
+) -> Doubt | None:
+    """What intervals of exact laws hold where residuals hint at missing terms, none of them significant.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that leaves only white noise.
+    identified : Structure
+        The structure with the values of the fit.
+    tested : TestedCauses or None
+        What was tested, usual terms among it; None where nothing was.
+    searched : bool
+        Whether the laws were searched in these records. The search weighs each term by its standard error, so that blocks
+        do not widen it.
+
+    Returns
+    -------
+    Doubt or None
+        None where nothing says that the laws are not exact.
+    """
+    if tested is None:
+        return None
+    scores = _scores(fit, identified, tested)
+    scores = scores[scores > 0.0]
+    scatter = None if searched else scatter_of_blocks(fit, tested)
+    if scatter is not None:
+        beyond = float(scipy.special.ndtr(-np.max(scores, initial=0.0)))
+        product = scatter.chance * min(1.0, 2.0 * max(len(scores), 1) * beyond)
+        if product * (1.0 - np.log(max(product, np.finfo(float).tiny))) < _DOUBT:
+            terms = _hinted(fit, identified, tested, doubted=True)
+            return Doubt(terms, scatter)
+    hinted = _hinted(fit, identified, tested, doubted=False)
+    return None if hinted is None else Doubt(hinted)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a trial beyond what is finite gives no scatter
+def scatter_of_blocks(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockScatter | None:
+    """The scatter of blocks of the records.
+
+    None where they are too short for blocks, or where a robust loss, what is known beforehand, coloured noise or a random
+    force weighs the samples otherwise than the scores say.
+    """
+    optimum, segments = fit.optimum, fit.segments
+    weighed = segments.prior is not None or segments.random is not None or optimum.coloured is not None
+    if weighed or not isinstance(optimum.loss, Gaussian):
+        return None
+    free = np.ones(len(optimum.point.border), dtype=bool)
+    free[: len(fit.values)] = fit.free
+    longer, misfit = optimum, fit.misfit
+    with one_blas_thread():
+        scores = tested.block_scores if tested else None
+        if scores is None:
+            longer, misfit = in_longer_segments(fit)
+            if longer.segments.count < EQUAL * BLOCKS[0]:  # short ones make more equal blocks
+                longer, misfit = optimum, fit.misfit
+        scatter = block_scatter(
+            longer.segments,
+            misfit,
+            optimum.scales,
+            optimum.loss,
+            q=optimum.q,
+            noise=optimum.noise,
+            free=free,
+            scores=scores,
+        )
+    return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
+
+
+_NEGLIGIBLE = 0.01
+"""Of a coefficient: what the calibration of sensors leaves open anyway, and intervals do not hold unless it is stated. The
+gain of an accelerometer is known to 1 % as a rule."""
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
+def unseen_terms(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, covariance: Floats, *, terms: bool
+) -> tuple[UnseenTerm, ...]:
+    """The usual terms, damping between modes and stated masses that the records do not bound well, the farthest move first.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit that is trusted.
+    identified : Structure
+        The structure with the values of the fit.
+    tested : TestedCauses or None
+        What was tested at the fit, usual terms among it; None where nothing was.
+    covariance : array of shape (p, p)
+        That of the coefficients as it is reported.
+    terms : bool
+        Whether terms are looked for as well as masses: where the fit leaves only noise, without a significant cause.
+
+    Returns
+    -------
+    tuple of UnseenTerm
+        Those which, as large as the records let them be, would change a coefficient by more than an interval can hold, and
+        by more than is negligible; of each term the coefficient that it would change most.
+    """
+    if tested is None:
+        return ()
+    optimum, p, tests = fit.optimum, len(fit.values), tested.tests
+    deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)
+    numbers = which_stated(tested.hypotheses, fit.segments.system.parameters.names)
+    if terms:
+        usual = which_usual(tested.hypotheses, identified)
+        numbers = usual + which_between_modes(tested.hypotheses) + numbers
+    wholes = _wholes(fit, identified, tested, numbers)
+    unseen = []
+    for number, (whole, largest) in zip(numbers, wholes, strict=True):
+        hypothesis, size = tested.hypotheses[number], float(tests.sizes[number])
+        limit = min(abs(size) + beyond_noise * float(tests.deviations[number]), largest * whole)
+        change = tests.changes[:, number] * optimum.scales.theta[:p] * np.divide(limit, abs(size))
+        shifts, relative = np.abs(change) / deviations, np.abs(change / fit.values)
+        beyond = fit.free & np.isfinite(shifts) & (shifts > LARGEST_SHIFT) & (relative > _NEGLIGIBLE)
+        if not (beyond.any() and tests.gains[number] > 0.0 and whole > 0.0):
+            continue
+        farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
+        unseen.append(
+            UnseenTerm(
+                link=hypothesis.where,
+                term=MASS if hypothesis.kind == MASS else hypothesis.term or "v",
+                share=float(limit / whole),
+                coefficient=fit.segments.system.parameters.names[farthest],
+                change=float(change[farthest]),
+                standard_errors=float(shifts[farthest]),
+                relative_change=float(relative[farthest]),
+            )
+        )
+    return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
+
+
+def _wholes(
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Sequence[int]
+) -> Iterator[tuple[float, float]]:
+    """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
+    forces = dict(
+        zip((link.name for link in identified.links), link_forces(fit.optimum, fit.misfit), strict=False)
+    )
+    damping = largest_damping(identified)
+    for number in numbers:
+        hypothesis, unit = tested.hypotheses[number], float(tested.units[number])
+        if hypothesis.kind == BETWEEN_MODES:
+            yield damping[hypothesis.where] / unit, 1.0
+        elif hypothesis.kind == MASS:
+            yield 1.0 / unit, LARGEST
+        else:
+            yield forces.get(hypothesis.where, 0.0), np.inf

@@ -1,0 +1,398 @@
+"""The verdict on a maximum-likelihood fit: whether it converged, whether its residuals are noise, and what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.estimates.causes import Cause
+from linkwise.likelihood.checks.held_closer import hidden_term
+from linkwise.likelihood.checks.judgement import (
+    LARGEST_SHIFT,
+    LARGEST_TERM,
+    Examined,
+    Judgement,
+)
+from linkwise.likelihood.checks.usual_terms import doubt, scatter_of_blocks
+from linkwise.likelihood.noise import is_coloured
+from linkwise.likelihood.optima.hidden_wells import about_another_rest
+from linkwise.likelihood.optima.other_optima import is_regular, undetermined_far_away, with_faint_modes
+from linkwise.likelihood.search import BlockScatter
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.tests.diagnosis import hinted_masses as masses_of
+from linkwise.likelihood.tests.variances import (
+    BEHIND_FILTER,
+    SPECTRAL_KINDS,
+    UNSTEADY,
+    for_noise_of_inputs,
+)
+from linkwise.model.names import MASS
+from linkwise.records.channel import BASE
+from linkwise.signals.noise import outliers_exceed_noise
+from linkwise.verdict import Verdict
+
+_NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals no larger than that
+_LARGEST_ERROR = 0.1
+"""Relative to the forces on a mass: the largest model error beside which the values are close to those of exact laws."""
+_NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
+_AS_NOISE = 0.25
+"""Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
+such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
+_RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
+_SMALL_ERRORS = frozenset(
+    {"gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay"}
+)
+"""Whose effect the first order describes. A filter of all sensors changes the motion that nonlinear links act by as well,
+noise of inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""
+_LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
+_NO_ERRORS = (
+    "The search converged, but standard errors are not finite: a coefficient has no effect on what "
+    "was recorded, or a mode or a link moves faster than the sampling rate lets it be followed. Leave out modes far above the "
+    "band of the record, or record at a higher rate."
+)
+_NOT_WHITE = (
+    ", but the residuals are not white, as the noise is taken to be: intervals of exact laws would be too narrow. A "
+    "filter or a drift of a sensor, or a term that is missing, leaves such residuals."
+)
+_FILTERED = (
+    ", as behind a filter that all sensors share. Such a filter also changes the recorded motion, which the residuals "
+    "do not show. Remove the effect of the filter, or record without it."
+)
+_SHORT = (
+    " The record is too short to compare separate blocks of it, so the intervals take what is left for white noise, and "
+    "may be too narrow."
+)
+
+
+def convergence(of: Examined) -> Judgement | None:
+    """Whether the search ended without an optimum."""
+    status = of.fit.status
+    if status is AnnealingStatus.CONVERGED:
+        return None
+    reason = f"{status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
+    if of.fit.chi_square > _RAN_AWAY:
+        reason = (
+            f"{status.value.capitalize()}. With these values the motion runs away from the record between its "
+            "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
+        )
+    return Judgement(Verdict.NOT_CONVERGED, reason)
+
+
+def standard_errors(of: Examined) -> Judgement | None:
+    """Whether an unknown has no finite standard error."""
+    return None if of.fit.has_errors else Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)
+
+
+def level_of_noise(of: Examined) -> Judgement | None:
+    """Whether chi-square is not that of the noise."""
+    fit = of.fit
+    if not fit.chi_square_off:
+        return None
+    times = f"The residuals are {np.sqrt(fit.chi_square):.3g} times the noise"
+    residuals = fit.misfit.residuals.transpose(2, 0, 1).reshape(-1, fit.misfit.residuals.shape[1])
+    if not of.causes and fit.chi_square > 1.0 and outliers_exceed_noise(residuals):
+        return _found(
+            of,
+            Verdict.OUTLIERS,
+            f"{times}, because of outliers alone: typical residuals match the noise found. "
+            f"Use a robust loss, which gives outliers little weight, or mark them as missing samples.",
+        )
+    return _found(
+        of,
+        Verdict.NOISE_MISMATCH,
+        f"{times}: the noise is not what was stated or found, a term is missing from a law, or a "
+        f"link from the structure. The values are the best of these laws.{likeliest(of.causes)}",
+    )
+
+
+def noise_found_of_inputs(of: Examined) -> Judgement | None:
+    """Whether inputs have more noise, as it was found, than measured inputs have."""
+    noisy = list(_noisy_inputs(of))
+    if not noisy:
+        return None
+    return _found(
+        of,
+        Verdict.UNEXPLAINED_FORCES,
+        f"{of.explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _NOISIEST_INPUT:.0f} % of it: "
+        f"it stands for errors of the laws, which intervals would take for noise.{likeliest(of.causes)}",
+    )
+
+
+def _noisy_inputs(of: Examined) -> Iterator[str]:
+    inputs, rms = of.fit.segments.inputs, {}
+    if inputs.force is not None:
+        powers = np.mean(inputs.force[:, 0] ** 2, axis=(0, 2))
+        names = of.identified.mass_names
+        rms = {f"force:{name}": float(np.sqrt(power)) for name, power in zip(names, powers, strict=True)}
+    if inputs.frame is not None:
+        rms[f"a:{BASE}"] = float(np.sqrt(np.mean(inputs.frame[:, 0] ** 2)))
+    if inputs.base is not None:
+        rms[f"x:{BASE}"] = float(np.sqrt(np.mean(inputs.base[:, 0, 0] ** 2)))
+    for force in of.fit.random_forces:
+        if force.found and not force.ambient and force.deviation > _NOISIEST_INPUT * rms[force.where]:
+            yield force.where
+
+
+def error_of_measurement(of: Examined) -> Judgement | None:
+    """Whether an error of a sensor, an input or a mass explains most of what is left, and moves coefficients."""
+    if not (of.causes and of.causes[0].is_instrument) or _are_small(of):
+        return None
+    return _found(of, Verdict.MEASUREMENT_ERROR, of.explained + _of_instrument(of.causes[0]))
+
+
+def _are_small(of: Examined) -> bool:
+    """Whether intervals by blocks hold what any error of a sensor, an input or a mass makes of the coefficients."""
+    return of.has_intervals_by_blocks and all(
+        error.kind in _SMALL_ERRORS and 0.0 < error.shift <= LARGEST_SHIFT and not error.overturned
+        for error in of.causes
+        if error.is_instrument
+    )
+
+
+def unexplained_forces(of: Examined) -> Judgement | None:
+    """Whether the laws leave a large part of the forces."""
+    if not of.share > _LARGEST_ERROR:
+        return None
+    message = f"{of.explained}: a term or a link is missing.{likeliest(of.causes)}"
+    return _found(of, Verdict.UNEXPLAINED_FORCES, message)
+
+
+def systematic_misfit(of: Examined) -> Judgement | None:
+    """Whether what is left follows the motion as a missing term or link does."""
+    first = next((cause for cause in of.causes if not cause.is_instrument), None)
+    is_small = first is not None and first.kind == "term" and first.share <= LARGEST_TERM
+    if first is None or (
+        is_small and (of.has_intervals_by_blocks or _scatter_of_small_terms(of) is not None)
+    ):
+        return None
+    overturned = ""
+    if first.overturned:
+        overturned = f", and {', '.join(first.overturned)} would have no certain sign, or another one"
+    return _found(
+        of,
+        Verdict.SYSTEMATIC_MISFIT,
+        f"{of.explained}, but what is left follows the motion: {would_explain(first)}{overturned}. Intervals of exact laws "
+        "would count that as noise; a term or a link is missing, or a sensor has an error.",
+    )
+
+
+def _scatter_of_small_terms(of: Examined) -> BlockScatter | None:
+    """How far blocks disagree on stated laws that leave only noise, in which small terms alone are significant; else None."""
+    fit, first = of.fit, of.causes[0]
+    noise = max((cause.gain for cause in of.causes if cause.kind == "input noise"), default=0.0)
+    terms = {cause.kind for cause in of.causes} <= {"term", "input noise"} and noise < _AS_NOISE * first.gain
+    if fit.model_error > 0.0 or of.searched or not terms or first.share > LARGEST_TERM:
+        return None
+    return scatter_of_blocks(fit, of.diagnosis.tested)
+
+
+def spectra_of_forces(of: Examined) -> Judgement | None:
+    """Whether random forces are not white, independent and steady."""
+    if not of.causes or of.causes[-1].kind not in SPECTRAL_KINDS:
+        return None
+    return _found(of, Verdict.MEASUREMENT_ERROR, of.explained + _of_instrument(of.causes[-1]))
+
+
+def filter_of_all_sensors(of: Examined) -> Judgement | None:
+    """Whether the noise of all sensors is correlated as behind one filter."""
+    return _found(of, Verdict.COLOURED_RESIDUALS, of.explained + _FILTERED) if of.is_filtered else None
+
+
+def whiteness(of: Examined) -> Judgement | None:
+    """Whether residuals of exact laws are not white."""
+    fit = of.fit
+    exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
+    counted = exact and fit.chi_square > _NEXT_TO_NOTHING and not of.coloured
+    if not (counted and is_coloured(fit.misfit.residuals)):
+        return None
+    return _found(of, Verdict.COLOURED_RESIDUALS, of.explained + _NOT_WHITE)
+
+
+def values_far_away(of: Examined) -> Judgement | None:
+    """Whether values far from the estimates of a link that hardly moves explain the records as well."""
+    faint = undetermined_far_away(of.fit, of.identified)
+    if not faint:
+        return None
+    return _found(
+        of,
+        Verdict.SEVERAL_OPTIMA,
+        f"{of.explained}, but values of {', '.join(faint)} far from the estimates explain it as well: the elongation "
+        f"of the link hardly exceeds the noise. Hold them at known values, or record "
+        f"a motion with a larger elongation of the link.",
+    )
+
+
+def another_rest(of: Examined) -> Judgement | None:
+    """Whether motion about another position of rest explains the records as well."""
+    another = about_another_rest(of.fit)
+    return _found(of, Verdict.SEVERAL_OPTIMA, f"{of.explained}, but {another}") if another else None
+
+
+def regularity(of: Examined) -> Judgement | None:
+    """Whether the likelihood has other optima nearby, or is not quadratic."""
+    if is_regular(of.fit, with_faint_modes(of.fit, of.identified)[1]):
+        return None
+    return _found(
+        of,
+        Verdict.SEVERAL_OPTIMA,
+        f"{of.explained}, but around the estimates the likelihood has other optima or is not quadratic, as intervals assume. "
+        "Give closer starting values, a shorter part of the record, or less noise.",
+    )
+
+
+def model_error(of: Examined) -> Judgement:
+    """Whether the laws leave more than noise, a small part of the forces that nothing else explains."""
+    fit, causes = of.fit, of.causes
+    scatter = _scatter_of_small_terms(of) if causes else None
+    if fit.model_error > 0.0 or scatter is not None:
+        short = _SHORT if scatter is None and fit.error_ratios is None else ""
+        message = f"{of.explained}.{short}{likeliest(causes)}{moved(causes)}"
+        found = _found(of, Verdict.MODEL_ERROR_NEEDED, message)
+        return found if scatter is None else replace(found, added={"blocks": scatter.added(fit.covariance)})
+    allowed = "; all intervals allow for that" if of.coloured else ""
+    return _found(of, Verdict.CONVERGED, f"{of.explained}{allowed}.")
+
+
+def _found(of: Examined, verdict: Verdict, message: str) -> Judgement:
+    return Judgement(verdict, message, of.share, of.causes)
+
+
+def would_explain(cause: Cause) -> str:
+    """What a cause would explain."""
+    return f"{cause.description} would lower -2 log likelihood by {cause.gain:.3g}"
+
+
+def likeliest(causes: Sequence[Cause]) -> str:
+    """That the likeliest cause would explain most."""
+    return f" Most of what is left would be explained by {causes[0].description}." if causes else ""
+
+
+def moved(causes: Sequence[Cause]) -> str:
+    """Which coefficient the likeliest cause would change most, where it would change by more than its interval says."""
+    if not causes or causes[0].shift <= LARGEST_SHIFT:
+        return ""
+    return f" With it, {causes[0].shifted} would change by {causes[0].shift:.2g} of the standard errors of the laws as stated."
+
+
+def _of_instrument(cause: Cause) -> str:
+    """What an error in what was recorded or stated means for the answer."""
+    if cause.kind in ("input noise", "ambient"):
+        kind = "an ambient force on" if cause.kind == "ambient" else "noise of"
+        more = "more of it, or let it be found" if cause.remark else f"{kind} {cause.where}"
+        return (
+            f", but {would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
+            f"wrong by more than intervals of exact laws say: allow for {more}."
+        )
+    if cause.kind == UNSTEADY:
+        return (
+            f", but {would_explain(cause)}. The strongest parts tell most, so intervals would be at least "
+            f"{np.hypot(1.0, cause.size):.2g} times too narrow: use parts of the record in which the level "
+            "is about the same."
+        )
+    if cause.remark.endswith(BEHIND_FILTER):
+        return (
+            f", but {would_explain(cause)}. All frequencies tell the level of the forces, and dampings would be wrong by more "
+            "than intervals of exact laws say: resample the accelerations at twice the frequency up to which the "
+            "filter is flat, by their Fourier transform."
+        )
+    if cause.kind in SPECTRAL_KINDS:
+        return (
+            f", but {would_explain(cause)}. The laws take up what such forces differ by from white and independent ones, and "
+            "would be wrong by more than intervals of exact laws say: record the forces, or the structure where "
+            "nothing but applied forces or its own decay moves it."
+        )
+    return (
+        f", but {would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than intervals of "
+        "exact laws say: correct it, or estimate it with the other unknowns."
+    )
+
+
+def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether the motion held closer to the laws shows a missing term, or an error of a mass, that is hidden otherwise.
+
+    Beside a model error, or where it would change coefficients by no more than intervals hold, it is named.
+    """
+    if before.verdict.forbids or before.diagnosis or of.closer is None:
+        return None
+    hidden = hidden_term(of.fit, of.closer)
+    if hidden is None:
+        return None
+    cause, is_mass = hidden.cause, hidden.cause.kind == MASS
+    is_small = hidden.shift <= LARGEST_SHIFT and (is_mass or of.fit.random_forces)
+    if is_small or (of.fit.model_error > 0.0 and not is_mass):
+        named = (replace(cause, shift=hidden.shift),)
+        return replace(
+            before, message=f"{before.message}{likeliest(named)}{moved(named)}", diagnosis=(cause,)
+        )
+    changed = cause.shifted and hidden.change > 0.0
+    change = f", and change {cause.shifted} by {100.0 * hidden.change:.2g} %" if changed else ""
+    noise = " and ".join(f"noise of {force.where}" for force in of.fit.random_forces)
+    where = f"with the {noise}" if noise else "where the motion departs from it a little"
+    advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"
+    return replace(
+        before,
+        verdict=Verdict.MEASUREMENT_ERROR if is_mass else Verdict.SYSTEMATIC_MISFIT,
+        message=(
+            f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
+            f"{would_explain(cause)}{change}. Intervals of exact laws would not include that{advice}."
+        ),
+        diagnosis=(cause,),
+    )
+
+
+def remarks_on_forces(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether an unrecorded force, or noise of an input, may be what is missing, and what could not be tested."""
+    if not of.is_settled:
+        return None
+    remark = _of_forces(of, before.verdict) + of.diagnosis.remark
+    return replace(before, message=before.message + remark) if remark else None
+
+
+def _of_forces(of: Examined, verdict: Verdict) -> str:
+    fit = of.fit
+    if any(force.ambient for force in fit.random_forces):
+        return (
+            " Ambient forces are assumed to be white and independent, which is tested where the structure moves; errors of "
+            "sensors and stated masses are not tested with them."
+        )
+    inputs = [name for name in of.channels if name.is_input]
+    if not (fit.random_forces or inputs) and verdict in _LIKE_A_FORCE:
+        return " If an unrecorded force acts, such as wind or traffic, state it as ambient."
+    noisy = [cause for cause in of.causes[1:] if cause.kind == "input noise"]
+    if noisy and verdict is Verdict.SYSTEMATIC_MISFIT:
+        return f" Also, {noisy[0].description} would explain it: allow for noise of {noisy[0].where} before adding a term."
+    if inputs and verdict is Verdict.MODEL_ERROR_NEEDED:
+        return f" Noise of {inputs[0]} has the same effect: if it has some, allow for noise of {inputs[0]}."
+    return ""
+
+
+def hinted_noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether residuals hint at noise of an input, though it is not significant."""
+    noise = for_noise_of_inputs(of.fit, of.inputs) if before.leaves_noise else None
+    return None if noise is None else _widened(before, {"input noise": noise[1]}, noise[0].description)
+
+
+def hinted_masses(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether residuals hint at an error of a stated mass, though it is not significant."""
+    tested = of.diagnosis.tested
+    masses = None if before.verdict.forbids or before.diagnosis or not tested else masses_of(of.fit, tested)
+    return None if masses is None else _widened(before, {"masses": masses.covariance}, masses.hint)
+
+
+def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether residuals hint at missing terms, or parts of the records disagree, though nothing is significant."""
+    fit = of.fit
+    if not before.leaves_noise or fit.optimum.coloured is not None or fit.random_forces:
+        return None
+    doubted = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
+    if doubted is None:
+        return None
+    return _widened(before, doubted.added(fit.covariance), doubted.hint)
+
+
+def _widened(before: Judgement, added: Mapping[str, Floats], hint: str) -> Judgement:
+    message = f"{before.message} The residuals hint at {hint}; the intervals allow for that."
+    return replace(before, message=message, added={**before.added, **added})
