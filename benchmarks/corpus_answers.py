@@ -141,10 +141,15 @@ def _(limit: lw.Limit) -> Answer:
 @answer_of.register
 def _(absorption: lw.Absorption) -> Answer:
     decays = {
-        f"{what} of {mass.name} {run}": getattr(decay, what)
+        f"{what} of {mass.name} {run}": getattr(decay, attribute)
         for mass in absorption.masses
         for run, decay in (("with", mass.with_sinks), ("without", mass.without))
-        for what in ("peak", "rms", "settled", "rate")
+        for what, attribute in (
+            ("peak", "peak"),
+            ("rms", "rms"),
+            ("settled", "settled"),
+            ("rate", "decay_rate"),
+        )
     }
     shares = {f"share of {sink.sink.link}": sink.share for sink in absorption.sinks}
     harvests = {f"harvest of {harvest.link}": harvest.energy for harvest in absorption.harvests}

@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (12, 1557),
     "identification": (13, 2114),
     "inspection": (12, 1899),
-    "likelihood": (59, 15926),
+    "likelihood": (60, 15815),
     "modal": (7, 846),
     "model": (20, 3231),
     "paper": (3, 396),
