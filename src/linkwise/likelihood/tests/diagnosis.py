@@ -355,6 +355,9 @@ _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 """What the log determinant does not see: a jump, and forces with memory."""
 
 _GROWTH = 1e3  # of a state over a segment, beyond which single precision would lose products of sensitivities
+_LATEST = (
+    20.0  # samples: the first order says nothing of a longer delay, as that of all channels of a free decay
+)
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 # of a sample squared: what straight lines take off a motion is its second derivative times it
 _STRAIGHT = 1.0 / 12.0
@@ -536,7 +539,8 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     kinds = [hypothesis.kind for hypothesis in hypotheses]
     relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
-    small = ~relative | (np.abs(sizes) < LARGEST)
+    late = np.array([kind.endswith("delay") for kind in kinds])
+    small = np.where(relative, np.abs(sizes) < LARGEST, ~late | (np.abs(sizes) < _LATEST * _sample(optimum)))
     at_filter = kinds.index("filter")
     limit = least_gain(len(gains))
     significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
@@ -620,8 +624,13 @@ def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> 
     return dict(zip((link.name for link in identified.links), sizes, strict=True))
 
 
+def _sample(optimum: Optimum) -> float:
+    """The distance of samples in s."""
+    return float(optimum.segments.step[0]) * optimum.segments.refine
+
+
 def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
-    sample = float(optimum.segments.step[0]) * optimum.segments.refine
+    sample = _sample(optimum)
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
     if hypothesis.kind == "filter" and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
