@@ -129,6 +129,10 @@ class Verdict(Enum):
         "The record contains hardly more information on some coefficients than noise, so intervals would be too narrow. Hold "
         'some at known values, record a motion that stands farther above the noise, or use method "ml".'
     )
+    BIASED = (
+        "The likelihood is largest at values that the standard errors of the method do not allow: it is biased here. Use "
+        'method "ml".'
+    )
     COVARIANCE_NOT_POSITIVE = (
         "The covariance of the coefficients is not positive definite: the record hardly determines some of them above its "
         "noise. Hold some at known values, or record a motion with a higher signal-to-noise ratio."

@@ -70,15 +70,13 @@ def moved(asked: lw.Structure, seed: int, exact: Callable[[float], lw.Record], s
 
 
 def test_terms_move_coefficients_as_far_as_told() -> None:
-    """To first order, less what test functions make of a square wave; what is unseen is named as a finding."""
+    """To first order, a quarter beside the likelihood, by which it is told; what is unseen is named as a finding."""
 
     def exact(friction: float) -> lw.Record:
         return lw.simulate(rubbing(friction), duration=6.0, rate=1000.0, forces=STEADY)
 
     asked = LINEAR.unknown("all")
-    assert abs(moved(asked, 831, exact, 30.0)) == pytest.approx(
-        0.8, abs=0.15
-    )  # test functions smooth sign(v)
+    assert abs(moved(asked, 831, exact, 30.0)) == pytest.approx(1.0, abs=0.3)
     fit = lw.identify(exact(0.0).with_noise(30.0, seed=831), asked, method="weak")
     assert fit.trusted and any("do not rule out" in finding for finding in fit.findings)
 
@@ -92,7 +90,7 @@ def test_a_stated_mass_that_is_wrong_is_named(factor: float) -> None:
         chain_record(6).with_noise(20.0, seed=851), replace(asked, masses=masses), method="weak"
     )
     assert fit.trusted is (factor == 1.0)
-    assert ("a force like acceleration of m6 on m6 alone" in fit.message) is (factor != 1.0)
+    assert ("a mass of m6" in fit.message) is (factor != 1.0)
 
 
 SINES = "12*sin(20*t) + 8*sin(33*t + 1) + 6*sin(47*t)"

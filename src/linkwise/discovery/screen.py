@@ -130,7 +130,7 @@ def _scatter(
     for (some, equations), weight in zip(patches, weights, strict=True):
         slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
         for which, block in score_blocks(slopes, weight, equations):
-            _add(total, np.searchsorted(numbers, which), equations.motion.density * block[0])
+            _add(total, np.searchsorted(numbers, which), equations.motion.density * block)
     return total
 
 

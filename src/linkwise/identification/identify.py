@@ -13,6 +13,7 @@ from linkwise.display import near_miss
 from linkwise.errors import ArgumentTypeError, IdentificationError, expect
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.identification.methods import METHODS
+from linkwise.identification.weak_answer import judged_by_likelihood
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.options import uncounted
 from linkwise.model.structure import Structure
@@ -45,8 +46,8 @@ def identify(
         The structure; what is unknown in it is identified.
     method : {"ml", "weak", "sindy"} or Estimator
         Maximum likelihood on the raw samples (METHODS section 5); the weak form (section 4: no signal is differentiated,
-        noise bias removed; milliseconds); or the paper's physics-informed SINDy. `MaximumLikelihood(...)`, `WeakForm()`
-        or `PhysicsInformedSindy(...)` in place of the name says how.
+        noise bias removed; milliseconds, and judged by the likelihood for up to six masses); or the paper's physics-informed
+        SINDy. `MaximumLikelihood(...)`, `WeakForm()` or `PhysicsInformedSindy(...)` in place of the name says how.
     progress : Progress
         Called with a `ProgressReport` at every step of "ml"; the others are done at once.
     **options
@@ -95,6 +96,8 @@ def identify(
         )
     started = perf_counter()
     estimate = estimator.estimate(records, structure, progress)
+    if isinstance(estimator, WeakForm):
+        estimate = judged_by_likelihood(estimate)
     seconds, notes = perf_counter() - started, joined_notes(records)
     remarks = (*uncounted(records, estimate.method), *_unused(records[0].channels, estimate.method))
     return replace(estimate, seconds=seconds, notes=notes, remarks=(*estimate.remarks, *remarks))

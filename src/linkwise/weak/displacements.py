@@ -443,42 +443,10 @@ class MeasuredDisplacements:
     density: int = 1
 
     @property
-    def x_or_nan(self) -> Floats:
-        """(n, N) displacements of the masses and modes, NaN where a sample is missing."""
-        x = self.displacements[:-2]
-        return x if self.missing is None else np.where(self.missing, np.nan, x)
-
-    @property
     def noise_free(self) -> bool:
         """Whether the noise of every channel is negligible."""
         small = self.source_variance < _NOISE_FREE**2 * self.source_power
         return bool(np.all(small[:-2][self.has_channel[:-2]]))
-
-    def of_piece(self, piece: Record, structure: Structure) -> MeasuredDisplacements:
-        """Displacements of a piece of the record, with the noise that was found in the whole of it.
-
-        Parameters
-        ----------
-        piece : Record
-            The piece.
-        structure : Structure
-            The structure.
-
-        Returns
-        -------
-        MeasuredDisplacements
-            The displacements.
-        """
-        deviations = np.sqrt(self.source_variance[:-1]).tolist()
-        stated = {
-            name: sigma
-            for name, sigma in zip(source_names(structure), deviations, strict=True)
-            if sigma > 0.0 and name in piece.channels
-        }
-        eliminate = self.elimination is not None
-        return read_displacements(
-            replace(piece, noise={**piece.noise, **stated}), structure, eliminate=eliminate
-        )
 
     @cached_property
     def floored_variance(self) -> Floats:

@@ -8,13 +8,13 @@ Residuals of the weak equations of motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
@@ -24,8 +24,8 @@ from linkwise.signals.base_frame import frame_acceleration
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
-from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, WeakPart, none_alone
-from linkwise.weak.window import Stretches, Window
+from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
+from linkwise.weak.window import Window
 
 MIN_WINDOWS = 8  # windows
 _PATCH = 12  # masses: their dense products are cheap, and the terms of most links are shared
@@ -89,9 +89,14 @@ class WeakEquations:
         return len(self.time)
 
     @cached_property
-    def whole(self) -> Stretches:
-        """The whole record as one stretch."""
-        return Stretches(self.window, self.thinning, ((0, self.windows),))
+    def points(self) -> Indices:
+        """(P,) the windows next to the points of `Window.adjoint`, over which sums over time go."""
+        return self.window.adjoint_windows(self.windows, self.thinning)
+
+    @property
+    def inside(self) -> slice:
+        """Where the points between the first and the last centre are."""
+        return slice(0, len(self.points) - 2 * self.window.half)
 
     @property
     def slope_stride(self) -> int:
@@ -108,7 +113,6 @@ def weak_equations(
     rate_window: Window | None = None,
     values: dict[str, float] | None = None,
     only: Collection[int] | None = None,
-    alone: Callable[[WeakPart], bool] = none_alone,
 ) -> WeakEquations:
     """Weak equations of a structure on a record.
 
@@ -128,8 +132,6 @@ def weak_equations(
         Present values of parameters that enter a law nonlinearly; their starts by default.
     only : collection of int, optional
         The numbers of the masses and modes whose equations are wanted; all by default.
-    alone : callable, optional
-        Whether the terms of a part of a law are tested one at a time; their products with each other are left out.
 
     Returns
     -------
@@ -172,7 +174,6 @@ def weak_equations(
             for mass, force in applied.items()
         },
         slope_stride=_SLOPE_THINNING * thinning,
-        alone=alone,
     )
     smooth = smooth[window.smooth :]
     area, displaced = window.kernels[window.smooth].sum(), _displacements(smooth, window)

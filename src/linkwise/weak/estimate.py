@@ -25,7 +25,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import NoiseEstimate, unseen_remark
+from linkwise.estimates.causes import NoiseEstimate
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.model.link import refuse_memory
@@ -39,11 +39,10 @@ from linkwise.verdict import Verdict
 from linkwise.weak.displacements import MeasuredDisplacements, read_displacements, source_names
 from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.fit import WeakFit, normal_equations, residual_power, weak_fit, with_priors
-from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, WeakJudgement, judgement
+from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, judgement
 from linkwise.weak.layout import structure_layout
-from linkwise.weak.likely_motion import link_force
+from linkwise.weak.link_forces import link_force
 from linkwise.weak.scatter import SlopeStatistics, noise_power
-from linkwise.weak.tested_terms import first_inertia
 from linkwise.weak.weak_form import weak_law
 from linkwise.weak.window import ORDER, Window
 
@@ -141,8 +140,9 @@ class WeakForm(Estimator):
     """The weak form, with the bias due to noise removed: the method "weak" of `identify`.
 
     The equations of motion are multiplied by test functions and integrated over short windows, so that no signal is
-    differentiated. It needs displacements and one record, takes milliseconds, and has no options. States of links with memory
-    are measured; one that is linear, as that of a Maxwell branch or of a piezo, may be hidden.
+    differentiated. It needs displacements and one record, takes milliseconds, and has no options; `identify` has its answers
+    judged by the likelihood for up to six masses, which takes tenths of a second. States of links with memory are measured;
+    one that is linear, as that of a Maxwell branch or of a piezo, may be hidden.
 
     References
     ----------
@@ -194,15 +194,15 @@ class WeakForm(Estimator):
             if converged:
                 fit = with_smoothing(record, structure, equations, fit)
             fit, contradicted = with_priors(fit, structure.parameters)
-            judged = (
+            verdict, message = (
                 judgement(record, structure, equations, fit, contradicted)
                 if converged
-                else WeakJudgement(Verdict.NOT_CONVERGED, _NOT_CONVERGED)
+                else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
             )
         return Estimate(
             method="weak",
-            fit_verdicts=(judged.verdict,),
-            message=judged.message,
+            fit_verdicts=(verdict,),
+            message=message,
             seconds=0.0,
             given_structure=structure,
             parameters=structure.parameters,
@@ -214,8 +214,7 @@ class WeakForm(Estimator):
             samples=motion.samples,
             compute_motion=partial(_link_motion, structure, equations, fit.values),
             record=given,
-            remarks=(*_remarks(record, structure, fit.excess), *unseen_remark(judged.unseen_terms)),
-            unseen_terms=judged.unseen_terms,
+            remarks=tuple(_remarks(record, structure, fit.excess)),
         )
 
 
@@ -410,9 +409,9 @@ def record_misfit(record: Record, structure: Structure) -> float:
     misfit = 0.0
     for patch in equations.patches:
         statistics = SlopeStatistics.along(patch, equations, fit.values)
-        windows = statistics.stretches.windows[statistics.stretches.inside]
+        windows = equations.points[equations.inside]
         power = noise_power(patch, statistics, equations)
-        first = first_inertia(patch.layout)
+        first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
         inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]
         recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
         terms = patch.residual(fit.values)[:, windows] ** 2 / power + np.log(power / recorded)

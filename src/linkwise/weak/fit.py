@@ -59,8 +59,6 @@ class WeakFit:
     significance : array of shape (p,)
         The information of the record on each parameter beside the others, without what noise adds to it, over the standard
         deviation of the latter; infinite at bounds, for large structures, and with priors.
-    response : array of shape (p, p), optional
-        What a change of the values that the record alone gives makes of `values`, which also know priors; None without these.
     """
 
     values: Floats
@@ -68,7 +66,6 @@ class WeakFit:
     free: Bools
     excess: float
     significance: Floats
-    response: Floats | None = None
 
 
 def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
@@ -102,9 +99,8 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
         values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
         next_weights = [1.0 / residual_power(patch, values) for patch in patches]
     noisy = [(patch, SlopeStatistics.along(patch, system, values)) for patch in patches]
-    excess = float(residual_excess(noisy, values, system)[0])
-    blocks = ((which, block[0]) for which, block in score_blocks(noisy, weights, system))
-    scatter = assemble_blocks(blocks, len(values))
+    excess = residual_excess(noisy, values, system)
+    scatter = assemble_blocks(score_blocks(noisy, weights, system), len(values))
     noise = system.motion.density * max(excess, 1.0)
     covariance = noise * _covariance(normal, scatter, free, system)
     biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)
@@ -401,8 +397,6 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
     contradicted = tuple(parameters[i].name for i in known[np.abs(missed) > _CONTRADICTED * unit].tolist())
     lower = np.array([p.lower for p in parameters])
     upper = np.array([p.upper for p in parameters])
-    response = np.eye(len(parameters))
-    response[:, known] -= gain
     joined = replace(
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),
@@ -410,6 +404,5 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
         significance=np.where(
             given, np.inf, fit.significance
         ),  # what is known beforehand stands beside the record
-        response=response,
     )
     return joined, contradicted

@@ -73,13 +73,6 @@ class StructureLayout:
         return self.structure.size + len(self.structure.topology.states)
 
     @cached_property
-    def equation_names(self) -> tuple[str, ...]:
-        """Names of these nodes; those of states are LINK.STATE."""
-        links = self.structure.links
-        states = (f"{links[link].name}.{name}" for link, name in self.structure.topology.states)
-        return (*self.structure.mass_names, *states)
-
-    @cached_property
     def between_masses(self) -> bool:
         """Whether every element acts on the masses that it reads, with the weights by which it reads them."""
         measured = self.structure.topology.states and self.elimination is None

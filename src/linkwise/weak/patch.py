@@ -30,7 +30,7 @@ constant within a window.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -39,7 +39,7 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import BalanceChange, LawTerms, StructureLayout, law_terms
-from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout, WeakPart, none_alone
+from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout
 from linkwise.weak.window import Window
 
 
@@ -50,7 +50,6 @@ def noise_bias(
     noise: Floats,
     window: Window,
     valid: Floats,
-    alone: Callable[[WeakPart], bool] = none_alone,
 ) -> Floats:
     """Bias of the products of all terms of a layout, summed over windows.
 
@@ -68,8 +67,6 @@ def noise_bias(
         The test functions.
     valid : array of shape (R,)
         Weights of the windows.
-    alone : callable, optional
-        Whether the terms of a part are tested one at a time: products of those of two such parts are left out.
 
     Returns
     -------
@@ -94,8 +91,6 @@ def noise_bias(
         bias[:, rows] += linear.T
         weighted: dict[int, list[Floats]] = {}
         for second in curved[number:]:
-            if second is not first and alone(first.part) and alone(second.part):
-                continue
             under_second = second.part.kernel
             if under_second not in weighted:
                 weighted[under_second] = [h * coverage[under][under_second] for h in first.derivatives[1:]]
@@ -131,7 +126,6 @@ def rate_bias(
     window: Window,
     valid: Floats,
     rate_filter: Floats,
-    alone: Callable[[WeakPart], bool] = none_alone,
 ) -> Floats | float:
     """Bias of the products of all terms with those that act by a smoothed rate, summed over windows.
 
@@ -151,8 +145,6 @@ def rate_bias(
         Weights of the windows.
     rate_filter : array of shape (T,)
         The filter that gives rates.
-    alone : callable, optional
-        Whether the terms of a part are tested one at a time: products of those of two such parts are left out.
 
     Returns
     -------
@@ -182,7 +174,7 @@ def rate_bias(
         bias[rows] += linear
         bias[:, rows] += linear.T
         for second in evaluated:
-            if isinstance(second.slope, float) or _apart(first, second, alone):
+            if isinstance(second.slope, float):
                 continue
             columns = second.terms
             weighted = by_rate * displaced[second.part.kernel]
@@ -190,19 +182,12 @@ def rate_bias(
             bias[rows, columns] += mixed
             bias[columns, rows] += mixed.T
         for second, by_second in rated[number:]:
-            if _apart(first, second, alone):
-                continue
             both = by_rate * rates[second.part.kernel]
             mixed = covariance[rows, second.terms] * (both @ by_second.T)
             bias[rows, second.terms] += mixed
             if second is not first:
                 bias[second.terms, rows] += mixed.T
     return bias
-
-
-def _apart(first: LawTerms, second: LawTerms, alone: Callable[[WeakPart], bool]) -> bool:
-    """Whether nobody asks for the products of two sets of terms."""
-    return second is not first and alone(first.part) and alone(second.part)
 
 
 def _correlated(kernel: Floats, taps: Floats) -> Floats:
@@ -226,7 +211,7 @@ class Patch:
     rows : array of shape (q, R)
         The terms in all windows; zero in windows with missing samples.
     products : array of shape (q, q)
-        Products of the rows, summed over windows; 0 between different terms that are tested alone.
+        Products of the rows, summed over windows.
     moments : array of shape (q, q)
         The products without the bias due to noise.
     valid : array of shape (R,)
@@ -326,8 +311,6 @@ class PatchContext:
         Negative applied forces under phi, by mass, and under the phi behind that where a state is eliminated.
     slope_stride : int
         Stride in windows of `Patch.slopes`.
-    alone : callable
-        Whether the terms of a part are tested one at a time, so that nobody asks for their products with each other.
     """
 
     structure_layout: StructureLayout
@@ -338,7 +321,6 @@ class PatchContext:
     filtered: Floats
     forces: Mapping[int, Floats]
     slope_stride: int
-    alone: Callable[[WeakPart], bool] = none_alone
 
     @cached_property
     def elongation_variance(self) -> Floats:
@@ -370,7 +352,7 @@ class PatchContext:
         rows = self._rows(layout, evaluated)
         if not valid.all():
             rows *= valid
-        products = self._products(rows, layout)
+        products = rows @ rows.T
         bias = self.bias(layout, evaluated, slope, valid)
         present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
@@ -412,10 +394,8 @@ class PatchContext:
             terms += change.terms(evaluated)
         noise = self.motion.covariance(layout.nodes)
         curved = [of_law for of_law in terms if not isinstance(of_law.slope, float)]
-        bias = noise_bias(whole, curved, slopes, noise, self.window, valid, self.alone)
-        bias += rate_bias(
-            whole, terms, slopes, noise, self.window, valid, self.rate_window.slope[0], self.alone
-        )
+        bias = noise_bias(whole, curved, slopes, noise, self.window, valid)
+        bias += rate_bias(whole, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
         return bias if change is None else change.joined(bias)
 
     def _change(self, layout: PatchLayout) -> BalanceChange | None:
@@ -426,23 +406,6 @@ class PatchContext:
         numbers = layout.coefficients.at(self.values) if len(self.values) else layout.coefficients.known
         numbers = np.where(layout.increment, 0.0, numbers)
         return BalanceChange.of(layout, numbers, {} if relaxation is None else relaxation[1])
-
-    def _products(self, rows: Floats, layout: PatchLayout) -> Floats:
-        """(q, q) products of the rows (q, R); zero between different terms that are tested alone."""
-        alone = [
-            range(terms.terms.start, terms.terms.stop)
-            for terms in layout.group_terms
-            if self.alone(terms.part)
-        ]
-        if not alone:
-            return rows @ rows.T
-        tested = np.concatenate([np.array(some) for some in alone])
-        others = np.delete(np.arange(len(rows)), tested)
-        products = np.zeros((len(rows), len(rows)))
-        products[others] = rows[others] @ rows.T
-        products[:, others] = products[others].T
-        products[tested, tested] = np.einsum("ij,ij->i", rows, rows)[tested]
-        return products
 
     def evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
         """Terms of the laws at every sample.

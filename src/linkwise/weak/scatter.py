@@ -40,8 +40,7 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import VARIABLES, Law
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
-from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, NoiseCoupling, NoisePaths, PatchLayout
-from linkwise.weak.window import InnerStretches, Stretches
+from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, NoiseCoupling, NoisePaths
 
 
 def noise_couplings(patch: Patch, system: WeakEquations) -> tuple[NoiseCoupling, ...]:
@@ -64,7 +63,7 @@ def channel_weights(
     masses: Floats,
     acting: Floats,
     slopes: Floats,
-    channels: Indices | None = None,
+    channels: Indices,
 ) -> tuple[list[Floats], Indices, Indices]:
     """What noise of channels, of variance 1, is weighted by in sums over windows.
 
@@ -82,8 +81,8 @@ def channel_weights(
         Signs in the equations times the weights of these, of k kinds of terms.
     slopes : array of shape (2, l, P)
         Mean slopes of the links with respect to d (N/m) and v (N s/m).
-    channels : array of int, optional
-        The channels, in order; all by default.
+    channels : array of int
+        The channels, in order.
 
     Returns
     -------
@@ -93,10 +92,7 @@ def channel_weights(
         The pairs, those of a channel one after the other.
     """
     paths, variance = noise_paths(patch, system), system.motion.floored_variance
-    if channels is None:
-        channels = np.unique(paths.source)
-    else:
-        paths = paths.chosen(np.isin(paths.source, channels))
+    paths = paths.chosen(np.isin(paths.source, channels))
     by_path = acting[:, paths.equation] * np.sqrt(variance[paths.source])
     by_channel = np.zeros((len(channels), len(acting), len(paths.source)))
     by_channel[np.searchsorted(channels, paths.source), :, np.arange(len(paths.source))] = by_path.T
@@ -293,27 +289,18 @@ class SlopeStatistics:
 
     Attributes
     ----------
-    stretches : Stretches or InnerStretches
-        The stretches of the record that P points are of.
     masses : array of shape (m,)
         Masses in kg.
     mean, square : array of shape (2, l, P)
         Means and mean squares of the slopes of the links.
     """
 
-    stretches: Stretches | InnerStretches
     masses: Floats
     mean: Floats
     square: Floats
 
     @classmethod
-    def along(
-        cls,
-        patch: Patch,
-        system: WeakEquations,
-        values: Floats,
-        stretches: Stretches | InnerStretches | None = None,
-    ) -> SlopeStatistics:
+    def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> SlopeStatistics:
         """Statistics along the smoothed motion.
 
         Parameters
@@ -321,82 +308,30 @@ class SlopeStatistics:
         patch : Patch
             The equations.
         system : WeakEquations
-            All equations of the record.
+            All equations of the record, at P of whose windows they are wanted.
         values : array of shape (p,)
             The parameters.
-        stretches : Stretches or InnerStretches, optional
-            Stretches of the record; the whole by default.
 
         Returns
         -------
         SlopeStatistics
             The statistics.
         """
-        stretches = stretches or system.whole
-        layout = patch.layout
-        mean, square = slopes_along(layout, system, values, stretches.windows)
-        return cls(stretches, layout.inertia.at(values), mean, square)
-
-
-def slopes_along(
-    layout: PatchLayout, system: WeakEquations, values: Floats, windows: Indices
-) -> tuple[Floats, Floats]:
-    """Means and mean squares over noise of the slopes of the links of a patch at some windows.
-
-    Parameters
-    ----------
-    layout : PatchLayout
-        The links of the patch with their laws.
-    system : WeakEquations
-        Equations of the record.
-    values : array of shape (p,)
-        The parameters of the laws.
-    windows : array of int, shape (P,)
-        The windows.
-
-    Returns
-    -------
-    mean, square : array of shape (2, l, P)
-        Those with respect to d (N/m) and v (N s/m).
-    """
-    deviation = np.sqrt(0.5 * system.context.floored_elongation_variance[layout.links])
-    mean, square = np.empty((2, 2, len(layout.links), len(windows)))
-    for group in layout.groups:
-        program, constant = _slopes(group.weak_law.law)
-        rows, links, at = group.positions, group.links[:, None], windows[:1] if constant else windows
-        offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
-        coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
-        slopes = program(system.d[links, at][:, None] + offsets, system.v[links, at][:, None], *coefficients)
-        for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
-            mean[by, rows] = 0.5 * (low + high)
-            square[by, rows] = 0.5 * (low**2 + high**2)
-    return mean, square
-
-
-def slopes_of_links(layout: PatchLayout, values: Floats, d: Floats, v: Floats) -> Floats:
-    """Slopes of the links of a patch along a motion without noise.
-
-    Parameters
-    ----------
-    layout : PatchLayout
-        The terms of the patch.
-    values : array of shape (p,)
-        The parameters.
-    d, v : array of shape (l, P)
-        Elongations in m and rates in m/s of its links.
-
-    Returns
-    -------
-    array of shape (2, l, P)
-        Slopes with respect to d (N/m) and v (N s/m).
-    """
-    slopes = np.empty((2, *d.shape))
-    for group in layout.groups:
-        program, _ = _slopes(group.weak_law.law)
-        rows = group.positions
-        coefficients = [number.at(values)[:, None] for number in group.coefficients.values()]
-        slopes[0, rows], slopes[1, rows] = program(d[rows], v[rows], *coefficients)
-    return slopes
+        layout, windows = patch.layout, system.points
+        deviation = np.sqrt(0.5 * system.context.floored_elongation_variance[layout.links])
+        mean, square = np.empty((2, 2, len(layout.links), len(windows)))
+        for group in layout.groups:
+            program, constant = _slopes(group.weak_law.law)
+            rows, links, at = group.positions, group.links[:, None], windows[:1] if constant else windows
+            offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
+            coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
+            d, v = system.d[links, at][:, None] + offsets, system.v[links, at][:, None]
+            for by, (low, high) in enumerate(
+                slope.transpose(1, 0, 2) for slope in program(d, v, *coefficients)
+            ):
+                mean[by, rows] = 0.5 * (low + high)
+                square[by, rows] = 0.5 * (low**2 + high**2)
+        return cls(layout.inertia.at(values), mean, square)
 
 
 @lru_cache(maxsize=512)
@@ -409,8 +344,8 @@ def _slopes(law: Law) -> tuple[Program, bool]:
 
 def residual_excess(
     noisy: Sequence[tuple[Patch, SlopeStatistics]], values: Floats, system: WeakEquations
-) -> Floats:
-    """Power of the residuals over the power expected from noise, in each stretch.
+) -> float:
+    """Power of the residuals over the power expected from noise.
 
     Parameters
     ----------
@@ -423,19 +358,15 @@ def residual_excess(
 
     Returns
     -------
-    array of shape (E,)
-        The ratios; 1 for laws and noise that fit.
+    float
+        The ratio; 1 for laws and noise that fit.
     """
-    stretches = noisy[0][1].stretches
-    assert isinstance(stretches, Stretches)  # not some of their points
-    windows, ends = stretches.windows[stretches.inside], [part.start for part in stretches.parts_inside]
-    total, count = np.zeros((2, len(ends)))
+    windows, total, count = system.points[system.inside], 0.0, 0.0
     for patch, statistics in noisy:
         residual, valid = patch.residual(values)[:, windows], patch.valid[windows]
-        power = noise_power(patch, statistics, system)
-        total += np.add.reduceat((residual**2 / power).sum(axis=0) * valid, ends)
-        count += len(patch.masses) * np.add.reduceat(valid, ends)
-    return np.asarray(total / np.maximum(count, 1.0))
+        total += float((residual**2 / noise_power(patch, statistics, system)).sum(axis=0) @ valid)
+        count += len(patch.masses) * float(valid.sum())
+    return total / max(count, 1.0)
 
 
 def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations) -> Floats:
@@ -453,10 +384,10 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
     Returns
     -------
     array of shape (m, I)
-        Mean squares at the windows inside of the stretches of `statistics`.
+        Mean squares at the points of `system` that are `inside`.
     """
     gram = system.window.kernels @ system.window.kernels.T
-    mean, square = (array[..., statistics.stretches.inside] for array in (statistics.mean, statistics.square))
+    mean, square = (array[..., system.inside] for array in (statistics.mean, statistics.square))
     paths, layout = noise_paths(patch, system), patch.layout
     of_mass = (paths.equation == np.arange(len(layout.masses))[:, None]) * system.motion.floored_variance[
         paths.source
@@ -478,13 +409,9 @@ def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations
 
 
 def score_blocks(
-    noisy: Sequence[tuple[Patch, SlopeStatistics]],
-    weights: Sequence[Floats],
-    system: WeakEquations,
-    *,
-    quadratic: bool = True,
+    noisy: Sequence[tuple[Patch, SlopeStatistics]], weights: Sequence[Floats], system: WeakEquations
 ) -> Iterator[tuple[Indices, Floats]]:
-    """Covariance of the normal equations of each stretch due to noise, in blocks.
+    """Covariance of the normal equations due to noise, in blocks.
 
     Parameters
     ----------
@@ -494,14 +421,12 @@ def score_blocks(
         Weights of the masses of each patch.
     system : WeakEquations
         All equations of the record.
-    quadratic : bool, optional
-        Whether `quadratic_noise` is among them.
 
     Yields
     ------
     parameters : array of int, shape (s,)
         Indices of the parameters, some perhaps repeated.
-    covariance : array of shape (E, s, s)
+    covariance : array of shape (s, s)
         Their block.
     """
     count = len(system.motion.floored_variance)
@@ -511,25 +436,23 @@ def score_blocks(
     across = pending > 1
     shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
     for (patch, statistics), weight, present in zip(noisy, weights, of_patches, strict=True):
-        products, parameters = statistics.stretches.products, patch.layout.free_parameters
-        sums = statistics.stretches.adjoint(patch.rows[patch.layout.free_terms])
-        total = np.zeros((len(statistics.stretches.ranges), len(parameters), len(parameters)))
-        if quadratic:
-            total += quadratic_noise(patch, statistics, weight, system)[1]
+        parameters = patch.layout.free_parameters
+        sums = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
+        total = _quadratic_noise(patch, statistics, weight, system)
         alone = _alone(patch, system, equations)
         for terms, of_noise in _joint_sums(patch, statistics, weight, sums, system, alone):
-            total[:, terms[:, None], terms] += products(of_noise)
+            total[terms[:, None], terms] += of_noise @ of_noise.T
         others = np.setdiff1d(np.flatnonzero(present), list(alone))
         for channel, terms, of_noise in _channel_sums(patch, statistics, weight, sums, system, others):
             if across[channel]:
                 shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
             else:
-                total[:, terms[:, None], terms] += products(of_noise)
+                total[terms[:, None], terms] += of_noise @ of_noise.T
         yield parameters, total
         pending -= present > 0
         for channel in [channel for channel in shared_sums if not pending[channel]]:
             which, of_noise = (np.concatenate(parts) for parts in zip(*shared_sums.pop(channel), strict=True))
-            yield which, products(of_noise)
+            yield which, of_noise @ of_noise.T
 
 
 def _alone(patch: Patch, system: WeakEquations, equations: Indices) -> frozenset[int]:
@@ -589,39 +512,24 @@ def _channel_sums(
             yield int(channel[own[0]]), of_term, of_noise
 
 
-def quadratic_noise(
+def _quadratic_noise(
     patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
-) -> tuple[Indices, Floats]:
-    """tr(Q Q) for the noise in each mass's own displacement, over all masses of a patch.
+) -> Floats:
+    """(s, s) tr(Q Q) for the noise in each mass's own displacement, over all masses of a patch.
 
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs: of these it is
     negative.
-
-    Parameters
-    ----------
-    patch, statistics, weight, system
-        As of `score_blocks`, for one patch.
-
-    Returns
-    -------
-    parameters : array of int, shape (s,)
-        Indices of the parameters.
-    covariance : array of shape (E, s, s)
-        What it adds to their covariance.
     """
     window = system.window
-    stretches = statistics.stretches
-    inside = np.arange(len(stretches.windows))[stretches.inside]
-    at = inside[stretches.windows[inside] % system.slope_stride == 0]
-    parts = [slice(*np.searchsorted(at, [part.start, part.stop]).tolist()) for part in stretches.parts]
+    at = np.flatnonzero(system.points[system.inside] % system.slope_stride == 0)
     kernels = own_kernels(patch, system, statistics.mean[:, :, at], statistics.masses)
     shape = kernels.shape[1:]
     kernels = kernels.reshape(len(kernels), -1)
-    slopes = patch.slopes[:, stretches.windows[at] // system.slope_stride]
+    slopes = patch.slopes[:, system.points[at] // system.slope_stride]
     variance = system.motion.covariance(patch.masses, floored=True).diagonal()
     amount = system.slope_stride * (weight * variance) ** 2
     acting = own_noise(patch, system, patch.signs, patch.layout.incidence)
-    total = np.zeros((len(parts), *patch.products.shape))
+    total = np.zeros(patch.products.shape)
     layout, terms = patch.layout, patch.layout.free_terms_by_kernel
     for row, column in _CORRELATED if len(kernels) == INNER else product(range(len(terms)), repeat=2):
         first, second = terms[row], terms[column]
@@ -631,8 +539,6 @@ def quadratic_noise(
             )
             acts = acting[:, first, None] * acting[:, None, second]
             acts *= amount[:, None, None]
-            weighted, others = slopes[first] * correlation[:, None], slopes[second].T
-            for stretch, part in zip(total, parts, strict=True):
-                sums = weighted[..., part] @ others[part]
-                stretch[first[:, None], second] = (acts * sums).sum(axis=0)
-    return layout.free_parameters, total[:, layout.free_terms[:, None], layout.free_terms]
+            sums = (slopes[first] * correlation[:, None]) @ slopes[second].T
+            total[first[:, None], second] = (acts * sums).sum(axis=0)
+    return total[layout.free_terms[:, None], layout.free_terms]

@@ -89,11 +89,6 @@ class WeakPart:
         return not (self.plain or isinstance(self.function, Number))
 
 
-def none_alone(part: WeakPart) -> bool:
-    """Whether the terms of a part of a law are tested one at a time: none of a fit."""
-    return False
-
-
 @dataclass(frozen=True)
 class WeakLaw:
     """Weak form of a law, and the program that evaluates it.

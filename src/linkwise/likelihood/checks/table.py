@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from linkwise.likelihood.checks import recording, verdicts
 from linkwise.likelihood.checks.changed_coefficients import changed_coefficients
 from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
@@ -43,11 +45,11 @@ FINDINGS = (
 """Checks that follow, in their order, each on what those before it said."""
 
 
-def judge(of: Examined) -> Judgement:
-    """The judgement on a fit by all checks in turn."""
-    found = (check.judge(of) for check in VERDICTS)
+def judge(of: Examined, *, without: Collection[str] = ()) -> Judgement:
+    """The judgement on a fit by all checks in turn, `without` those of some names."""
+    found = (check.judge(of) for check in VERDICTS if check.name not in without)
     judgement: Judgement = next(verdict for verdict in found if verdict is not None)
     for check in FINDINGS:
-        if not judgement.is_final:
+        if not (judgement.is_final or check.name in without):
             judgement = check.judge(of, judgement) or judgement
     return judgement
