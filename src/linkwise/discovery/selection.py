@@ -99,13 +99,14 @@ class Solution(NamedTuple):
 class Additions(NamedTuple):
     """Each coefficient outside of a subset, added to it alone.
 
-    `numbers` (r,) of the coefficients, their `values` and `z` scores (r,). Where the subset explains all of a column but
-    rounding, z is 0 and the value NaN.
+    `numbers` (r,) of the coefficients, their `values` and `z` scores (r,), and `independent` (r,), the part of each column's
+    square that the subset does not explain. Where that part is rounding, z is 0 and the value NaN.
     """
 
     numbers: Indices
     values: Floats
     z: Floats
+    independent: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +174,7 @@ class QuadraticModel:
             numbers=others,
             values=np.where(determined, gradient / np.where(determined, residual, 1.0), np.nan),
             z=np.where(determined, gradient / np.sqrt(np.where(determined, variance, 1.0)), 0.0),
+            independent=residual / np.where(square > 0.0, square, 1.0),
         )
 
     def exchanges(self, chosen: Sequence[int] | Indices) -> tuple[Indices, Floats]:

@@ -584,10 +584,9 @@ def estimate_of(
     approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
     if approximate is not None:
         fit, identified = approximate, _with_values(structure, approximate)
+        judgement = replace(judgement, added={})  # the scatter of blocks and the path hold all that
     covariance, faint = with_faint_modes(fit, identified)
-    added = {} if approximate else judgement.added  # the scatter of blocks and the path hold all that
-    covariance = sum(added.values(), covariance)
-    of_terms_and_masses = [added[what] for what in ("terms", "masses") if what in added]
+    covariance = sum(judgement.added.values(), covariance)
     units: dict[str, str] = {name: unit_in(structure, name) for name in records[0].channels}
     of_sensors = sensor_errors(fit, delays or {}, units)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
@@ -616,15 +615,13 @@ def estimate_of(
             *unseen_remark(unseen),
             *(inseparable(fit) if judgement.verdict.forbids else ()),
         ),
-        profile=None
-        if approximate or judgement.lacks_more_than_profiles_hold
-        else partial(profile_ends, fit.optimum),
+        profile=None if approximate or judgement.lacks_more else partial(profile_ends, fit.optimum),
         model_error=judgement.model_error,
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
         disturbances=estimated_disturbances(fit),
         unseen_terms=unseen,
-        for_dropped_terms=np.sum(of_terms_and_masses, axis=0) if of_terms_and_masses else None,
+        for_dropped_terms=judgement.added_for_terms,
         approximate=approximate is not None,
     )

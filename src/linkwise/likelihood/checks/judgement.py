@@ -68,10 +68,16 @@ class Judgement:
     is_final: bool = False
 
     @property
-    def lacks_more_than_profiles_hold(self) -> bool:
+    def lacks_more(self) -> bool:
         """Whether laws or inputs lack, or may lack, what profiles of the likelihood do not allow for."""
         lacking = self.verdict is Verdict.MODEL_ERROR_NEEDED and bool(self.diagnosis)
         return lacking or any(what != SKEWED for what in self.added)
+
+    @property
+    def added_for_terms(self) -> Floats | None:
+        """(p, p) what intervals hold of missing terms and of masses that are off; None of nothing."""
+        parts = [self.added[what] for what in ("terms", "masses") if what in self.added]
+        return np.sum(parts, axis=0) if parts else None
 
     @property
     def may_be_approximate(self) -> bool:
