@@ -282,7 +282,7 @@ MISTAKES = [
     (METHOD, METHOD + "order = 3\n", r'method\[0\]: unknown key "order"; the keys are name, kind'),
     ("weak", "monomial", r"method\[0\]: the key `convention` is missing, one of displacement, states, diff"),
     ('"weak"', '"monomial"\nconvention = "stats"', r"convention: expected one of disp.*; got 'stats'; .*\"states\"\?"),
-    ('"weak"', '"physics-informed"\nregressor = "least-square"', r"unknown regressor 'least-square' \(did you mean"),
+    ('"weak"', '"physics-informed"\nregressor = "least-square"', r"unknown regressor 'least-square'; did you mean"),
     ('"weak"', '"sindy"\nregressor = "lasso"', r"method\[0\]: unknown regressor 'lasso'"),
     ('"weak"', '"monomial"\nconvention = "states"\nregressor = "l1"\nthreshold = 0.1',
      r"s\.toml, method\[0\]: a threshold of 0\.1 was given, and least squares with an L1 penalty has none"),
