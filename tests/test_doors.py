@@ -52,7 +52,7 @@ DOORS: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = [
     (lw.report.write_result, (Path("answer"), "fit"), {}, "estimate must be of type Estimate, got PosixPath('answer')"),
     (lw.Mass, ("m1", "1.0"), {}, 'mass "m1" must be of type Coefficient or float, got \'1.0\'; Coefficient.unknown() makes'),
     (lw.Link, ("leaf", ENDS, "k*d", {"k": 1.0}), {}, 'link "leaf": law must be of type Law, got \'k*d\'; Law.parse(text)'),
-    (lw.Link, ("leaf", ENDS, LAW, {"k": None}), {}, 'link "leaf": coefficient k must be of type Coefficient or float'),
+    (lw.Link, ("leaf", ENDS, LAW, {"k": None}), {}, 'link "leaf", coefficient k must be of type Coefficient or float'),
     (lw.Link, ("leaf", "m1", LAW, {"k": 1.0}), {}, 'link "leaf": between must be of type tuple or list, got \'m1\''),
     (lw.Structure, ("one", CHAIN.links, CHAIN.masses), {}, 'structure "one": masses[0] must be of type Mass, got Link'),
     (lw.Coefficient, (1.0, 1), {}, "coefficient: known must be of type bool, got 1"),

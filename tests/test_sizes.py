@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (12, 1557),
     "identification": (14, 2211),
     "inspection": (12, 1899),
-    "likelihood": (60, 15822),
+    "likelihood": (60, 15833),
     "modal": (7, 846),
     "model": (20, 3231),
     "paper": (3, 396),

@@ -66,8 +66,9 @@ def test_a_link_that_the_model_error_hides_takes_trust_away(
     fit = answer(cubic, speed, 63, missing)
     assert not fit.trusted
     assert [cause.where for cause in fit.diagnosis[:2]] == ["spring1", "m2-ground"]
-    assert fit.message.startswith(
-        f"With d**3 in spring1 and {fit.diagnosis[1].term} in a link m2-ground the laws leave"
+    assert (
+        f"With d**3 in spring1 and {fit.diagnosis[1].term} in a link m2-ground only noise is left"
+        in fit.message
     )
     named = [(cause.kind, cause.where, cause.term, cause.source) for cause in fit.diagnosis]
     assert len(named) == len(set(named)) >= 2
@@ -80,10 +81,8 @@ def test_a_stated_mass_that_the_model_error_hides_takes_trust_away(name: str) ->
     """One of 3 % more than it is; the records tell the ratio of the two."""
     heavy = structure({**MASSES, name: 1.03 * MASSES[name]}, *STATED.links)
     fit = lw.identify(record(2e7, 1.0, 66), heavy.unknown("all"))
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     assert [cause.kind for cause in fit.diagnosis[:2]] == ["term", "mass"]
-    assert fit.message.startswith("With d**3 in spring1 and a mass of m")
-    assert fit.message.endswith("exact laws do not include: add what is missing, and correct what is off.")
+    assert "With d**3 in spring1 and a mass of m" in fit.message
     assert fit.grade is lw.Grade.APPROXIMATE
 
 
@@ -115,7 +114,7 @@ def test_an_error_of_a_sensor_is_told_beside_the_term_that_hides_it(
 def test_a_gain_that_the_model_error_hides_takes_trust_away() -> None:
     """Of 1 %, which makes 2 % of a cubic spring."""
     fit = lw.identify(faulty(record(2e7, 1.0, 65), lambda x, other: 1.01 * x), ASKED)
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
+    assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
     named = [(cause.kind, cause.where) for cause in fit.diagnosis[:2]]
     assert named == [("term", "spring1"), ("gain", "x:m2")]
 
@@ -132,13 +131,13 @@ def test_three_errors_take_trust_away_with_or_without_a_fourth(offset: float, le
     damped = lw.simulate(structure(MASSES, DAMPED, SINK), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
     noisy = damped.with_noise(30.0, seed=5830066)
     fit = lw.identify(faulty(noisy, lambda x, other: x + offset), HEAVY.unknown("all"))
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
+    assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
     assert [(cause.where, cause.term) for cause in fit.diagnosis[:3]] == [
         ("spring1", "d**3"),
         ("m2", ""),
         ("spring1", "v*abs(v)"),
     ]
-    assert f"v*abs(v) in spring1 the laws leave {left} noise, and nes1." in fit.message
+    assert f"v*abs(v) in spring1 {left} noise is left, and nes1." in fit.message
     off = (fit.values - truth(STATED, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
     assert np.abs(off).max() > 4.0
 
@@ -154,8 +153,8 @@ def test_shadows_of_two_errors_take_trust_away() -> None:
     stated = [link("s1", "m1-ground", "k*d + c*v"), link("s2", "m2-m1", "k*d + c*v")]
     asked = structure(masses, *stated, link("nes", "m3-m2", NES, alpha=-96.8))
     fit = lw.identify(clean.with_noise(30.0, seed=5837007), asked)
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,) and not fit.trusted
-    assert "noise, and nes.beta is" in fit.message
+    assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
+    assert "noise is left, and nes.beta changes by" in fit.message
     assert present(fit.coefficient("nes.beta").value) < 0.97e6
 
 

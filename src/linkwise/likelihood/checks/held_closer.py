@@ -15,10 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.estimates.causes import Cause
+from linkwise.expression import symbols
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.marginal import held_at, is_long, relaxation
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
+from linkwise.model.law import Law
 from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -56,6 +59,12 @@ class HiddenTerm:
     cause: Cause
     change: float
     shift: float
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether it is a force that depends on the rate, or on its past."""
+        term = self.cause.term
+        return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))
 
 
 def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel]) -> CloserFit | None:

@@ -322,7 +322,10 @@ def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | N
         return None
     cause, is_mass = hidden.cause, hidden.cause.kind == MASS
     is_small = hidden.shift <= LARGEST_SHIFT and (is_mass or of.fit.random_forces)
-    if is_small or (of.fit.model_error > 0.0 and not is_mass):
+    damps = (
+        hidden.dissipates and hidden.change >= LARGEST_TERM
+    )  # a small part of the force, and a large one of what dissipates
+    if is_small or (of.fit.model_error > 0.0 and not is_mass and not damps):
         named = (replace(cause, shift=hidden.shift),)
         return replace(
             before, message=f"{before.message}{likeliest(named)}{moved(named)}", diagnosis=(cause,)
