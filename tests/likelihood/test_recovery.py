@@ -432,7 +432,7 @@ def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> N
     used = record[: 3 * len(record) // 10]
     steps: list[lw.estimates.ProgressReport] = []
     fit = lw.identify(used, circuit, progress=steps.append)
-    # 38 here, 38 to 40 on the first 30 to 50 % of the record; times are in bench_measured.py
-    assert len(steps) < 60
+    # 38 of the search, and as many of each of the laws with a term that are tried for what is left
+    assert len(steps) < 150
     # 0.306 to 0.310 mV from all of it or its first 30 or 50 %; the record's description gives 0.3 mV for these terms
     assert lw.analysis.free_run(fit.structure, record[trained:], settling=50).rmse["x:m1"] < 3.5e-4

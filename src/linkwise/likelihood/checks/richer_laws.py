@@ -150,9 +150,6 @@ def richer_laws(of: Examined, before: Judgement) -> Judgement | None:
         return None
     if of.searched or fit.random_forces or is_long(fit.segments):
         return None
-    sensors = (cause for cause in causes if cause.is_instrument and cause.kind not in FREED)
-    if any(cause.shift > LARGEST_SHIFT for cause in sensors):  # which terms may look like
-        return None
     deviations = np.sqrt(np.maximum(with_faint_modes(fit, of.identified)[0].diagonal(), _TINY))
     exact = _exact_laws(causes[0], fit, structure, records, deviations)
     if exact is None:
