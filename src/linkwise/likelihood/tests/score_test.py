@@ -299,7 +299,7 @@ class AugmentedQuadratic:
 
     The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
     masses are few or it was asked for in blocks; `growth` is that of the largest sensitivity of the states over a segment, in
-    their units, 1 where the equations are local.
+    their units, 1 where the equations are local, infinite where a coefficient sets a place of rest that rounding nearly hides.
     """
 
     curvature: Floats
@@ -366,7 +366,7 @@ def augmented_quadratic(
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))
     model, growth = None, 1.0
     if isinstance(linear, Linearization):
-        growth = float(np.max(np.abs(linear.state_ends), initial=1.0))
+        growth = float(np.max(np.abs(linear.state_ends), initial=1.0)) if linear.shift is None else np.inf
     if (in_blocks or isinstance(border, BorderedFactor)) and not border.damped:
         estimated = np.delete(
             np.arange(len(border.schur)), segments.system.parameters.size + np.arange(added)
