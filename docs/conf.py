@@ -81,6 +81,7 @@ sphinx_gallery_conf = {
     "thumbnail_size": (400, 200),
     "write_computation_times": False,
     "min_reported_time": 1e9,
+    "parallel": True,
     "download_all_examples": False,
 }
 
