@@ -190,7 +190,9 @@ def test_result_json_holds_the_discovery(discovery_folder: Path, discovered: lw.
     assert "truth" not in alone and "nmse_percent" not in alone
 
 
-def test_terms_csv_has_every_candidate_that_was_tested(discovery_folder: Path, discovered: lw.Discovery) -> None:
+def test_terms_csv_has_every_candidate_that_was_tested(
+    discovery_folder: Path, discovered: lw.Discovery
+) -> None:
     rows = list(csv.DictReader((discovery_folder / "terms.csv").read_text().splitlines()))
     columns = (
         "name link term unit kept told reliable value standard_error z margin first second certain price"

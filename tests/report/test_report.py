@@ -92,7 +92,9 @@ def test_result_json_is_that_of_the_interface(answer_folder: Path, fitted: lw.Es
     assert len(sink["wells"]) == 2 and len(sink["wells"][0]["interval"]) == 2
     assert sink["barrier"]["unit"] == "J"
     assert set(result["nmse_percent"]) == {"spring1", "nes1"}
-    assert result["files"] == sorted(path.name for path in answer_folder.iterdir() if path.name != "result.json")
+    assert result["files"] == sorted(
+        path.name for path in answer_folder.iterdir() if path.name != "result.json"
+    )
 
 
 def test_force_file_is_the_curve_with_its_band(answer_folder: Path, fitted: lw.Estimate) -> None:
