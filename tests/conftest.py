@@ -54,10 +54,14 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.set_threshold(OBJECTS)
 
 
+def _unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("linkwise.plot.style.encoded", lambda figure, *formats: [PIXEL for _ in formats])
+
+
 @pytest.fixture
 def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are drawn and not rendered, for tests of what stands beside them: that takes most of the time of a folder."""
-    monkeypatch.setattr("linkwise.plot.style.encoded", lambda figure, *formats: [PIXEL for _ in formats])
+    _unrendered(monkeypatch)
 
 
 @pytest.fixture
@@ -111,6 +115,24 @@ def paper_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = stored(tmp_path_factory.mktemp("study") / "paper", study, paper_rows(study))
     assert lw.report.write_study_report(folder) == folder / "report.html"
     return folder
+
+
+@pytest.fixture(scope="session")
+def answer_folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result folder as `identify --truth` writes it, its figures not rendered; not to be changed."""
+    with pytest.MonkeyPatch.context() as patch:
+        _unrendered(patch)
+        return lw.report.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer", truth=chain)
+
+
+@pytest.fixture(scope="session")
+def discovery_folder(
+    discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A result folder as `discover --truth` writes it, its figures not rendered; not to be changed."""
+    with pytest.MonkeyPatch.context() as patch:
+        _unrendered(patch)
+        return lw.report.write_discovery(discovered, tmp_path_factory.mktemp("found") / "answer", truth=chain)
 
 
 @pytest.fixture(scope="session")

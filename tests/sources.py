@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import ast
-import io
-import tokenize
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -13,9 +11,6 @@ import linkwise
 
 SOURCE = Path(linkwise.__file__).parent
 FILES = tuple(sorted(SOURCE.rglob("*.py")))
-IGNORED = {
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
-}  # fmt: skip
 
 
 @cache
@@ -26,6 +21,9 @@ def tree(path: Path) -> ast.Module:
 
 def lines_of_code(text: str) -> int:
     """Lines of a module with a token that is no comment, docstring or import."""
+    lines = {
+        number for number, line in enumerate(text.split("\n"), 1) if line.strip() and line.strip()[0] != "#"
+    }
     left_out: set[int] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import | ast.ImportFrom):
@@ -33,13 +31,8 @@ def lines_of_code(text: str) -> int:
         elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if ast.get_docstring(node, clean=False) is not None else None
             left_out.update(range(first.lineno, (first.end_lineno or 0) + 1) if first is not None else ())
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    lines = {
-        line
-        for kind, _, start, end, _ in tokens
-        if kind not in IGNORED
-        for line in range(start[0], end[0] + 1)
-    }
+        elif isinstance(node, ast.Constant | ast.JoinedStr):  # of several lines, blank ones among them
+            lines.update(range(node.lineno, (node.end_lineno or 0) + 1))
     return len(lines - left_out)
 
 

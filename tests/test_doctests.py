@@ -25,7 +25,9 @@ TEXTS = {
     for path in sorted(PACKAGE.rglob("*.py"))
     if ">>> " in (text := path.read_text(encoding="utf-8"))
 }
-LONG = ("simulate", "identify", "discover", "validate", "absorb", "limit", "modal.identify_host")
+LONG = (
+    "simulate", "identify", "discover", "validate", "absorb", "limit", "modal.identify_host", "inspection.compare_levels",
+)  # fmt: skip
 ANSWERS: dict[bytes, Any] = {}
 STUDY = "results/mine"  # what examples of studies call theirs, the result of mine.toml
 DEFINITION = """

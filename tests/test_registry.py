@@ -7,7 +7,7 @@ import fractions
 import pytest
 
 from linkwise.errors import IdentificationError
-from linkwise.registry import Registry
+from linkwise.registry import Registry, lazy_module
 
 
 def test_entries_load_on_first_use_and_keep_their_order() -> None:
@@ -30,3 +30,11 @@ def test_an_unknown_name_lists_those_there_are() -> None:
     )
     with pytest.raises(KeyError):
         registry["haming"]
+
+
+def test_a_lazy_module_shows_what_its_module_holds_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It kept what was first asked of it, so that figures that a test left undrawn were drawn, or none were afterwards."""
+    style = lazy_module("linkwise.plot.style")
+    first = style.encoded
+    monkeypatch.setattr("linkwise.plot.style.encoded", None)
+    assert style.encoded is None and first is not None

@@ -53,15 +53,13 @@ class Registry(UserDict[str, T]):
 
 
 class _LazyModule:
-    """Stands for a module; the first attribute asked of it imports it."""
+    """Stands for a module, which is imported when an attribute is asked of it; keeps none, since one may be replaced."""
 
     def __init__(self, name: str) -> None:
         self._name = name
 
     def __getattr__(self, attribute: str) -> Any:
-        value = getattr(import_module(self._name), attribute)
-        setattr(self, attribute, value)
-        return value
+        return getattr(import_module(self._name), attribute)
 
 
 def lazy_module(name: str) -> Any:

@@ -31,12 +31,6 @@ def known(
     return lw.estimates.Posterior(lw.bnes_chain(masses), named, np.array(covariance), *bounds)
 
 
-@pytest.fixture(scope="module")
-def folder(fitted: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What identify wrote."""
-    return lw.report.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer")
-
-
 def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
     covariance = np.array([[4.0, -150.0], [-150.0, 1e4]])
     drawn = known(covariance.tolist(), "nes1.alpha", "nes1.beta").draws(20000, seed=1000)
@@ -75,9 +69,9 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
 
 
 def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
-    trial: dict[str, Any] = {"duration": 3.0, "rate": 500.0, "release": {"v:m1": 3.0}}
+    trial: dict[str, Any] = {"duration": 2.0, "rate": 500.0, "release": {"v:m1": 3.0}}
     knowledge = known([[1.0]], "nes1.alpha", masses=6)
-    intervals = lw.absorption.absorption_intervals(knowledge, **trial, draws=8)
+    intervals = lw.absorption.absorption_intervals(knowledge, **trial, draws=4)
     assert intervals.absorption.with_sinks.horizon is not None
     for work in some(intervals.absorption.sinks):
         assert intervals.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
@@ -124,20 +118,19 @@ def test_what_moves_together_is_drawn_together(chain: lw.Structure) -> None:
     assert np.ptp(drawn[:, 0]) > 0.0
 
 
-def test_the_folder_of_an_answer_keeps_what_is_known(folder: Path, fitted: lw.Estimate) -> None:
-    posterior, true = lw.estimates.read_posterior(folder), lw.estimates.Posterior.of(fitted)
+def test_the_folder_of_an_answer_keeps_what_is_known(answer_folder: Path, fitted: lw.Estimate) -> None:
+    posterior, true = lw.estimates.read_posterior(answer_folder), lw.estimates.Posterior.of(fitted)
     assert posterior.structure == fitted.structure and posterior.names == true.names
     np.testing.assert_array_equal(posterior.covariance, true.covariance)
-    result = json.loads((folder / "result.json").read_text())
+    result = json.loads((answer_folder / "result.json").read_text())
     assert "covariance.csv" in result["files"]
 
 
 def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(
-    discovered: lw.Discovery, tmp_path: Path
+    discovered: lw.Discovery, discovery_folder: Path, tmp_path: Path
 ) -> None:
     assert discovered.trusted
-    lw.report.write_discovery(discovered, tmp_path / "found")
-    posterior = lw.estimates.read_posterior(tmp_path / "found")
+    posterior = lw.estimates.read_posterior(discovery_folder)
     true = lw.estimates.Posterior.of(discovered.estimate)
     np.testing.assert_allclose(posterior.covariance, true.covariance, rtol=1e-9)  # the file has half of it
     dropped, expected = present(posterior.for_dropped_terms), present(true.for_dropped_terms)
@@ -159,8 +152,8 @@ def test_an_answer_not_to_be_trusted_has_no_intervals(fitted: lw.Estimate, tmp_p
         lw.estimates.read_posterior(tmp_path / "bad")
 
 
-def test_what_is_wrong_with_a_folder_is_said(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "structure.toml").write_bytes((folder / "structure.toml").read_bytes())
+def test_what_is_wrong_with_a_folder_is_said(answer_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "structure.toml").write_bytes((answer_folder / "structure.toml").read_bytes())
     with pytest.raises(lw.RecordError, match="no result of identify either; give a structure file or a fol"):
         lw.estimates.read_posterior(tmp_path)
     for line, message in (
@@ -194,9 +187,9 @@ MORE = (
     ],
 )
 def test_errors_of_an_edited_structure_are_refused(
-    folder: Path, tmp_path: Path, old: str, new: str, message: str
+    answer_folder: Path, tmp_path: Path, old: str, new: str, message: str
 ) -> None:
-    copy = shutil.copytree(folder, tmp_path / "answer")
+    copy = shutil.copytree(answer_folder, tmp_path / "answer")
     assert lw.estimates.read_posterior(copy).names
     text = (copy / "structure.toml").read_text()
     assert old in text
@@ -217,8 +210,8 @@ def test_draws_that_diverge_are_no_answer() -> None:
         lw.absorption.absorption_intervals(wide, **trial, draws=20)
 
 
-def test_the_command_reads_the_folder_of_an_answer(folder: Path, tmp_path: Path) -> None:
-    command = f"absorb {folder} --duration 1 --rate 500 --release v:m1=1.0 --draws 20 --seed 3"
+def test_the_command_reads_the_folder_of_an_answer(answer_folder: Path, tmp_path: Path) -> None:
+    command = f"absorb {answer_folder} --duration 1 --rate 500 --release v:m1=1.0 --draws 20 --seed 3"
     out = said(f"{command} -o {tmp_path}/absorbed").out
     assert "95 % of 20 draws of the identified structure (seed 3)" in out
     header = (tmp_path / "absorbed" / "decay.csv").read_text().splitlines()[0]
@@ -226,19 +219,19 @@ def test_the_command_reads_the_folder_of_an_answer(folder: Path, tmp_path: Path)
     page = (tmp_path / "absorbed" / "report.html").read_text()
     assert page.index("<h2>Intervals") < page.index("<h2>Primary masses")
     printed = document(command)
-    posterior = lw.estimates.read_posterior(folder)
+    posterior = lw.estimates.read_posterior(answer_folder)
     share = lw.absorption.absorption_intervals(posterior, **TRIAL, draws=20, seed=3).quantity("sinks_share")
     assert printed["intervals"]["sinks_share"]["interval"] == [share.lower, share.upper]
     assert printed["draws"] == 20 and printed["seed"] == 3
 
 
-def test_no_command_takes_the_place_of_another_ones_result_and_draws_need_one(folder: Path) -> None:
+def test_no_command_takes_the_place_of_another_ones_result_and_draws_need_one(answer_folder: Path) -> None:
     """The folder that is asked about is the last one to be lost."""
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    before = {path.name: path.read_bytes() for path in answer_folder.iterdir()}
     options = "--duration 1 --release v:m1=1.0 --draws 4"
-    refused = refusal(f"absorb {folder} {options} -o {folder}")
+    refused = refusal(f"absorb {answer_folder} {options} -o {answer_folder}")
     assert "already exists and holds the result of another command (result.json); it was not ch" in refused
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    for subject in (f"{folder}/structure.toml", f"{folder} --sweep nes1.alpha=-150:-50:2"):
+    assert {path.name: path.read_bytes() for path in answer_folder.iterdir()} == before
+    for subject in (f"{answer_folder}/structure.toml", f"{answer_folder} --sweep nes1.alpha=-150:-50:2"):
         refused = refusal(f"absorb {subject} {options}")
         assert "--draws is for intervals: give the folder that identify wrote" in refused

@@ -34,7 +34,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, chain: lw.Structure) -> Path
     folder = tmp_path_factory.mktemp("discover")
     lw.write_structure(chain, folder / "chain.toml")
     for name, hit, seed in (("run", 1.0, 1011), ("run2", 0.7, 1012)):
-        record = chain_record(2, duration=2.0, speed=hit).with_noise(30.0, seed=seed)
+        record = chain_record(2, duration=1.0, speed=hit).with_noise(30.0, seed=seed)
         lw.write_record(record, folder / f"{name}.csv")
     return folder
 
@@ -70,10 +70,10 @@ def test_what_is_stated_of_sensors_counts() -> None:
 
 
 def test_several_records_terms_and_parts_reach_the_search() -> None:
-    result = document(f"{DISCOVER} --with run2.csv --terms 'bistable, friction(0.01)' --to 1.5")
+    result = document(f"{DISCOVER} --with run2.csv --terms 'bistable, friction(0.01)' --to 0.8")
     assert selected_terms(result) == TRUE
     assert {term["term"] for term in result["terms"]} == {"v", "d", "d**3", "tanh(v/0.01)"}
-    assert result["fit"]["samples"] == 2 * 2 * 1501
+    assert result["fit"]["samples"] == 2 * 2 * 801
 
 
 def test_folder_and_its_structure_are_the_next_input(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_gaps_are_told_and_do_not_hinder(tmp_path: Path) -> None:
     values[300:360, 0] = np.nan
     lw.write_record(replace(record, values=values), tmp_path / "gaps.csv")
     out, err = said(f"discover {tmp_path}/gaps.csv {MASSES} --truth chain.toml")
-    assert err == "note: x:m1: 60 of 2001 samples are missing.\n"
+    assert err == "note: x:m1: 60 of 1001 samples are missing.\n"
     assert "5 terms right\n  missing  none\n  false    none" in out
 
 

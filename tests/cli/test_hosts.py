@@ -71,7 +71,7 @@ def assert_payload(result: dict[str, Any]) -> None:
 def test_from_modes_to_a_validated_link() -> None:
     wing()
     drive = DRIVE.replace("tip", "joint")
-    out, _ = said(f"simulate true.toml {drive} --duration 2 --rate 400 --noise 30 --seed 2 -o wing.csv")
+    out, _ = said(f"simulate true.toml {drive} --duration 1 --rate 400 --noise 30 --seed 2 -o wing.csv")
     assert "1 host, 2 modes, 1 mass, 1 link" in out
     header = "time,x:wing.tip,x:wing.joint,x:store,force:wing.joint"
     assert Path("wing.csv").read_text().startswith(header)
@@ -196,13 +196,13 @@ def test_where_a_payload_hangs_is_discovered() -> None:
 
 def test_from_taps_to_a_payload() -> None:
     taps(0.1, 2)
-    identified = json.loads(said("structure host taps.csv --modes auto --json").out.splitlines()[-1])
+    identified = json.loads(said("structure host taps.csv --modes 2 --json").out.splitlines()[-1])
     assert identified["host"][0]["name"] == identified["identified"]["host"]
     assert identified["identified"]["trusted"] is True
     out = said("structure host taps.csv --modes auto -o identified.toml").out
     assert "wing: 2 modes at 2 points, can be trusted" in out
     Path("asked.toml").write_text(Path("identified.toml").read_text() + ASKED)
-    said(f"simulate true.toml {DRIVE} --duration 2 --rate 400 --noise 30 --seed 2 -o wing.csv")
+    said(f"simulate true.toml {DRIVE} --duration 1 --rate 400 --noise 30 --seed 2 -o wing.csv")
     assert_payload(document("identify wing.csv asked.toml"))
 
 

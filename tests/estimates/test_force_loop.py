@@ -41,7 +41,7 @@ def test_a_record_without_a_cycle_gives_the_work_of_all_of_it() -> None:
 
 
 def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
-    exact = run(hysteretic())
+    exact = run(hysteretic(), duration=4.0)
     fit = lw.identify(measured(exact, 1), hysteretic().unknown("damper"))
     loop = force_loop(fit, "damper")
     assert loop.measured is not None
@@ -52,7 +52,7 @@ def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
 def test_a_link_with_memory_between_masses_has_a_loop_with_its_states() -> None:
     structure = hysteretic_oscillator(**BOUC_WEN)
     forces = {"m1": "150*sin(40*t) + 60*sin(97*t)"}
-    exact = lw.simulate(structure, duration=2.0, rate=500.0, sensors=["x", "f"], forces=forces)
+    exact = lw.simulate(structure, duration=1.0, rate=500.0, sensors=["x", "f"], forces=forces)
     record = exact.select(["x:m1", "force:m1"]).with_noise(50.0, seed=1)
     fit = lw.identify(record, structure.unknown("joint.F"))
     loop = force_loop(fit, "joint")

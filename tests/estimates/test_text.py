@@ -115,7 +115,7 @@ def test_an_answer_that_can_be_trusted_and_one_that_cannot() -> None:
 def test_long_chains_are_cut() -> None:
     """Of 28 channels and 14 sinks twelve are shown, and the table says so."""
     chain = lw.bnes_chain(28)
-    record = chain_record(28, duration=0.4).with_noise(40.0, seed=1)
+    record = chain_record(28, duration=0.2).with_noise(40.0, seed=1)
     printed = str(lw.identify(record, chain.unknown("nes"), method="weak"))
     assert "... and 16 more channels" in printed
     assert "... and 2 more links; the result folder lists all of them" in printed

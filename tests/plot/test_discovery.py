@@ -167,25 +167,19 @@ def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discov
         assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
 
 
-@pytest.fixture(scope="module")
-def folder(discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A result folder as `discover --truth` writes it."""
-    return lw.report.write_discovery(discovered, tmp_path_factory.mktemp("results") / "answer", truth=chain)
-
-
-def test_folder_is_that_of_identify_and_more(folder: Path, discovered: lw.Discovery) -> None:
+def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered: lw.Discovery) -> None:
     pictures = ("graph", "path", "evidence", "histories", "residuals", "force_m1-ground", "force_m2-m1")
     figures = {f"{name}.png" for name in pictures}
     tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
     files = {"structure.toml", "report.html", *figures, *tables}
-    assert {path.name for path in folder.iterdir()} == {"result.json", *files}
-    assert json.loads((folder / "result.json").read_text())["files"] == sorted(files)
-    written = lw.read_structure(folder / "structure.toml")
+    assert {path.name for path in discovery_folder.iterdir()} == {"result.json", *files}
+    assert json.loads((discovery_folder / "result.json").read_text())["files"] == sorted(files)
+    written = lw.read_structure(discovery_folder / "structure.toml")
     assert written.parameters == () and written == discovered.structure
 
 
-def test_result_json_holds_the_discovery(folder: Path, discovered: lw.Discovery) -> None:
-    result = json.loads((folder / "result.json").read_text())
+def test_result_json_holds_the_discovery(discovery_folder: Path, discovered: lw.Discovery) -> None:
+    result = json.loads((discovery_folder / "result.json").read_text())
     assert result["status"] == "converged" and result["settled"] is True
     assert result["version"] == lw.__version__
     assert [term["name"] for term in result["terms"]] == [term.name for term in discovered.terms]
@@ -196,8 +190,10 @@ def test_result_json_holds_the_discovery(folder: Path, discovered: lw.Discovery)
     assert "truth" not in alone and "nmse_percent" not in alone
 
 
-def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, discovered: lw.Discovery) -> None:
-    rows = list(csv.DictReader((folder / "terms.csv").read_text().splitlines()))
+def test_terms_csv_has_every_candidate_that_was_tested(
+    discovery_folder: Path, discovered: lw.Discovery
+) -> None:
+    rows = list(csv.DictReader((discovery_folder / "terms.csv").read_text().splitlines()))
     columns = (
         "name link term unit kept told reliable value standard_error z margin first second certain price"
     )
@@ -210,8 +206,8 @@ def test_terms_csv_has_every_candidate_that_was_tested(folder: Path, discovered:
     assert margins == pytest.approx([term.margin for term in discovered.terms], rel=1e-9)
 
 
-def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(folder: Path) -> None:
-    page = re.sub(r"<script.*?</script>", "", (folder / "report.html").read_text(), flags=re.DOTALL)
+def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(discovery_folder: Path) -> None:
+    page = re.sub(r"<script.*?</script>", "", (discovery_folder / "report.html").read_text(), flags=re.DOTALL)
     wanted = ["5 terms: can be trusted", "Discovered links", "5 terms are right", "How certain it is", "Why these terms",
               "<h2>Links</h2>", "<h3>m1-ground", "<h2>Residuals</h2>", "<h2>Record</h2>"]  # fmt: skip
     places = [page.index(text) for text in wanted]

@@ -19,12 +19,6 @@ from linkwise.report.page import Reported
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 
-@pytest.fixture(scope="module")
-def folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A result folder as `identify --truth` writes it."""
-    return lw.report.write_result(fitted, tmp_path_factory.mktemp("results") / "answer", truth=chain)
-
-
 def page_of(estimate: lw.Estimate, **options: Any) -> str:
     """The page without its 4 MB of script and without figures."""
     page = estimate_page(Reported(estimate, **options), {})
@@ -64,8 +58,8 @@ def test_numbers_stand_in_the_table(fitted: lw.Estimate, chain: lw.Structure) ->
     assert f"linkwise {lw.__version__}" in page and "true</th>" not in page_of(fitted)
 
 
-def test_page_needs_nothing_else(folder: Path) -> None:
-    page = (folder / "report.html").read_text(encoding="utf-8")
+def test_page_needs_nothing_else(answer_folder: Path) -> None:
+    page = (answer_folder / "report.html").read_text(encoding="utf-8")
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert re.findall(r"<(?:script|link|img|iframe)[^>]*\b(?:src|href)=", page) == []
     assert "http" not in markup
@@ -75,16 +69,16 @@ def test_page_needs_nothing_else(folder: Path) -> None:
     assert len(page) < 6e6
 
 
-def test_folder_holds_what_the_interface_promises(folder: Path, fitted: lw.Estimate) -> None:
+def test_folder_holds_what_the_interface_promises(answer_folder: Path, fitted: lw.Estimate) -> None:
     forces = {"force_spring1.csv", *(f"force_nes1.{suffix}" for suffix in ("csv", "png"))}  # one is known
     others = {"result.json", "structure.toml", "covariance.csv", "report.html", "histories.png"}
-    assert {path.name for path in folder.iterdir()} == others | forces
-    identified = lw.read_structure(folder / "structure.toml")
+    assert {path.name for path in answer_folder.iterdir()} == others | forces
+    identified = lw.read_structure(answer_folder / "structure.toml")
     assert identified.parameters == () and identified == fitted.structure
 
 
-def test_result_json_is_that_of_the_interface(folder: Path, fitted: lw.Estimate) -> None:
-    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+def test_result_json_is_that_of_the_interface(answer_folder: Path, fitted: lw.Estimate) -> None:
+    result = json.loads((answer_folder / "result.json").read_text(encoding="utf-8"))
     assert {"method", "status", "message", "seconds", "version", "noise", "fit", "links"} <= set(result)
     assert result["version"] == lw.__version__ and result["method"] == "weak"
     assert set(result["noise"]["x:m1"]) >= {"sigma", "unit", "snr_db"}
@@ -98,11 +92,13 @@ def test_result_json_is_that_of_the_interface(folder: Path, fitted: lw.Estimate)
     assert len(sink["wells"]) == 2 and len(sink["wells"][0]["interval"]) == 2
     assert sink["barrier"]["unit"] == "J"
     assert set(result["nmse_percent"]) == {"spring1", "nes1"}
-    assert result["files"] == sorted(path.name for path in folder.iterdir() if path.name != "result.json")
+    assert result["files"] == sorted(
+        path.name for path in answer_folder.iterdir() if path.name != "result.json"
+    )
 
 
-def test_force_file_is_the_curve_with_its_band(folder: Path, fitted: lw.Estimate) -> None:
-    path = folder / "force_nes1.csv"
+def test_force_file_is_the_curve_with_its_band(answer_folder: Path, fitted: lw.Estimate) -> None:
+    path = answer_folder / "force_nes1.csv"
     assert path.read_text().splitlines()[0] == "d,force,lower,upper"
     d, force, lower, upper = np.loadtxt(path, delimiter=",", skiprows=1).T
     assert (d[0], d[-1]) == pytest.approx(fitted.link("nes1").d_range, rel=1e-9)  # ten printed digits

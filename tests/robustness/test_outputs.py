@@ -261,8 +261,8 @@ def arguments(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return ["identify", str(folder / "run.csv"), str(folder / "unknown.toml"), "--method", "weak"]
 
 
-@pytest.mark.parametrize("elsewhere", [True, False])
-@pytest.mark.parametrize("moment", [1, 2, 4, 7])
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize(("moment", "elsewhere"), [(1, True), (4, False), (7, True)])
 def test_an_answer_is_printed_and_kept_where_the_disk_is_full_after_the_fit(
     moment: int,
     elsewhere: bool,
@@ -326,6 +326,7 @@ def test_numbers_are_kept_where_a_figure_cannot_be_drawn(
     assert {*files, "result.json"} == set(os.listdir(place)) and "structure.toml" in files
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_an_answer_is_written_where_nobody_reads_what_is_printed(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

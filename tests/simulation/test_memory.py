@@ -36,7 +36,7 @@ from linkwise.expression import (
 Mode = tuple[int, ...]
 Event = tuple[Callable[[Floats], float], int, Mode]
 
-END, RATE = 10.0, 100.0
+END, RATE = 3.0, 100.0  # s, Hz: each law passes its kinks several times
 VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
 DRIVE = "30*sin(7*t) + 12*sin(2.3*t)"
 VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through its nonlinear range
@@ -294,22 +294,21 @@ def test_a_link_with_memory_on_a_base_at_rest_has_no_force(base: str) -> None:
     np.testing.assert_array_equal(record.values, 0.0)
 
 
-@pytest.mark.parametrize("band_limited", [True, False])
-@pytest.mark.parametrize("power", [1, 3])
+@pytest.mark.parametrize(("power", "band_limited"), [(1, True), (3, False)])
 def test_a_hysteretic_link_leaves_its_rest(power: int, band_limited: bool) -> None:
     """The base rests, but for what a spline swings before a bend; then hysteresis follows as by `solve_ivp`."""
-    rate, rest = 200.0, 0.5
-    time = np.arange(261) / rate
+    rate, rest = 200.0, 0.2
+    time = np.arange(161) / rate
     moved = np.where(time < rest, 0.0, 0.01 * np.sin(6.0 * (time - rest)) ** power)
     base = lw.model.Sampled(0.0, rate, moved, band_limited=band_limited)
-    record = lw.simulate(hysteretic(), base=base, duration=1.3, rate=rate)
+    record = lw.simulate(hysteretic(), base=base, duration=0.8, rate=rate)
     law = BOUC_WEN
 
     def rate_of_z(t: float, z: np.ndarray) -> np.ndarray:
         v, s = base.derivative(np.array([t]))[0], law["s"]
         return np.asarray((v - s * abs(v) * z - (1.0 - s) * v * np.abs(z)) / law["x0"])
 
-    solved = solve_ivp(rate_of_z, (0.0, 1.3), [0.0], t_eval=time, max_step=0.1 / rate, rtol=1e-10, atol=1e-12)
+    solved = solve_ivp(rate_of_z, (0.0, 0.8), [0.0], t_eval=time, max_step=0.1 / rate, rtol=1e-10, atol=1e-12)
     force = law["k"] * base.value(time) + law["c"] * base.derivative(time) + law["F"] * solved.y[0]
     # the base moves towards the ground: force on its first end, the base; the tolerance is that of dense output
     assert record.channel("f:damper") == pytest.approx(force, abs=1e-6 * law["F"])
