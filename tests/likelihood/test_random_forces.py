@@ -336,9 +336,8 @@ def accelerations(corner: float, seconds: float, seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, ("a:m1", "a:m2"), shown + noise)
 
 
-@pytest.mark.parametrize("seed", [5799001, pytest.param(5799002, marks=pytest.mark.slow)])
-def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour(seed: int) -> None:
-    fit = lw.identify(velocities((1.0, 0.0), 100.0, seed), chain(2).unknown("all"), ambient=["m1"])
+def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour() -> None:
+    fit = lw.identify(velocities((1.0, 0.0), 100.0, 5799001), chain(2).unknown("all"), ambient=["m1"])
     assert fit.trusted, fit.message
     [force] = some(fit.random_forces)
     # of some 3000 forces that the record determines: four times 1 / sqrt(6000)
@@ -367,11 +366,10 @@ def test_laws_that_are_not_linear_are_judged_by_the_whole_record() -> None:
 
 
 @pytest.mark.parametrize(("named", "unnamed"), [("m1", "m2"), ("m2", "m1")])
-@pytest.mark.parametrize("seed", [51, 52])
 def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told(
-    named: str, unnamed: str, seed: int
+    named: str, unnamed: str
 ) -> None:
-    fit = lw.identify(ambient((1.0, 1.0), 15.0, seed), chain(2).unknown("all"), ambient=[named])
+    fit = lw.identify(ambient((1.0, 1.0), 15.0, 51), chain(2).unknown("all"), ambient=[named])
     assert fit.fit_verdicts == (Verdict.MEASUREMENT_ERROR,)
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.where, cause.unit, cause.is_instrument) == (
@@ -394,14 +392,9 @@ def test_masses_on_which_no_force_acts_are_not_told(deviations: tuple[float, ...
     assert fit.trusted, fit.message
 
 
-@pytest.mark.parametrize(
-    ("deviations", "seed"), [((1.0, 0.0), 61), pytest.param((1.0, 0.0, 0.0), 65, marks=pytest.mark.slow)]
-)
-def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit(
-    deviations: tuple[float, ...], seed: int
-) -> None:
+def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit() -> None:
     """The search for its deviation, which would shrink for ever, ends."""
-    fit = lw.identify(ambient(deviations, 15.0, seed), chain(len(deviations)).unknown("all"), ambient="all")
+    fit = lw.identify(ambient((1.0, 0.0), 15.0, 61), chain(2).unknown("all"), ambient="all")
     assert fit.trusted, fit.message
     last = some([force for force in fit.random_forces[1:] if force.deviation == 0.0])[-1]
     assert (last.spectral_density, last.found) == (0.0, True)
@@ -433,9 +426,8 @@ def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:
     assert lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": DENSITY}).trusted
 
 
-@pytest.mark.parametrize("seed", [55, 56])
-def test_noise_of_an_input_that_is_stated_too_small_is_told(seed: int) -> None:
-    record, unknown = with_load_cell(seed, 1500), chain(2).unknown("all")
+def test_noise_of_an_input_that_is_stated_too_small_is_told() -> None:
+    record, unknown = with_load_cell(55, 1500), chain(2).unknown("all")
     fit = lw.identify(record, unknown, input_noise={"force:m1": 0.07})
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("input noise", "force:m1")
