@@ -80,8 +80,11 @@ UNKNOWN_MASSES = {
 }
 
 
-@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("rel:x", "v:base")], ids=str)
-@pytest.mark.parametrize("case", UNKNOWN_MASSES)
+@pytest.mark.parametrize(
+    ("case", "sensors"),
+    zip(UNKNOWN_MASSES, [("a", "a:base"), ("rel:x", "v:base"), ("rel:x", "a:base")], strict=True),
+    ids=list(UNKNOWN_MASSES),
+)
 def test_an_acceleration_of_the_base_determines_masses(case: str, sensors: tuple[str, ...]) -> None:
     """The force of inertia is the unknown mass times what was recorded; another mass sets the scale."""
     fit = lw.identify(measured(*sensors), with_masses(two_storeys().unknown("all"), **UNKNOWN_MASSES[case]))
@@ -140,7 +143,7 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     return replace(record, values=columns)
 
 
-@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("x", "x:base")], ids=str)
+@pytest.mark.parametrize("sensors", [("a", "a:base"), ("x", "x:base")], ids=str)
 def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
     """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %).
 

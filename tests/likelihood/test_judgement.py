@@ -62,14 +62,11 @@ def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Struct
     assert lw.identify(noisy, chain.unknown("all")).trusted
 
 
-@pytest.mark.parametrize("loss", [lw.likelihood.Student(), lw.likelihood.Huber()], ids=["student", "huber"])
-def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(
-    loss: lw.likelihood.Loss, chain: lw.Structure
-) -> None:
+def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(chain: lw.Structure) -> None:
     """Noise of the same kind whose largest errors, by chance, make chi-square 1.3 and a coefficient 4 deviations off."""
     clean = record(chain, duration=6.0)
     errors = np.random.default_rng([47105, 9]).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
-    noisy = with_errors(clean, errors)
+    noisy, loss = with_errors(clean, errors), lw.likelihood.Student()
     unknown = chain.unknown("all")
     fit = lw.identify(noisy, unknown)
     assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Use a robust loss" in fit.message
@@ -93,11 +90,10 @@ def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> 
     )
 
 
-@pytest.mark.parametrize("seed", range(1000, 1003))
-def test_a_low_rate_needs_no_model_error(seed: int, chain: lw.Structure) -> None:
+def test_a_low_rate_needs_no_model_error(chain: lw.Structure) -> None:
     """Four samples a period of the sink at 200 Hz: the steps of the flow are finer than the samples."""
     unknown = chain.unknown("all")
-    fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=seed), unknown)
+    fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=1000), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
     assert_within(fit, chain, 5.0)
 
@@ -182,11 +178,11 @@ def test_steps_of_the_flow_bend_no_coefficient() -> None:
     clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
     unknown = structure.unknown("all")
     errors = []
-    for seed in range(4):
+    for seed in range(2):
         fit = lw.identify(clean.with_noise(40.0, seed=seed), unknown)
         assert fit.trusted, fit.explanation
         errors.append((fit.values - truth(structure, unknown)) / np.sqrt(fit.covariance.diagonal()))
-    assert np.sqrt(np.mean(np.square(errors))) < 1.46  # 24 normal errors: beyond once in 1000
+    assert np.sqrt(np.mean(np.square(errors))) < 1.66  # 12 normal errors: beyond once in 1000
 
 
 def test_a_negative_variance_is_not_trusted(fitted: lw.Estimate) -> None:
@@ -276,7 +272,7 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
 
 
 def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> None:
-    """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 200 s by chance."""
+    """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 100 s by chance."""
     law = "k*d + c*v + k3*d**3"
     whole = oscillator(f"{law} + q*d**5", k=987.0, c=6.0, k3=4e5, q=3.5e7)
     unknown = oscillator(law, k=987.0, c=6.0, k3=4e5).unknown("all")
@@ -287,7 +283,7 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         return lw.identify(clean.with_noise(40.0, seed=seed), unknown)
 
     long, *short = (
-        answer(duration, seed) for duration, seed in [(200.0, 8100), *((20.0, 8101 + k) for k in range(4))]
+        answer(duration, seed) for duration, seed in [(100.0, 8100), (20.0, 8101), (20.0, 8102)]
     )
     assert {fit.grade for fit in (long, *short)} == {lw.Grade.APPROXIMATE}
     assert "Intervals are approximate: of the laws of this form" in long.explanation

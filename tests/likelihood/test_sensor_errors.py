@@ -71,7 +71,7 @@ def test_the_order_of_the_records_does_not_matter() -> None:
     assert first.findings == second.findings == ()
 
 
-@pytest.mark.parametrize("loss", [Huber(), Huber(0.7), Student()])
+@pytest.mark.parametrize("loss", [Huber(), Student()])
 def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record, loss: Loss) -> None:
     fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=loss)
     assert fit.trusted
@@ -169,14 +169,14 @@ def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> No
 
 
 def test_intervals_of_sensors_of_stated_calibration_cover_the_truth() -> None:
-    """Ten drawn sets of gains: the sum of squares stays below what ten independent ones reach once in 10 000."""
+    """Five drawn sets of gains: the sum of squares stays below what five independent ones reach once in 10 000."""
     squares = []
-    for seed in range(4100, 4110):
+    for seed in range(4100, 4105):
         record = miscalibrated(chain_record(2, duration=1.0).with_noise(40.0, seed=seed), 0.01, seed)
         fit = lw.identify(record, CHAIN.unknown("all"), calibration={"all": 0.01})
         assert fit.trusted
         squares.append(np.square(errors(fit, CHAIN)))
-    chance = scipy.stats.chi2.ppf(1.0 - 1e-4, 10) / 10.0
+    chance = scipy.stats.chi2.ppf(1.0 - 1e-4, 5) / 5.0
     assert (np.mean(squares, axis=0) < chance).all()
 
 
@@ -322,20 +322,11 @@ HUM = 3.0 * np.sin(2.0 * np.pi * 50.0 * TIME + 1.0)
 DRIFT = 6.0 * np.sin(1.5 * TIME)
 
 
-@pytest.mark.parametrize(
-    ("added", "options"),
-    [
-        (HUM, {"hums": {"x:m2": 50.0}}),
-        (DRIFT, {"drifts": ["x:m2"]}),
-        (DRIFT + HUM, {"drifts": {"x:m2": 0.4}, "hums": {"x:m2": 50.0}, "gains": ["x:m2"]}),
-    ],
-    ids=["hum", "drift", "both beside a gain"],
-)
-def test_laws_are_found_with_what_is_added_to_a_sensor(added: Floats, options: LikelihoodOptions) -> None:
+def test_laws_are_found_with_what_is_added_to_a_sensor_beside_a_gain() -> None:
     """Four standard errors: chance exceeds them for one in 2300 of these seven coefficients."""
-    record = disturbed(added, seed=21)
+    record = disturbed(DRIFT + HUM, seed=21)
     assert not lw.identify(record, ASKED).trusted
-    fit = lw.identify(record, ASKED, **options)  # type: ignore[arg-type]
+    fit = lw.identify(record, ASKED, drifts={"x:m2": 0.4}, hums={"x:m2": 50.0}, gains=["x:m2"])
     assert_within(fit, CHAIN)
 
 
