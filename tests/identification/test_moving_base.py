@@ -163,10 +163,9 @@ def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
         assert cause.size == pytest.approx(size, rel=0.05)
 
 
-@pytest.mark.slow
 def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     """It shows the base as well, which the relative coordinates do not hold; 4 standard deviations of the noise per sample."""
-    record = measured("a", "a:base")
+    record = measured("a", "a:base", duration=2.0)
     record = changed(record, "a:m1", 1.02 * record.channel("a:m1"))
     estimate = lw.identify(record, two_storeys().unknown("all"))
     assert not estimate.trusted

@@ -153,7 +153,6 @@ def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     assert fit.to_dict()["verdicts"] == ["CONVERGED", "ENERGY_FED"]
 
 
-@pytest.mark.slow
 def test_a_search_of_many_steps_is_done_once_more() -> None:
     """Four masses at 10 dB, seed 2: the first search ends 67 in -2 log likelihood above the second, 9 standard errors off."""
     chain = lw.bnes_chain(4)
@@ -162,7 +161,7 @@ def test_a_search_of_many_steps_is_done_once_more() -> None:
 
 
 def test_clean_records_are_trusted(chain: lw.Structure) -> None:
-    for snr_db in (10.0, 20.0, 40.0):
+    for snr_db in (10.0, 40.0):
         fit = lw.identify(record(chain).with_noise(snr_db, seed=3000), chain.unknown("all"))
         assert fit.verdicts == (lw.Verdict.CONVERGED,)
         assert fit.diagnosis == () and fit.to_dict()["diagnosis"] == []

@@ -104,9 +104,8 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
 
 
-@pytest.mark.slow
 def test_chaotic_motion_is_predicted_in_windows() -> None:
-    record = in_wells(bistable(c=0.02), 6.0, "0.005*sin(20*t)", 8, rate=400.0)
+    record = in_wells(bistable(c=0.02), 3.0, "0.005*sin(20*t)", 8, rate=400.0)
     validation = lw.validate(record, bistable(c=0.02))
     assert not validation.free_run and validation.windows > 1 and validation.trusted
     assert not lw.validate(record, bistable(c=0.02, alpha=-55.0)).trusted
