@@ -150,7 +150,9 @@ def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it() -> None:
     """A term of a link stands for it."""
     chain = lw.bnes_chain(4)
     damped = with_links(chain, link("extra", "m2-ground", "c*v", c=0.02))
-    record = lw.simulate(damped, release={"v:m1": 3.0}, duration=4.0, rate=1000.0).with_noise(15.0, seed=5202711)
+    record = lw.simulate(damped, release={"v:m1": 3.0}, duration=4.0, rate=1000.0).with_noise(
+        15.0, seed=5202711
+    )
     fit = lw.identify(record, chain.unknown("all"))
     first = fit.diagnosis[0]
     assert not fit.trusted and (first.kind, first.where, first.term) == ("link", "m2-ground", "v")
