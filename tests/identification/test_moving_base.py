@@ -147,23 +147,17 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     return replace(record, values=columns)
 
 
-@pytest.mark.parametrize("sensors", [("a", "a:base"), ("x", "x:base")], ids=str)
-def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
-    """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %).
-
-    Where a model error makes intervals wide enough to hold what it does to the coefficients, the answer is trusted.
-    """
-    base = sensors[1]
-    duration = 8.0 if base == "x:base" else 4.0  # s; a displacement shows less of the fast motion
-    record = measured(*sensors, duration=duration)
-    motion = record.channel(base)
+def test_gain_and_delay_of_the_base_are_told() -> None:
+    """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
+    record = measured("a", "a:base")
+    motion = record.channel("a:base")
     signal = lw.model.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))
     for kind, size, values in (("gain", 0.02, 1.02 * motion), ("delay", 1e-3, late)):
-        fit = lw.identify(changed(record, base, values), two_storeys().unknown("all"))
+        fit = lw.identify(changed(record, "a:base", values), two_storeys().unknown("all"))
         assert not fit.trusted or near(fit)
         cause = fit.diagnosis[0]
-        assert (cause.kind, cause.where) == (kind, base)
+        assert (cause.kind, cause.where) == (kind, "a:base")
         assert cause.size == pytest.approx(size, rel=0.05)
 
 
@@ -187,8 +181,8 @@ def test_discovery_offers_the_base_in_place_of_the_ground() -> None:
     assert laws == {"m1-base": "k*d + c*v", "m2-m1": "k*d + k3*d**3 + c*v"}
 
 
-@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base")], ids=str)
-def test_validation_predicts_what_the_sensors_show(sensors: tuple[str, ...]) -> None:
+def test_validation_predicts_what_the_sensors_show() -> None:
+    sensors = ("a", "a:base")
     record = measured(*sensors, seed=2)
     validation = lw.validate(record, two_storeys())
     assert validation.trusted

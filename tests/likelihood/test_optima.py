@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from problems import chain_record, truth
@@ -58,21 +56,14 @@ CHAIN = lw.bnes_chain(2)
 FAR = 5.0  # standard errors: of five coefficients by chance 3e-6
 
 
-@cache
-def identified(seed: int) -> lw.Estimate:
-    return lw.identify(chain_record(2).with_noise(5.0, seed=seed), CHAIN.unknown("all"))
-
-
 def loosened(fit: lw.Estimate) -> bool:
     """Whether the answer says that the motion was allowed to depart from the laws."""
     return any("allowed to depart from the laws" in remark for remark in fit.remarks)
 
 
-@pytest.mark.parametrize(("seed", "departs"), [(1012, False), (1014, True)])
-def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima(seed: int, departs: bool) -> None:
-    """Steps along the curvature of the flow find that the likelihood is smooth in some, of which straight ones are refused."""
-    fit = identified(seed)
-    assert loosened(fit) == departs
+def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima() -> None:
+    fit = lw.identify(chain_record(2).with_noise(5.0, seed=1014), CHAIN.unknown("all"))
+    assert loosened(fit)
     assert fit.model_error == 0.0
     assert_within(fit, CHAIN, FAR)
 

@@ -18,7 +18,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Student
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +71,8 @@ def test_the_order_of_the_records_does_not_matter() -> None:
     assert first.findings == second.findings == ()
 
 
-@pytest.mark.parametrize("loss", [Huber(), Student()])
-def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record, loss: Loss) -> None:
-    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=loss)
+def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record) -> None:
+    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=Student())
     assert fit.trusted
     # 6002 samples, and the estimate of their noise
     assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.06)
