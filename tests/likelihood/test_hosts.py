@@ -343,11 +343,6 @@ def test_a_mode_that_a_host_lacks_is_named_by_its_frequency() -> None:
     assert fit.fit_verdicts == (lw.Verdict.UNEXPLAINED_FORCES,)
 
 
-def test_a_frequency_that_is_off_is_no_mode_that_is_lacking() -> None:
-    fit = lw.identify(_hit(_beam((0, 1, 2), **SINK), ACCELEROMETERS, 5215404), _beam((0, 1, 2), off=1.04))
-    assert not fit.trusted and fit.diagnosis[0].kind == "frequency"
-
-
 def test_a_link_that_moves_a_mode_is_no_mode_that_is_lacking() -> None:
     """The sensors then lack the stated mode, which they should show."""
     true = _beam((0, 1, 2), **SINK)
