@@ -224,39 +224,6 @@ def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
 
 
-def hysteretic_frame() -> lw.Structure:
-    """Two storeys of 3 Hz each that yield."""
-    w = 2.0 * np.pi * 3.0
-    lower = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.009 * w**2, "x0": 0.012, "s": 0.6}
-    upper = {"k": 0.4 * w**2, "c": 0.04 * w, "F": 0.006 * w**2, "x0": 0.01, "s": 0.5}
-    return structure(
-        {"m1": 1.0, "m2": 1.0},
-        named("lower", "m1-base", "bouc-wen", **lower),
-        named("upper", "m2-m1", "bouc-wen", **upper),
-    )
-
-
-@pytest.fixture(scope="module")
-def shaken_frame() -> lw.Record:
-    """Accelerations of the floors at 30 dB and of the base, which moves below the frequencies of the frame, too."""
-    w = 2.0 * np.pi
-    base = "+".join(
-        f"{size / (w * f) ** 2:.6g}*sin({w * f:.5f}*t + {phase})"
-        for size, f, phase in ((1.6, 0.45, 0), (1.2, 0.8, 1), (1.8, 1.3, 2), (1.4, 2.2, 3), (1.5, 4.1, 4))
-    )
-    record = lw.simulate(hysteretic_frame(), duration=15.0, rate=100.0, base=base, sensors=["a", "a:base"])
-    return on_exact_base(record, 30.0, 21)
-
-
-def test_storeys_that_do_not_yield_are_refused_on_the_record_of_a_frame_that_does(
-    shaken_frame: lw.Record,
-) -> None:
-    plain = structure(
-        {"m1": 1.0, "m2": 1.0}, link("lower", "m1-base", "k*d + c*v"), link("upper", "m2-m1", "k*d + c*v")
-    )
-    assert not lw.identify(shaken_frame, plain).trusted
-
-
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
 HYSTERETIC = {"k": 100.0, "c": 0.05, "F": 0.5, "s": 0.6, "x0": 2e-3}
 RATE = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
