@@ -80,8 +80,15 @@ UNKNOWN_MASSES = {
 }
 
 
-@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("rel:x", "v:base")], ids=str)
-@pytest.mark.parametrize("case", UNKNOWN_MASSES)
+@pytest.mark.parametrize(
+    ("case", "sensors"),
+    [
+        ("unknown", ("a", "a:base")),
+        ("far from its start", ("rel:x", "v:base")),
+        ("known to within", ("rel:x", "a:base")),
+    ],
+    ids=str,
+)
 def test_an_acceleration_of_the_base_determines_masses(case: str, sensors: tuple[str, ...]) -> None:
     """The force of inertia is the unknown mass times what was recorded; another mass sets the scale."""
     fit = lw.identify(measured(*sensors), with_masses(two_storeys().unknown("all"), **UNKNOWN_MASSES[case]))
@@ -140,30 +147,23 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     return replace(record, values=columns)
 
 
-@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base"), ("x", "x:base")], ids=str)
-def test_gain_and_delay_of_the_base_are_told(sensors: tuple[str, ...]) -> None:
-    """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %).
-
-    Where a model error makes intervals wide enough to hold what it does to the coefficients, the answer is trusted.
-    """
-    base = sensors[1]
-    duration = 8.0 if base == "x:base" else 4.0  # s; a displacement shows less of the fast motion
-    record = measured(*sensors, duration=duration)
-    motion = record.channel(base)
+def test_gain_and_delay_of_the_base_are_told() -> None:
+    """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
+    record = measured("a", "a:base")
+    motion = record.channel("a:base")
     signal = lw.model.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))
     for kind, size, values in (("gain", 0.02, 1.02 * motion), ("delay", 1e-3, late)):
-        fit = lw.identify(changed(record, base, values), two_storeys().unknown("all"))
+        fit = lw.identify(changed(record, "a:base", values), two_storeys().unknown("all"))
         assert not fit.trusted or near(fit)
         cause = fit.diagnosis[0]
-        assert (cause.kind, cause.where) == (kind, base)
+        assert (cause.kind, cause.where) == (kind, "a:base")
         assert cause.size == pytest.approx(size, rel=0.05)
 
 
-@pytest.mark.slow
 def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     """It shows the base as well, which the relative coordinates do not hold; 4 standard deviations of the noise per sample."""
-    record = measured("a", "a:base")
+    record = measured("a", "a:base", duration=2.0)
     record = changed(record, "a:m1", 1.02 * record.channel("a:m1"))
     estimate = lw.identify(record, two_storeys().unknown("all"))
     assert not estimate.trusted
@@ -181,8 +181,8 @@ def test_discovery_offers_the_base_in_place_of_the_ground() -> None:
     assert laws == {"m1-base": "k*d + c*v", "m2-m1": "k*d + k3*d**3 + c*v"}
 
 
-@pytest.mark.parametrize("sensors", [("rel:x", "a:base"), ("a", "a:base")], ids=str)
-def test_validation_predicts_what_the_sensors_show(sensors: tuple[str, ...]) -> None:
+def test_validation_predicts_what_the_sensors_show() -> None:
+    sensors = ("a", "a:base")
     record = measured(*sensors, seed=2)
     validation = lw.validate(record, two_storeys())
     assert validation.trusted

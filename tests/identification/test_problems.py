@@ -26,17 +26,10 @@ def test_both_methods_find_the_coefficients_and_likelihood_is_the_sharper(proble
     assert np.all(np.sqrt(likelihood.covariance.diagonal()) < 1.1 * deviation)
 
 
-def alone(problem: Problem) -> bool:
-    """Whether no other link joins what the last one joins."""
-    *others, last = problem.structure.links
-    return last.between not in [link.between for link in others]
-
-
-@pytest.mark.parametrize(
-    "problem", [problem for problem in PROBLEMS.values() if alone(problem)], ids=lambda problem: problem.name
-)
-def test_a_linear_law_in_place_of_the_last_one_is_not_trusted(problem: Problem) -> None:
+@pytest.mark.parametrize("name", ["two masses, 20 dB", "base moved", "masses unknown, a force applied"])
+def test_a_linear_law_in_place_of_the_last_one_is_not_trusted(name: str) -> None:
     """Beside what must be accepted, one that must not."""
+    problem = PROBLEMS[name]
     unknown_structure = problem.unknown_structure
     last = unknown_structure.links[-1]
     unknown = lw.Coefficient.unknown(start=1.0)

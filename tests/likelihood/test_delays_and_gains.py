@@ -44,8 +44,7 @@ def delay_found(fit: lw.Estimate, name: str) -> tuple[float, float]:
     return 1e-3 * float(match[1]), 1e-3 * float(match[2])
 
 
-@pytest.mark.parametrize("name", SENSORS)
-@pytest.mark.parametrize("tenths", [3, pytest.param(-7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "tenths"), [("v:m1", -7), ("a:m2", 3)])
 def test_a_delay_of_one_of_four_channels_is_found_with_the_laws(name: str, tenths: int) -> None:
     record = late(name, tenths, seed=31)
     fit = lw.identify(record, CHAIN_ASKED, delays=[name])
@@ -114,12 +113,9 @@ def explained(fit: lw.Estimate, late: float) -> None:
     assert abs(delay - late) < 5.0 * deviation
 
 
-@pytest.mark.parametrize(
-    ("duration", "late"), [pytest.param(1.0, 0.015, marks=pytest.mark.slow), (1.5, 0.0042)]
-)
-def test_a_delay_of_all_that_a_sensor_on_a_moving_base_shows_is_found(duration: float, late: float) -> None:
-    """A third of a period, beyond nearer optima; half a sample, of which the base alone would leave nine times the noise."""
-    explained(lw.identify(shaken(duration, late), STOREY.unknown("all"), delays=["a:m1"]), late)
+def test_a_delay_of_all_that_a_sensor_on_a_moving_base_shows_is_found() -> None:
+    """Half a sample, of which the base alone would leave nine times the noise."""
+    explained(lw.identify(shaken(1.5, 0.0042), STOREY.unknown("all"), delays=["a:m1"]), 0.0042)
 
 
 def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
@@ -346,8 +342,8 @@ def test_errors_of_channels_that_cannot_be_found_are_refused(
         lw.identify(records(), asked, **options)
 
 
-@pytest.mark.parametrize("delay", [1.5e-3, -12e-3])
-def test_a_delay_of_one_of_two_forces_is_found(delay: float) -> None:
+def test_a_delay_of_one_of_two_forces_is_found() -> None:
+    delay = -12e-3
     record = driven(late={"force:m2": delay})
     fit = lw.identify(record, ASKED, delays=["force:m2"])
     assert_within(fit, PAIR, 5.0)
@@ -415,16 +411,15 @@ def test_a_discovery_finds_the_gain_of_a_force_with_the_structure() -> None:
 
 
 @pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize("seed", [41, 42])
-def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(seed: int, tmp_path: Path) -> None:
+def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(tmp_path: Path) -> None:
     """The search makes the force vanish, ever larger gains later, and has no standard errors there."""
-    fit = lw.identify(driven(gains={"force:m1": -1.0}, seed=seed), ASKED, gains=["force:m1"])
+    fit = lw.identify(driven(gains={"force:m1": -1.0}, seed=41), ASKED, gains=["force:m1"])
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("sign", "force:m1")
     assert "change the sign of force:m1" in fit.message
     assert fit.sensor_errors == ()  # the gain is some 1e31
     lw.report.write_result(fit, tmp_path / "answer")
-    assert not lw.validate(driven(seed=seed), tmp_path / "answer").coefficients  # the folder can be read
+    assert not lw.validate(driven(seed=41), tmp_path / "answer").coefficients  # the folder can be read
 
 
 def test_an_interrupted_search_gives_the_best_so_far() -> None:
@@ -460,5 +455,4 @@ def test_unknown_gains_of_every_channel_are_refused_unless_a_known_law_sets_the_
     assert fit.trusted
     for error in some(fit.sensor_errors):
         assert abs(error.value - 1.0) < 5.0 * error.standard_error < 0.25
-    for gains in (ALL_OF_PAIR[:3], ALL_OF_PAIR[1:]):
-        assert lw.identify(record, ASKED, gains=gains).trusted
+    assert lw.identify(record, ASKED, gains=ALL_OF_PAIR[1:]).trusted

@@ -117,13 +117,12 @@ def test_a_wrong_shape_is_named() -> None:
     ]
 
 
-@pytest.mark.parametrize("frequency", [240.0, 450.0])
-def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis(frequency: float) -> None:
-    """Its states are lost in rounding beside those of the slow modes, at half of the sampling rate of 500 Hz and above it."""
+def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis() -> None:
+    """Its states are lost in rounding beside those of the slow modes, above half of the sampling rate of 500 Hz."""
     shapes = {"tip": (1.0, -1.0, 0.3), "joint": (0.62, 0.3, 0.2)}
     true = {"k": 200.0, "k3": 2e6, "c": 0.05}
     payload = link("payload", "store-wing.tip", HARDENING, **true)
-    wing = structure({"store": 0.05}, payload, hosts=[host("wing", (5.2, 21.0, frequency), 0.01, shapes)])
+    wing = structure({"store": 0.05}, payload, hosts=[host("wing", (5.2, 21.0, 450.0), 0.01, shapes)])
     recorded = lw.simulate(
         wing, forces={"wing.joint": "5*sin(33*t)"}, release={"v:wing.mode1": 0.3}, duration=1.0, rate=500.0
     ).with_noise(40.0, seed=3)
@@ -187,12 +186,8 @@ def mistaken(seed: int, part: float = 0.02) -> lw.Host:
 
 
 def test_shapes_known_to_within_are_found_and_counted() -> None:
-    """Shapes off by 2 %: held as known they take trust away and are named, known to within they come out."""
-    host = mistaken(101)
-    estimate = lw.identify(first_hit(), beside(beam(), host))
-    assert not estimate.trusted
-    assert estimate.diagnosis[0].kind == "shape"
-    fit = lw.identify(record(), beside(beam(), host.known_to_within(shape=0.02)))
+    """Shapes off by 2 %, known to within, come out."""
+    fit = lw.identify(record(), beside(beam(), mistaken(101).known_to_within(shape=0.02)))
     assert_within(fit, SINK_OF_BEAM)
     assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.08)
     assert len(fit.shapes) == 9
@@ -319,7 +314,6 @@ FOUR = (3.3, 20.6, 57.7, 113.0)
 OF_FOUR = {"tip": (3.2, -3.2, 3.2, -3.2), "mid": (1.1, 2.3, 0.06, -2.2), "root": (0.3, 1.5, 2.8, 2.5)}
 SINK = {"k": 200.0, "k3": 2e6, "c": 0.05}
 ACCELEROMETERS = ("a:beam.tip", "a:beam.mid", "a:beam.root", "x:sink")
-DISPLACEMENTS = ("x:beam.tip", "x:beam.mid", "x:beam.root", "x:sink")
 
 
 def _beam(modes: Sequence[int], off: float = 1.0, **values: float) -> lw.Structure:
@@ -333,43 +327,22 @@ def _beam(modes: Sequence[int], off: float = 1.0, **values: float) -> lw.Structu
 
 
 def _hit(subject: lw.Structure, sensors: Sequence[str], seed: int) -> lw.Record:
-    """Two hits near the root."""
-    hits = "3*exp(-((t - 0.1)/0.003)**2) + 2.4*exp(-((t - 1.1)/0.003)**2)"
-    record = lw.simulate(subject, forces={"beam.root": hits}, duration=2.0, rate=1000.0, sensors=sensors)
+    """A hit near the root."""
+    hit = "3*exp(-((t - 0.1)/0.003)**2)"
+    record = lw.simulate(subject, forces={"beam.root": hit}, duration=1.0, rate=1000.0, sensors=sensors)
     return record.with_noise(30.0, seed=seed)
 
 
-@pytest.mark.parametrize(
-    ("true", "stated", "sensors", "seed"),
-    [
-        ((0, 1, 2, 3), (0, 1, 2), ACCELEROMETERS, 5215401),
-        pytest.param((0, 1, 2, 3), (0, 1, 2), DISPLACEMENTS, 5215402, marks=pytest.mark.slow),
-        ((0, 1, 2), (0, 1), DISPLACEMENTS, 5215403),
-    ],
-    ids=["accelerations", "displacements", "third"],
-)
-def test_a_mode_that_a_host_lacks_is_named_by_its_frequency(
-    true: Sequence[int], stated: Sequence[int], sensors: Sequence[str], seed: int
-) -> None:
-    fit = lw.identify(_hit(_beam(true, **SINK), sensors, seed), _beam(stated))
+def test_a_mode_that_a_host_lacks_is_named_by_its_frequency() -> None:
+    fit = lw.identify(_hit(_beam((0, 1, 2, 3), **SINK), ACCELEROMETERS, 5215401), _beam((0, 1, 2)))
     cause = fit.diagnosis[0]
     assert not fit.trusted and (cause.kind, cause.where) == ("mode", "beam")
     # a peak as wide as the damping, 1 % to either side, whose neighbours are stated
-    assert cause.size == pytest.approx(FOUR[true[-1]], rel=0.01)
+    assert cause.size == pytest.approx(FOUR[3], rel=0.01)
     assert f"a mode near {cause.size:.3g} Hz that the host beam lacks" in fit.message
     assert fit.fit_verdicts == (lw.Verdict.UNEXPLAINED_FORCES,)
 
 
-@pytest.mark.parametrize(
-    ("sensors", "seed"),
-    [(ACCELEROMETERS, 5215404), pytest.param(DISPLACEMENTS, 5215405, marks=pytest.mark.slow)],
-)
-def test_a_frequency_that_is_off_is_no_mode_that_is_lacking(sensors: Sequence[str], seed: int) -> None:
-    fit = lw.identify(_hit(_beam((0, 1, 2), **SINK), sensors, seed), _beam((0, 1, 2), off=1.04))
-    assert not fit.trusted and fit.diagnosis[0].kind == "frequency"
-
-
-@pytest.mark.slow
 def test_a_link_that_moves_a_mode_is_no_mode_that_is_lacking() -> None:
     """The sensors then lack the stated mode, which they should show."""
     true = _beam((0, 1, 2), **SINK)
@@ -438,15 +411,14 @@ def damped(between: float) -> lw.Record:
     ).with_noise(25.0, seed=811)
 
 
-@pytest.mark.parametrize("between", [BETWEEN, pytest.param(-BETWEEN, marks=pytest.mark.slow)])
-def test_damping_that_a_host_lacks_is_not_trusted_and_named(between: float) -> None:
-    fit = lw.identify(damped(between), wing().unknown("payload"))
+def test_damping_that_a_host_lacks_is_not_trusted_and_named() -> None:
+    fit = lw.identify(damped(BETWEEN), wing().unknown("payload"))
     assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,)
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.where, cause.unit) == ("damping between modes", "wing.mode1+mode2", "N s/m")
     assert 'damping = [ { modes = [1, 2], damping = "unknown" } ] of that host' in fit.message
     # to first order, of a damping that is half of that of the modes
-    assert cause.size == pytest.approx(between, rel=0.3)
+    assert cause.size == pytest.approx(BETWEEN, rel=0.3)
 
 
 def test_as_the_diagnosis_says_the_damping_is_found_and_where_none_is_lacking_none_is_told() -> None:
@@ -475,6 +447,3 @@ def test_damping_that_one_sensor_and_one_tone_do_not_rule_out_is_told() -> None:
     for term in some(told):
         assert term.term == "v" and 0.0 < term.share <= 1.0 and term.standard_errors > 3.0
         assert "damping between the modes 1 and 2 of wing" in term.description
-    bounded = lw.identify(tone, wing().unknown("payload"))  # the other sensors tell
-    assert bounded.trusted
-    assert not [term for term in bounded.unseen_terms if term.link.startswith("wing.mode")]

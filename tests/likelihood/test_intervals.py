@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import paper_fits
 import pytest
-import scipy
-from paper_fits import LARGEST_NMSE, Runs, identified
+from paper_fits import LARGEST_NMSE, identified
 from present import present
 from problems import chain_record, truth
 from scipy.integrate import solve_ivp
 from scipy.optimize import OptimizeResult, least_squares
-from structures import asked_oscillator, oscillator
+from structures import oscillator
 from within import assert_within
 
 import linkwise as lw
@@ -133,45 +131,25 @@ CHANCE = 0.005  # of a share being too small, and of its being too large: of fiv
 SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
 
 
-@pytest.mark.parametrize(
-    ("n", "seeds"), [(2, 8), (4, 8), (6, 3), (8, 3), pytest.param(10, 4, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (6, 3)])
 def test_at_20_db_every_sink_is_found_to_a_few_millionths(n: int, seeds: int) -> None:
     paper_fits.check_sinks_at_20_db(identified(n, 20.0, seeds))
 
 
-@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (10, 1)])
+@pytest.mark.parametrize(("n", "seeds"), [(2, 3), (10, 1)])
 def test_at_40_db_a_hundred_times_better(n: int, seeds: int) -> None:
     assert np.median(identified(n, 40.0, seeds).nmse) <= LARGEST_NMSE[40.0]
 
 
-@pytest.mark.parametrize(("n", "seeds"), [(2, 6), (4, 3)])
-def test_velocities_alone_are_enough(n: int, seeds: int) -> None:
-    paper_fits.check_velocities(identified(n, 30.0, seeds, "v", duration=SHORT))
+def test_velocities_alone_are_enough() -> None:
+    paper_fits.check_velocities(identified(2, 30.0, 6, "v", duration=SHORT))
 
 
-@pytest.fixture(scope="module")
-def many() -> Runs:
-    return identified(2, 20.0, MANY, duration=SHORT)
-
-
-@pytest.mark.slow
-def test_standard_errors_are_what_the_errors_are(many: Runs) -> None:
+def test_standard_errors_intervals_and_bands_are_what_the_errors_are_and_these_as_small_as_may_be() -> None:
+    many = identified(2, 20.0, MANY, duration=SHORT)
     paper_fits.check_standard_errors(many)
-
-
-@pytest.mark.slow
-def test_intervals_cover_as_often_as_they_say(many: Runs) -> None:
     paper_fits.check_intervals(many, CHANCE)
-
-
-@pytest.mark.slow
-def test_the_force_band_covers_at_every_elongation(many: Runs) -> None:
     paper_fits.check_force_band(many, CHANCE)
-
-
-@pytest.mark.slow
-def test_errors_are_as_small_as_information_allows(many: Runs) -> None:
     paper_fits.check_bound(many, SHORT)
 
 
@@ -310,26 +288,3 @@ def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
     assert off.max() > 5.0
     assert estimate.status == "several optima" and not estimate.trusted
     assert "or rises again beyond" in estimate.message
-
-
-@pytest.mark.slow
-def test_pieces_of_a_servo_axis_scatter_as_the_whole_says(shared_data: Path) -> None:
-    """EMPS: they scattered 4 to 15 times the stated errors; all five pieces are those of benchmarks/bench_inexact_laws.py."""
-    data = scipy.io.loadmat(shared_data / "emps.mat")
-    force = data["vir"].ravel() * float(data["gtau"].item())
-    record = lw.Record.from_arrays(data["t"].ravel(), {"x:m1": data["qm"].ravel(), "force:m1": force})
-    axis = asked_oscillator("fv*v + fc*sign(v) + off", name="friction")
-    whole = lw.identify(record, axis)
-    assert whole.grade is lw.Grade.APPROXIMATE and whole.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
-    published = {"friction.fv": 203.5, "friction.fc": 20.39, "friction.off": -3.165, "m1.mass": 95.109}
-    for name, value in published.items():  # Janot, Gautier, Brunot 2019
-        low, high = whole.coefficient(name).interval or (np.nan, np.nan)
-        assert low < value < high
-    length = len(record) // 5
-    pieces = [lw.identify(record[k * length : (k + 1) * length], axis) for k in (0, 3, 4)]
-    scatter = np.std([piece.values for piece in pieces], axis=0, ddof=1)
-    errors = np.sqrt(whole.covariance.diagonal())
-    # three normal numbers scatter beyond 1.7 deviations in 6 % of cases, as five do beyond 1.5: chi-square of 2 and 4
-    assert np.all(scatter < 1.7 * np.sqrt(5.0) * errors)
-    stated = np.sqrt(np.mean([piece.covariance.diagonal() for piece in pieces], axis=0))
-    assert np.all(scatter < 1.7 * stated)

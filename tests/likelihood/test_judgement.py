@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy
 from coloured_noise import autoregressive, differenced
-from present import present, some
+from present import present
 from problems import chain_record, truth
 from random_force import random_force
 from structures import NES, link, oscillator, row_of_masses, with_links
@@ -62,14 +62,11 @@ def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Struct
     assert lw.identify(noisy, chain.unknown("all")).trusted
 
 
-@pytest.mark.parametrize("loss", [lw.likelihood.Student(), lw.likelihood.Huber()], ids=["student", "huber"])
-def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(
-    loss: lw.likelihood.Loss, chain: lw.Structure
-) -> None:
+def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(chain: lw.Structure) -> None:
     """Noise of the same kind whose largest errors, by chance, make chi-square 1.3 and a coefficient 4 deviations off."""
     clean = record(chain, duration=6.0)
     errors = np.random.default_rng([47105, 9]).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
-    noisy = with_errors(clean, errors)
+    noisy, loss = with_errors(clean, errors), lw.likelihood.Student()
     unknown = chain.unknown("all")
     fit = lw.identify(noisy, unknown)
     assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Use a robust loss" in fit.message
@@ -93,11 +90,10 @@ def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> 
     )
 
 
-@pytest.mark.parametrize("seed", range(1000, 1003))
-def test_a_low_rate_needs_no_model_error(seed: int, chain: lw.Structure) -> None:
+def test_a_low_rate_needs_no_model_error(chain: lw.Structure) -> None:
     """Four samples a period of the sink at 200 Hz: the steps of the flow are finer than the samples."""
     unknown = chain.unknown("all")
-    fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=seed), unknown)
+    fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=1000), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
     assert_within(fit, chain, 5.0)
 
@@ -135,17 +131,6 @@ def test_whiteness_of_a_channel(correlation: float, coloured: bool) -> None:
     assert whiteness_text("x:m1", np.ones(31)) == "x:m1: not tested for whiteness, which takes 32 samples."
 
 
-def test_a_model_error_that_follows_the_motion_is_no_excuse() -> None:
-    """Six masses whose sinks have a quintic part, identified as cubic: the fit says which force it lacks."""
-    chain = lw.bnes_chain(6)
-    sinks = [own for own in chain.links if own.name.startswith("nes")]
-    quintic = [link(f"g{k}", "-".join(own.between), "g*d**5", g=3e9) for k, own in enumerate(some(sinks))]
-    true = with_links(chain, *quintic)
-    fit = lw.identify(record(true, 3.0).with_noise(SNR, seed=1), chain.unknown("nes"))
-    assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT and not fit.trusted
-    assert "a force like d**5 in nes" in fit.message
-
-
 def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     """A damper that pushes: the fit is right, and an answer that no passive link could give."""
     driven = with_links(chain, link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=-0.02))
@@ -157,7 +142,6 @@ def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     assert fit.to_dict()["verdicts"] == ["CONVERGED", "ENERGY_FED"]
 
 
-@pytest.mark.slow
 def test_a_search_of_many_steps_is_done_once_more() -> None:
     """Four masses at 10 dB, seed 2: the first search ends 67 in -2 log likelihood above the second, 9 standard errors off."""
     chain = lw.bnes_chain(4)
@@ -165,13 +149,11 @@ def test_a_search_of_many_steps_is_done_once_more() -> None:
     assert np.max(np.abs(errors(fit, chain))) < 5.0
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
-def test_clean_records_are_trusted(seed: int, chain: lw.Structure) -> None:
-    for snr_db in (10.0, 20.0, 40.0):
-        fit = lw.identify(record(chain).with_noise(snr_db, seed=3000 + seed), chain.unknown("all"))
-        assert fit.verdicts == (lw.Verdict.CONVERGED,)
-        assert fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
-        assert fit.to_dict()["model_error_percent"] == 0.0
+def test_a_clean_record_is_trusted(chain: lw.Structure) -> None:
+    fit = lw.identify(record(chain).with_noise(10.0, seed=3000), chain.unknown("all"))
+    assert fit.verdicts == (lw.Verdict.CONVERGED,)
+    assert fit.diagnosis == () and fit.to_dict()["diagnosis"] == []
+    assert fit.to_dict()["model_error_percent"] == 0.0
 
 
 def test_steps_of_the_flow_bend_no_coefficient() -> None:
@@ -183,11 +165,11 @@ def test_steps_of_the_flow_bend_no_coefficient() -> None:
     clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
     unknown = structure.unknown("all")
     errors = []
-    for seed in range(4):
+    for seed in range(2):
         fit = lw.identify(clean.with_noise(40.0, seed=seed), unknown)
         assert fit.trusted, fit.explanation
         errors.append((fit.values - truth(structure, unknown)) / np.sqrt(fit.covariance.diagonal()))
-    assert np.sqrt(np.mean(np.square(errors))) < 1.46  # 24 normal errors: beyond once in 1000
+    assert np.sqrt(np.mean(np.square(errors))) < 1.66  # 12 normal errors: beyond once in 1000
 
 
 def test_a_negative_variance_is_not_trusted(fitted: lw.Estimate) -> None:
@@ -277,7 +259,7 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
 
 
 def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> None:
-    """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 200 s by chance."""
+    """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 100 s by chance."""
     law = "k*d + c*v + k3*d**3"
     whole = oscillator(f"{law} + q*d**5", k=987.0, c=6.0, k3=4e5, q=3.5e7)
     unknown = oscillator(law, k=987.0, c=6.0, k3=4e5).unknown("all")
@@ -287,9 +269,7 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         clean = lw.simulate(whole, forces={"m1": force}, duration=duration, rate=200.0)
         return lw.identify(clean.with_noise(40.0, seed=seed), unknown)
 
-    long, *short = (
-        answer(duration, seed) for duration, seed in [(200.0, 8100), *((20.0, 8101 + k) for k in range(4))]
-    )
+    long, *short = (answer(duration, seed) for duration, seed in [(100.0, 8100), (20.0, 8101), (20.0, 8102)])
     assert {fit.grade for fit in (long, *short)} == {lw.Grade.APPROXIMATE}
     assert "Intervals are approximate: of the laws of this form" in long.explanation
     for fit in short:

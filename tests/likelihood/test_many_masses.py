@@ -175,14 +175,13 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
     assert np.max(np.abs(local.reduced - dense.reduced) / scale) < 10.0 * TOLERANCE * largest
 
 
-@pytest.mark.parametrize(("masses", "duration"), [(14, 1.5), pytest.param(26, 2.0, marks=pytest.mark.slow)])
-def test_intervals_of_many_masses(masses: int, duration: float) -> None:
+def test_intervals_of_many_masses() -> None:
     """The errors of all coefficients, weighed by their covariance: between the quantiles of 0.1 % and 99.9 %, for one seed."""
-    chain = lw.bnes_chain(masses)
-    record = chain_record(masses, duration=duration).with_noise(20.0, seed=1000)
+    chain = lw.bnes_chain(14)
+    record = chain_record(14, duration=1.5).with_noise(20.0, seed=1000)
     fit = lw.identify(record, chain.unknown("all"))
     error = fit.values - truth(chain, fit.given_structure)
-    assert fit.trusted and len(error) == 5 * masses // 2
+    assert fit.trusted and len(error) == 35
     low, high = scipy.stats.chi2.ppf([0.001, 0.999], len(error))
     assert low < error @ np.linalg.solve(fit.covariance, error) < high
 

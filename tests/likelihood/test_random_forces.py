@@ -122,14 +122,13 @@ def test_the_estimates_are_at_the_maximum_of_the_likelihood_by_a_kalman_filter(c
             assert curvature == pytest.approx(2.0, rel=0.2)
 
 
-@pytest.mark.parametrize("stated", [0.1, None])
-def test_noise_of_a_load_cell_is_counted_in(stated: float | None) -> None:
+def test_noise_of_a_load_cell_is_counted_in() -> None:
     unknown = chain(2, "k*d + c*v + k3*d**3").unknown("all")
-    fit = lw.identify(with_load_cell(3), unknown, input_noise={"force:m1": stated})
+    fit = lw.identify(with_load_cell(3), unknown, input_noise={"force:m1": None})
     assert_within(fit, chain(2, "k*d + c*v + k3*d**3"), ERRORS)
     [force] = fit.random_forces
     assert force.where == "force:m1"
-    assert force.found is (stated is None)
+    assert force.found
     # of 2000 samples the record determines a hundred: scatter below 1 / sqrt(2 * 100), five times that
     assert force.deviation == pytest.approx(0.1, rel=0.35)
 
@@ -336,72 +335,53 @@ def accelerations(corner: float, seconds: float, seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, ("a:m1", "a:m2"), shown + noise)
 
 
-@pytest.mark.parametrize("seed", [5799001, pytest.param(5799002, marks=pytest.mark.slow)])
-def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour(seed: int) -> None:
-    fit = lw.identify(velocities((1.0, 0.0), 100.0, seed), chain(2).unknown("all"), ambient=["m1"])
+def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour() -> None:
+    fit = lw.identify(velocities((1.0, 0.0), 40.0, 5799001), chain(2).unknown("all"), ambient=["m1"])
     assert fit.trusted, fit.message
     [force] = some(fit.random_forces)
-    # of some 3000 forces that the record determines: four times 1 / sqrt(6000)
-    assert force.spectral_density == pytest.approx(DENSITY, rel=0.05)
+    # of some 1200 forces that the record determines: four times 1 / sqrt(2400)
+    assert force.spectral_density == pytest.approx(DENSITY, rel=0.08)
 
 
 def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refused_behind_a_filter() -> None:
-    fit = lw.identify(accelerations(50.0, 20.0, 5799004), chain(2).unknown("all"), ambient="all")
+    fit = lw.identify(accelerations(50.0, 10.0, 5799004), chain(2).unknown("all"), ambient="all")
     assert_within(fit, chain(2))
     for force in some(fit.random_forces):
-        # of nearly all 2000 forces: four times 1 / sqrt(4000)
-        assert force.spectral_density == pytest.approx(DENSITY, rel=0.065)
-    fit = lw.identify(accelerations(40.0, 20.0, 5799005), chain(2).unknown("all"), ambient="all")
+        # of nearly all 1000 forces: four times 1 / sqrt(2000)
+        assert force.spectral_density == pytest.approx(DENSITY, rel=0.09)
+    fit = lw.identify(accelerations(40.0, 10.0, 5799005), chain(2).unknown("all"), ambient="all")
     assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR, fit.message
     assert fit.diagnosis[0].kind == "coloured force"
     assert "below 50 Hz, as behind a filter against aliasing)" in fit.message
     assert "resample the accelerations at twice the frequency up to which the filter is flat" in fit.message
 
 
-@pytest.mark.slow
 def test_laws_that_are_not_linear_are_judged_by_the_whole_record() -> None:
     """Parts in which the motion is larger or smaller move a damper like v*abs(v) by several standard errors."""
-    record = ambient((1.0, 1.0), 120.0, 5799007)
+    record = ambient((1.0, 1.0), 60.0, 5799007)
     fit = lw.identify(record, chain(2, "k*d + c*v + c2*v*abs(v)").unknown("all"), ambient="all")
     assert_within(fit, {"l1.c2": 0.0, "l2.c2": 0.0})
 
 
-@pytest.mark.parametrize(("named", "unnamed"), [("m1", "m2"), ("m2", "m1")])
-@pytest.mark.parametrize("seed", [51, 52])
-def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told(
-    named: str, unnamed: str, seed: int
-) -> None:
-    fit = lw.identify(ambient((1.0, 1.0), 15.0, seed), chain(2).unknown("all"), ambient=[named])
+def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told() -> None:
+    fit = lw.identify(ambient((1.0, 1.0), 15.0, 51), chain(2).unknown("all"), ambient=["m1"])
     assert fit.fit_verdicts == (Verdict.MEASUREMENT_ERROR,)
     cause = fit.diagnosis[0]
-    assert (cause.kind, cause.where, cause.unit, cause.is_instrument) == (
-        "ambient",
-        unnamed,
-        "N/sqrt(Hz)",
-        True,
-    )
+    assert (cause.kind, cause.where, cause.unit) == ("ambient", "m2", "N/sqrt(Hz)") and cause.is_instrument
     assert cause.description in fit.message
-    assert f"allow for an ambient force on {unnamed}" in fit.message
+    assert "allow for an ambient force on m2" in fit.message
     # one step of the score from a deviation of zero: to the first order
     assert cause.size == pytest.approx(DENSITY, rel=0.2)
 
 
-@pytest.mark.parametrize(
-    ("deviations", "named"), [((1.0, 0.0), "m1"), ((0.0, 1.0), "m2"), ((1.0, 0.0, 0.0), "m1")]
-)
-def test_masses_on_which_no_force_acts_are_not_told(deviations: tuple[float, ...], named: str) -> None:
-    fit = lw.identify(ambient(deviations, 15.0, 53), chain(len(deviations)).unknown("all"), ambient=[named])
+def test_masses_on_which_no_force_acts_are_not_told() -> None:
+    fit = lw.identify(ambient((0.0, 1.0), 15.0, 53), chain(2).unknown("all"), ambient=["m2"])
     assert fit.trusted, fit.message
 
 
-@pytest.mark.parametrize(
-    ("deviations", "seed"), [((1.0, 0.0), 61), pytest.param((1.0, 0.0, 0.0), 65, marks=pytest.mark.slow)]
-)
-def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit(
-    deviations: tuple[float, ...], seed: int
-) -> None:
+def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit() -> None:
     """The search for its deviation, which would shrink for ever, ends."""
-    fit = lw.identify(ambient(deviations, 15.0, seed), chain(len(deviations)).unknown("all"), ambient="all")
+    fit = lw.identify(ambient((1.0, 0.0), 15.0, 61), chain(2).unknown("all"), ambient="all")
     assert fit.trusted, fit.message
     last = some([force for force in fit.random_forces[1:] if force.deviation == 0.0])[-1]
     assert (last.spectral_density, last.found) == (0.0, True)
@@ -433,9 +413,8 @@ def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:
     assert lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": DENSITY}).trusted
 
 
-@pytest.mark.parametrize("seed", [55, 56])
-def test_noise_of_an_input_that_is_stated_too_small_is_told(seed: int) -> None:
-    record, unknown = with_load_cell(seed, 1500), chain(2).unknown("all")
+def test_noise_of_an_input_that_is_stated_too_small_is_told() -> None:
+    record, unknown = with_load_cell(55, 1500), chain(2).unknown("all")
     fit = lw.identify(record, unknown, input_noise={"force:m1": 0.07})
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("input noise", "force:m1")

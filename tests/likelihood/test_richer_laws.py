@@ -31,7 +31,6 @@ STATED = structure(MASSES, link("spring1", "m1-ground", "k*d + c*v", k=3e4, c=1.
 
 
 ASKED = STATED.unknown("all")
-SPRING = link("cable", "m2-ground", "k*d", k=4.0)
 DAMPER = link("oil", "m2-ground", "c*v", c=0.002)
 
 
@@ -48,22 +47,16 @@ def answer(cubic: float, speed: float, seed: int, *missing: lw.Link) -> lw.Estim
     return lw.identify(record(cubic, speed, seed, *missing), ASKED)
 
 
-@pytest.mark.parametrize("seed", [61, 62])
-def test_an_answer_stands_where_its_laws_lack_one_term(seed: int) -> None:
-    fit = answer(2e7, 1.0, seed)
+def test_an_answer_stands_where_its_laws_lack_one_term() -> None:
+    fit = answer(2e7, 1.0, 61)
     assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert fit.message.endswith(" With d**3 in spring1 only noise is left.")
     assert fit.grade is lw.Grade.APPROXIMATE
 
 
-@pytest.mark.parametrize(
-    ("cubic", "speed", "missing", "moved"), [(2e7, 1.4, SPRING, "nes1.alpha"), (5e6, 1.0, DAMPER, "nes1.c")]
-)
-def test_a_link_that_the_model_error_hides_takes_trust_away(
-    cubic: float, speed: float, missing: lw.Link, moved: str
-) -> None:
-    """A spring of 4 % of the sink's stiffness, or a damper of a tenth of its damping, to the ground."""
-    fit = answer(cubic, speed, 63, missing)
+def test_a_link_that_the_model_error_hides_takes_trust_away() -> None:
+    """A damper of a tenth of that of the sink, to the ground."""
+    fit = answer(5e6, 1.0, 63, DAMPER)
     assert not fit.trusted
     assert [cause.where for cause in fit.diagnosis[:2]] == ["spring1", "m2-ground"]
     assert (
@@ -72,18 +65,7 @@ def test_a_link_that_the_model_error_hides_takes_trust_away(
     )
     named = [(cause.kind, cause.where, cause.term, cause.source) for cause in fit.diagnosis]
     assert len(named) == len(set(named)) >= 2
-    true = present(STATED.coefficient(moved).value)
-    assert abs(fit.coefficient(moved).value - true) > 0.02 * abs(true)
-
-
-@pytest.mark.parametrize("name", [pytest.param("m1", marks=pytest.mark.slow), "m2"])
-def test_a_stated_mass_that_the_model_error_hides_takes_trust_away(name: str) -> None:
-    """One of 3 % more than it is; the records tell the ratio of the two."""
-    heavy = structure({**MASSES, name: 1.03 * MASSES[name]}, *STATED.links)
-    fit = lw.identify(record(2e7, 1.0, 66), heavy.unknown("all"))
-    assert [cause.kind for cause in fit.diagnosis[:2]] == ["term", "mass"]
-    assert "With d**3 in spring1 and a mass of m" in fit.message
-    assert fit.grade is lw.Grade.APPROXIMATE
+    assert abs(fit.coefficient("nes1.c").value - 0.02) > 0.02 * 0.02
 
 
 def faulty(record: lw.Record, change: Callable[[Floats, Floats], Floats]) -> lw.Record:
@@ -123,21 +105,18 @@ DAMPED = link("spring1", "m1-ground", "k*d + c*v + g*d**3 + q*(v*abs(v))", k=3e4
 HEAVY = structure({**MASSES, "m2": 1.02 * MASSES["m2"]}, *STATED.links)
 
 
-@pytest.mark.parametrize(
-    ("offset", "left"), [(0.0, "only"), pytest.param(1e-5, "hardly more than", marks=pytest.mark.slow)]
-)
-def test_three_errors_take_trust_away_with_or_without_a_fourth(offset: float, left: str) -> None:
-    """Damping that grows with speed, and a mass of 2 %, of which the other mass stands for most; an offset is left."""
+def test_three_errors_take_trust_away() -> None:
+    """Damping that grows with speed, and a mass of 2 %, of which the other mass stands for most."""
     damped = lw.simulate(structure(MASSES, DAMPED, SINK), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
     noisy = damped.with_noise(30.0, seed=5830066)
-    fit = lw.identify(faulty(noisy, lambda x, other: x + offset), HEAVY.unknown("all"))
+    fit = lw.identify(noisy, HEAVY.unknown("all"))
     assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
     assert [(cause.where, cause.term) for cause in fit.diagnosis[:3]] == [
         ("spring1", "d**3"),
         ("m2", ""),
         ("spring1", "v*abs(v)"),
     ]
-    assert f"v*abs(v) in spring1 {left} noise is left, and nes1." in fit.message
+    assert "v*abs(v) in spring1 only noise is left, and nes1." in fit.message
     off = (fit.values - truth(STATED, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
     assert np.abs(off).max() > 4.0
 
@@ -261,19 +240,11 @@ def motion(*parts: tuple[float, lw.Structure]) -> lw.Record:
     return lw.Record(0.0, 1000.0, SENSORS[:2], np.concatenate(pieces))
 
 
-@pytest.mark.parametrize(
-    ("parts", "where", "size", "moment"),
-    [
-        (((3.0, sink_on_spring()), (3.0, sink_on_spring(alpha=-98.0))), "nes1.alpha", 2.0, 3.0),
-        (((3.0, sink_on_spring()), (3.0, sink_on_spring(k=29000.0))), "spring1.k", -1000.0, 3.0),
-        (((2.0, sink_on_spring()), (4.0, sink_on_spring(alpha=-97.0))), "nes1.alpha", 3.0, 2.0),
-    ],
-)
-def test_a_change_is_told_with_its_moment(
-    parts: tuple[tuple[float, lw.Structure], ...], where: str, size: float, moment: float
-) -> None:
+def test_a_change_is_told_with_its_moment() -> None:
     """Trusted with a model error before, 10 and 12 standard errors from either value."""
-    fit = lw.identify(motion(*parts).with_noise(30.0, seed=71), ASKED)
+    where, size, moment = "spring1.k", -1000.0, 3.0
+    record = motion((moment, sink_on_spring()), (3.0, sink_on_spring(k=29000.0))).with_noise(30.0, seed=71)
+    fit = lw.identify(record, ASKED)
     assert fit.verdicts == (lw.Verdict.COEFFICIENT_CHANGES,) and not fit.trusted
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.where) == ("change", where)
@@ -283,15 +254,11 @@ def test_a_change_is_told_with_its_moment(
     assert f"One value of {where} does not explain all of the record: a change of {where} by " in fit.message
 
 
-def test_a_coefficient_that_drifts_is_told_as_well_and_a_change_between_records_with_the_record() -> None:
+def test_a_coefficient_that_drifts_is_told_as_well() -> None:
     parts = tuple((0.5, sink_on_spring(alpha=alpha)) for alpha in np.linspace(-100.0, -97.0, 12))
     fit = lw.identify(motion(*parts).with_noise(30.0, seed=72), ASKED)
     assert fit.verdicts == (lw.Verdict.COEFFICIENT_CHANGES,)
     assert fit.diagnosis[0].kind == "change" and fit.diagnosis[0].where in ("nes1.alpha", "nes1.beta")
-    fit = lw.identify(two_records(), ASKED)
-    assert fit.verdicts == (lw.Verdict.COEFFICIENT_CHANGES,)
-    assert (fit.diagnosis[0].kind, fit.diagnosis[0].source) == ("change", "10 s of record 2")
-    assert "nes1.alpha" in fit.diagnosis[0].description
 
 
 def two_records() -> list[lw.Record]:
@@ -302,11 +269,10 @@ def two_records() -> list[lw.Record]:
     return [first, replace(second, start=10.0)]
 
 
-@pytest.mark.parametrize("relaxation", [1e-3, 2e-2])
-def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer(relaxation: float) -> None:
+def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer() -> None:
     """It lets the motion of one value follow both, so that no change is significant beside it."""
     records = two_records()
-    options = LikelihoodOptions(relaxation=relaxation)
+    options = LikelihoodOptions(relaxation=2e-2)
     fit = likelihood_fit(records, ASKED, truth(sink_on_spring(), ASKED), options=options)
     assert fit.model_error > 0.0 and likeliest_change(fit, records, None, ()) is None
     values = dict(zip(fit.segments.system.parameters.names, fit.values.tolist(), strict=True))
@@ -314,6 +280,7 @@ def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer(relax
     assert judgement.verdict is lw.Verdict.COEFFICIENT_CHANGES
     assert judgement.message.startswith("Held closer to the laws, one value of nes1.alpha does not explain")
     change = judgement.diagnosis[0]
+    assert (change.kind, change.source) == ("change", "10 s of record 2")
     assert change.size == pytest.approx(2.0, abs=4.0 * change.standard_error)
 
 
@@ -327,10 +294,9 @@ def test_a_change_beside_a_missing_term_is_told_by_laws_with_the_term() -> None:
 
 
 @pytest.mark.parametrize("calibration", [{}, {"all": 0.01}])
-@pytest.mark.parametrize("seed", [74, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (75, 76))])
-def test_no_change_is_told_of_exact_laws(calibration: dict[str, float], seed: int) -> None:
+def test_no_change_is_told_of_exact_laws(calibration: dict[str, float]) -> None:
     """What is known beforehand of gains pulls as blocks do."""
-    record = motion((6.0, sink_on_spring())).with_noise(30.0, seed=seed)
+    record = motion((6.0, sink_on_spring())).with_noise(30.0, seed=74)
     fit = lw.identify(record, ASKED, calibration=calibration)
     assert fit.trusted and "change" not in [cause.kind for cause in fit.diagnosis]
 
@@ -374,16 +340,15 @@ def told(fit: lw.Estimate) -> str:
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_disc_that_is_stated_too_heavy_takes_trust_away_and_is_named(clean: lw.Record, seed: int) -> None:
-    """Its gain of 14 to 25 is not significant among all causes, and coefficients are 17 standard errors off."""
-    fit = lw.identify(clean.with_noise(22.0, seed=seed), with_second_disc(1.05 * LIGHT))
+def test_a_disc_that_is_stated_too_heavy_takes_trust_away_and_is_named(clean: lw.Record) -> None:
+    """Its gain of 14 is not significant among all causes, and coefficients are 17 standard errors off."""
+    fit = lw.identify(clean.with_noise(22.0, seed=1), with_second_disc(1.05 * LIGHT))
     assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,)
     assert {cause.kind for cause in fit.diagnosis} == {"mass"}
     assert "a mass of disc" in fit.message
 
 
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", range(1, 4))
 def test_a_trusted_answer_holds_an_error_of_a_mass_or_tells_it(clean: lw.Record, seed: int) -> None:
     """All of them were trusted without a word, up to 14 standard errors off."""
     asked = with_second_disc(1.02 * LIGHT)

@@ -18,7 +18,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.loss import Gaussian, Huber, Student
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +71,8 @@ def test_the_order_of_the_records_does_not_matter() -> None:
     assert first.findings == second.findings == ()
 
 
-@pytest.mark.parametrize("loss", [Huber(), Huber(0.7), Student()])
-def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record, loss: Loss) -> None:
-    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=loss)
+def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record) -> None:
+    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=Student())
     assert fit.trusted
     # 6002 samples, and the estimate of their noise
     assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.06)
@@ -169,14 +168,14 @@ def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> No
 
 
 def test_intervals_of_sensors_of_stated_calibration_cover_the_truth() -> None:
-    """Ten drawn sets of gains: the sum of squares stays below what ten independent ones reach once in 10 000."""
+    """Five drawn sets of gains: the sum of squares stays below what five independent ones reach once in 10 000."""
     squares = []
-    for seed in range(4100, 4110):
+    for seed in range(4100, 4105):
         record = miscalibrated(chain_record(2, duration=1.0).with_noise(40.0, seed=seed), 0.01, seed)
         fit = lw.identify(record, CHAIN.unknown("all"), calibration={"all": 0.01})
         assert fit.trusted
         squares.append(np.square(errors(fit, CHAIN)))
-    chance = scipy.stats.chi2.ppf(1.0 - 1e-4, 10) / 10.0
+    chance = scipy.stats.chi2.ppf(1.0 - 1e-4, 5) / 5.0
     assert (np.mean(squares, axis=0) < chance).all()
 
 
@@ -264,11 +263,6 @@ def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
     value, error = sensor_error(lw.identify(stating(late(), delay=2e-3), UNKNOWN), "is late by")
     # the prior, 300 times as wide as the error, moves it by 1e-5 of 3 ms; the record says it to 0.0064 ms
     assert value == pytest.approx(3.0, abs=4.0 * error)
-    wrong = lw.identify(stating(late(), delay=1e-4), UNKNOWN)
-    assert not wrong.trusted
-    assert wrong.diagnosis[0].kind == "prior" and wrong.diagnosis[0].where == "delay of x:m2"
-    # four standard errors of the delay, 6e-5 of chance
-    assert wrong.diagnosis[0].unit == "s" and wrong.diagnosis[0].size == pytest.approx(3e-3, abs=4e-3 * error)
 
 
 def test_an_offset_beyond_its_prior_takes_trust_away() -> None:
@@ -322,20 +316,11 @@ HUM = 3.0 * np.sin(2.0 * np.pi * 50.0 * TIME + 1.0)
 DRIFT = 6.0 * np.sin(1.5 * TIME)
 
 
-@pytest.mark.parametrize(
-    ("added", "options"),
-    [
-        (HUM, {"hums": {"x:m2": 50.0}}),
-        (DRIFT, {"drifts": ["x:m2"]}),
-        (DRIFT + HUM, {"drifts": {"x:m2": 0.4}, "hums": {"x:m2": 50.0}, "gains": ["x:m2"]}),
-    ],
-    ids=["hum", "drift", "both beside a gain"],
-)
-def test_laws_are_found_with_what_is_added_to_a_sensor(added: Floats, options: LikelihoodOptions) -> None:
+def test_laws_are_found_with_what_is_added_to_a_sensor_beside_a_gain() -> None:
     """Four standard errors: chance exceeds them for one in 2300 of these seven coefficients."""
-    record = disturbed(added, seed=21)
+    record = disturbed(DRIFT + HUM, seed=21)
     assert not lw.identify(record, ASKED).trusted
-    fit = lw.identify(record, ASKED, **options)  # type: ignore[arg-type]
+    fit = lw.identify(record, ASKED, drifts={"x:m2": 0.4}, hums={"x:m2": 50.0}, gains=["x:m2"])
     assert_within(fit, CHAIN)
 
 

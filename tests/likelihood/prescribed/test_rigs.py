@@ -22,11 +22,10 @@ def record() -> lw.Record:
     return run(hysteretic())
 
 
-@pytest.mark.parametrize("seeds", [4, pytest.param(20, marks=pytest.mark.slow)])
-def test_a_hysteretic_link_is_found_without_starts_within_its_intervals(seeds: int) -> None:
+def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> None:
     """By quantiles of one in 500 of intervals that hold, and on either side of the sum of squares, were they independent."""
     record, scores = run(hysteretic(), duration=3.0), []
-    for seed in range(seeds):
+    for seed in range(4):
         fit = lw.identify(measured(record, seed), hysteretic().unknown("damper"))
         assert fit.trusted, str(fit)
         scores.append(errors(fit, of("damper", BOUC_WEN)))
@@ -36,16 +35,10 @@ def test_a_hysteretic_link_is_found_without_starts_within_its_intervals(seeds: i
     assert low < np.sum(np.square(scores)) < high
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("jenkins", {"k": 8e4, "Fs": 100.0}),
-        pytest.param("iwan(2)", {"KT": 8e4, "FS": 100.0, "chi": -0.4, "beta": 0.7}, marks=pytest.mark.slow),
-    ],
-)
-def test_sliders_are_identified_by_their_corners(name: str, values: dict[str, float]) -> None:
+def test_sliders_are_identified_by_their_corners() -> None:
     """The rate of a slider jumps where it begins to slide, and no derivative of it tells at which force."""
-    true = structure({}, named("damper", "base-ground", name, **values), name="rig")
+    values = {"k": 8e4, "Fs": 100.0}
+    true = structure({}, named("damper", "base-ground", "jenkins", **values), name="rig")
     fit = lw.identify(measured(run(true, duration=4.0), 1), true.unknown("damper"))
     assert_within(fit, of("damper", values))
 
@@ -244,7 +237,7 @@ def test_other_doors_refuse_a_rig() -> None:
 
 @pytest.mark.parametrize(
     ("term", "value", "named"),
-    [("q*d**3", 3e6, "d**3"), ("q*v*abs(v)", 300.0, "v*abs(v)"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")],
+    [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")],
 )
 def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, named: str) -> None:
     """Chi-square is within chance of 1; a coefficient was up to 54 standard errors off, and trusted."""

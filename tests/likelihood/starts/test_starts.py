@@ -28,12 +28,10 @@ def test_a_nonlinear_coefficient_starts_beside_linear_ones_that_forces_tell() ->
     assert_within(lw.identify(record, chain().unknown("all"), starts={"slip1.s": 0.2}), chain(**true))
 
 
-@pytest.mark.parametrize(
-    ("n", "kind", "seed"), [(2, "v", 1000), (2, "a", 1000), (4, "v", 1000), (4, "a", 1000)]
-)
-def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str, seed: int) -> None:
+@pytest.mark.parametrize(("n", "kind"), [(2, "a"), (4, "v")])
+def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str) -> None:
     true = lw.bnes_chain(n)
-    fit = chain_fit(n, 30.0, seed, (kind,), duration=3.0)
+    fit = chain_fit(n, 30.0, 1000, (kind,), duration=3.0)
     assert fit.status == "converged"
     # the level of the noise is found beforehand to 1.2 % a channel of 6 s: chi-square is within 3.6 % on sixteen such records
     # of other seeds, for which 5 % were asked; it scatters by the root of the number of samples
