@@ -224,6 +224,61 @@ def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
 
 
+def hysteretic_frame() -> lw.Structure:
+    """Two storeys of 3 Hz each that yield."""
+    w = 2.0 * np.pi * 3.0
+    lower = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.009 * w**2, "x0": 0.012, "s": 0.6}
+    upper = {"k": 0.4 * w**2, "c": 0.04 * w, "F": 0.006 * w**2, "x0": 0.01, "s": 0.5}
+    return structure(
+        {"m1": 1.0, "m2": 1.0},
+        named("lower", "m1-base", "bouc-wen", **lower),
+        named("upper", "m2-m1", "bouc-wen", **upper),
+    )
+
+
+@pytest.fixture(scope="module")
+def shaken_frame() -> lw.Record:
+    """Accelerations of the floors at 30 dB and of the base, which moves below the frequencies of the frame, too."""
+    w = 2.0 * np.pi
+    base = "+".join(
+        f"{size / (w * f) ** 2:.6g}*sin({w * f:.5f}*t + {phase})"
+        for size, f, phase in ((1.6, 0.45, 0), (1.2, 0.8, 1), (1.8, 1.3, 2), (1.4, 2.2, 3), (1.5, 4.1, 4))
+    )
+    record = lw.simulate(hysteretic_frame(), duration=15.0, rate=100.0, base=base, sensors=["a", "a:base"])
+    return on_exact_base(record, 30.0, 21)
+
+
+@pytest.mark.slow
+def test_hysteretic_storeys_of_a_frame_are_found_from_accelerations(shaken_frame: lw.Record) -> None:
+    true = hysteretic_frame()
+    assert_within(lw.identify(shaken_frame, true.unknown("all")), true, 5.0)
+
+
+@pytest.mark.slow
+def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_coefficients_that_they_share() -> (
+    None
+):
+    lower = hysteretic_frame().link("lower")
+    same = {key: lw.Coefficient.shared(f"lower.{key}") for key in lower.coefficients}
+    upper = replace(lower, name="upper", between=("m2", "m1"), coefficients=same)
+    frame = replace(hysteretic_frame(), links=(lower, upper))
+    base = "0.2*sin(2.8*t) + 0.02*sin(8*t + 1) + 0.01*sin(14*t + 2) + 0.002*sin(26*t)"
+    record = lw.simulate(frame, duration=5.0, rate=100.0, base=base, sensors=["a", "a:base"])
+    fit = lw.identify(record.with_noise(40.0, seed=31), frame.unknown("all"))
+    assert len(fit.parameters) == 5
+    assert_within(fit, frame)
+
+
+@pytest.mark.slow
+def test_storeys_that_do_not_yield_are_refused_on_the_record_of_a_frame_that_does(
+    shaken_frame: lw.Record,
+) -> None:
+    plain = structure(
+        {"m1": 1.0, "m2": 1.0}, link("lower", "m1-base", "k*d + c*v"), link("upper", "m2-m1", "k*d + c*v")
+    )
+    assert not lw.identify(shaken_frame, plain).trusted
+
+
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
 HYSTERETIC = {"k": 100.0, "c": 0.05, "F": 0.5, "s": 0.6, "x0": 2e-3}
 RATE = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
@@ -252,11 +307,29 @@ def shaken(kind: str, seed: int) -> lw.Record:
     ).with_noise(35.0, seed=seed)
 
 
+@cache
+def identified() -> lw.Estimate:
+    return lw.identify(shaken("a", 65), wing().unknown("payload"))
+
+
 def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
-    fit = lw.identify(shaken("a", 65), wing().unknown("payload"))
+    fit = identified()
     assert_within(fit, wing())
     for name, true in HYSTERETIC.items():  # four of them are a fifth: still of use
         assert present(fit.coefficient(f"payload.{name}").standard_error) < 0.05 * true
+
+
+@pytest.mark.slow
+def test_a_second_record_of_a_host_with_memory_is_predicted() -> None:
+    second = lw.simulate(
+        wing(),
+        forces={"wing.joint": "0.5*sin(30*t) + 0.4*sin(150*t)"},
+        duration=2.0,
+        rate=400.0,
+        sensors=["a:wing.tip", "a:wing.joint", "a:store"],
+    ).with_noise(35.0, seed=63)
+    validation = lw.validate(second, identified())
+    assert validation.trusted
 
 
 def test_an_unknown_mass_beside_a_host_with_memory_needs_a_start() -> None:
