@@ -136,5 +136,5 @@ def test_sinks_and_standard_errors(n: int, decibel: float) -> None:
 
 
 def test_intervals_and_bands_cover() -> None:
-    """What the suite asks of 80 records, of 200."""
+    """What the suite asks of 40 records, of 200."""
     check_cover(200)

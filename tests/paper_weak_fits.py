@@ -87,7 +87,7 @@ def check_cover(records: int) -> None:
             + list((lower <= force) & (force <= upper))
         )
     covered, deviation = np.mean(is_inside, axis=0), np.sqrt(0.95 * 0.05 / len(is_inside))
-    assert abs(covered.mean() - 0.95) <= 2.0 * deviation < 0.05  # 92 to 98 % of 200 records
+    assert abs(covered.mean() - 0.95) <= 2.0 * deviation < 0.07  # 92 to 98 % of 200 records
     assert covered.min() >= 0.95 - 4.0 * deviation  # of 13 quantities
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from linkwise.discovery.selection import Penalty, QuadraticModel, best_subset, r
 
 SAME = 1e-8  # the same sums in another order
 SIZE = 8
-DRAWS = range(1000, 1040)
+DRAWS = range(1000, 1015)
 CHOICES = [[0], [2, 5], [0, 1, 3, 6], [0, 1, 2, 3, 4, 5, 6]]
 
 
@@ -92,18 +92,17 @@ def least(seed: int) -> float:
     return min(criterion(quadratic, penalty, some) for some in choices)
 
 
-@pytest.mark.parametrize("start", [[], list(range(SIZE)), [1, 6]], ids=str)
-def test_the_best_of_all_choices_is_found_most_of_the_time(start: list[int]) -> None:
+def test_the_best_of_all_choices_is_found_most_of_the_time() -> None:
     """Else one where no single move gains, never above the start."""
     is_best = []
-    for seed in DRAWS:
+    for seed, start in product(DRAWS, ([], range(SIZE), [1, 6])):
         quadratic, penalty = problem(seed)
         end = best_subset(quadratic, penalty, start)
         reached = criterion(quadratic, penalty, end)
-        assert least(seed) - SAME <= reached <= criterion(quadratic, penalty, start) + SAME
+        assert least(seed) - SAME <= reached <= criterion(quadratic, penalty, [*start]) + SAME
         assert ranked_moves(quadratic, penalty, end, swaps=True)[0].gain <= SAME
         is_best.append(reached < least(seed) + SAME)
-    # 84, 92 and 96 % of the draws 2000 to 2079 from these three starts; 40 draws scatter by 5 %
+    # 84, 92 and 96 % of the draws 2000 to 2079 from these three starts; 45 scatter by 5 %
     assert np.mean(is_best) >= 0.8
 
 

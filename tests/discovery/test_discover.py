@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,16 +45,12 @@ def within(discovery: lw.Discovery, true: lw.Structure, most: float = 4.5) -> bo
 
 
 @pytest.mark.parametrize(
-    ("n", "decibel", "seed"),
-    [
-        *((n, 20.0, seed) for n in (2, 4, 6) for seed in (1000, 1001)),
-        (10, 20.0, 1000),
-        (2, 30.0, 1000), (4, 40.0, 1000), (6, 30.0, 1000),
-    ],
-)  # fmt: skip
-def test_the_papers_chain_is_found_exactly(n: int, decibel: float, seed: int) -> None:
+    ("n", "decibel"),
+    [(2, 20.0), (4, 40.0), (6, 20.0)],
+)
+def test_the_papers_chain_is_found_exactly(n: int, decibel: float) -> None:
     chain = lw.bnes_chain(n)
-    discovery = chain_discovery(n, decibel, seed)
+    discovery = chain_discovery(n, decibel, 1000)
     assert discovery.trusted
     assert terms(discovery.structure) == terms(chain)
     assert within(discovery, chain)
@@ -74,14 +69,15 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
-    discovery = lw.discover(chain_record(2).with_noise(5.0, seed=1000), masses(chain))
+    record = chain_record(2)
+    discovery = lw.discover(record.with_noise(5.0, seed=1000), masses(chain))
     assert discovery.trusted and terms(discovery.structure) == terms(chain)
     assert (
         discovery.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
     )
-    faint = trusted(chain_record(2).with_noise(0.0, seed=1000), chain)
+    faint = trusted(record.with_noise(0.0, seed=1000), chain)
     assert faint is None or terms(faint) == terms(chain)
-    assert trusted(chain_record(2).with_noise(-8.0, seed=1000), chain) is None
+    assert trusted(record.with_noise(-8.0, seed=1000), chain) is None
 
 
 def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.Record, lw.Discovery]) -> None:
@@ -91,7 +87,7 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.R
     assert again.terms == discovery.terms
     assert again.path == discovery.path
     assert again.runners_up == discovery.runners_up
-    another = chain_discovery(2, 20.0, 1001)
+    another = lw.discover(chain_record(2, duration=0.5).with_noise(20.0, seed=1001), masses(lw.bnes_chain(2)))
     assert another.estimate.values.tolist() != discovery.estimate.values.tolist()
 
 
@@ -130,20 +126,16 @@ def apart_or(*links: lw.Link, seed: int) -> Asked:
 
 
 def driven(end: str, **drives: Any) -> Asked:
-    """The chain of four, whose first spring ends at the ground or at a base."""
-    chain = lw.bnes_chain(4)
+    """The chain of two, whose first spring ends at the ground or at a base."""
+    chain = lw.bnes_chain(2)
     frame, *others = chain.links
     return moved(replace(chain, links=(replace(frame, between=("m1", end)), *others)), 30.0, 1000, **drives)
 
 
-def linear(n: int, seed: int) -> Asked:
-    return linear_chain(n).structure, [linear_chain(n).record(seed)]
-
-
 def twice() -> Asked:
-    """The chain of four, hit at one mass and at another."""
-    hits = chain_record(4, duration=3.0), chain_record(4, duration=3.0, hit="m3", speed=2.0)
-    return lw.bnes_chain(4), [hit.with_noise(20.0, seed=1000 + k) for k, hit in enumerate(hits)]
+    """The chain of two, hit at one mass and at the other."""
+    hits = chain_record(2, duration=1.5), chain_record(2, duration=1.5, hit="m2", speed=2.0)
+    return lw.bnes_chain(2), [hit.with_noise(20.0, seed=1000 + k) for k, hit in enumerate(hits)]
 
 
 def coupled_ring(snr_db: float, seed: int, duration: float = 29.8) -> Asked:
@@ -154,18 +146,16 @@ def coupled_ring(snr_db: float, seed: int, duration: float = 29.8) -> Asked:
 
 
 CHAINS: dict[str, Callable[[], Asked]] = {
-    "two structures that do not touch": lambda: apart_or(seed=1000),
-    "two structures that do not touch, another noise": lambda: apart_or(seed=1001),
+    "two structures that do not touch": lambda: apart_or(seed=1001),
     "a tenth of a spring between them": lambda: apart_or(link("touch", "m3-m1", "k*d", k=3000.0), seed=1000),
     "driven by a force": lambda: driven("ground", forces={"m1": SINE}),
     "driven by the base": lambda: driven("base", base="0.01*sin(150*t) + 0.006*sin(190*t)"),
     "two records": twice,
-    "sixty samples of a ring": lambda: coupled_ring(40.0, 5_003_010),
-    "sixty samples of a ring with more noise": lambda: coupled_ring(24.0, 5_003_010),
+    "sixty samples of a ring": lambda: coupled_ring(24.0, 5_003_010),
     "five samples a period": lambda: moved(
         lw.bnes_chain(2), 24.0, 5_003_011, 0.5, rate=137.5, release={"v:m1": 1.0}
     ),
-    **{f"{n} linear, seed {seed}": partial(linear, n, seed) for n in (2, 4) for seed in (1000, 1001)},
+    "four linear": lambda: (linear_chain(4).structure, [linear_chain(4).record(1000)]),
 }
 
 
@@ -222,6 +212,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
     )  # the longer chain was hit harder
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look: at a constant force in that link."""
     record = two[0][:1000]
@@ -232,9 +223,10 @@ def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, l
     assert "or a sensor has an error" in discovery.estimate.message
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
     """A random walk in every channel is no noise that a sensor makes, and no motion of a structure either."""
-    clean = chain_record(2, duration=DURATION)
+    clean = chain_record(2, duration=1.5)
     walk = 1e-4 * np.cumsum(np.random.default_rng(1000).normal(size=clean.values.shape), axis=0)
     assert trusted(replace(clean, values=walk, simulated=None), lw.bnes_chain(2)) is None
     assert chain_discovery(2, 20.0, 1000).trusted
@@ -245,10 +237,10 @@ def four() -> lw.Record:
     return chain_record(4, duration=3.0).with_noise(20.0, seed=1000)
 
 
-def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
-    """The sinks are stated without their cubic springs, the second frame without its damper."""
-    chain, unknown = lw.bnes_chain(4), lw.Coefficient.unknown()
-    less = {"nes1": "alpha*d + c*v", "nes2": "alpha*d + c*v", "spring2": "k*d"}
+def test_what_a_stated_structure_lacks_joins_it(two: tuple[lw.Record, lw.Discovery]) -> None:
+    """The sink is stated without its cubic spring, the frame without its damper."""
+    chain, unknown = lw.bnes_chain(2), lw.Coefficient.unknown()
+    less = {"nes1": "alpha*d + c*v", "spring1": "k*d"}
     links = [
         replace(
             link,
@@ -259,11 +251,12 @@ def test_what_a_stated_structure_lacks_joins_it(four: lw.Record) -> None:
         else link
         for link in chain.unknown("all").links
     ]
-    discovery = lw.discover(four, replace(chain, links=tuple(links)))
+    discovery = lw.discover(two[0], replace(chain, links=tuple(links)))
     assert terms(discovery.structure) == terms(chain)
-    assert {term.name for term in discovery.kept} == {"nes1.k3", "nes2.k3", "spring2.c"}
+    assert {term.name for term in discovery.kept} == {"nes1.k3", "spring1.c"}
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
     two: tuple[lw.Record, lw.Discovery],
 ) -> None:
@@ -276,8 +269,8 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
 
 @pytest.mark.parametrize(
     ("n", "sensor", "seed", "rounds"),
-    [(2, "v", 1000, None), (2, "a", 1000, None), (2, "a", 1002, None), (4, "v", 2001, 2)],
-    ids=["velocities", "accelerations", "a first fit in the other well", "a first tree from forces"],
+    [(2, "a", 1002, None), (4, "v", 2001, 2)],
+    ids=["accelerations, a first fit in the other well", "velocities, a first tree from forces"],
 )
 def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(
     n: int, sensor: str, seed: int, rounds: int | None
@@ -295,7 +288,7 @@ def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(
 def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise() -> None:
     """The sink has two wells, and no cubic term is offered."""
     chain = lw.bnes_chain(2)
-    record = chain_record(2, duration=1.0, sensors=("a",)).with_noise(30.0, seed=1000)
+    record = chain_record(2, duration=0.5, sensors=("a",)).with_noise(30.0, seed=1000)
     discovery = lw.discover(record, masses(chain), terms=["d"])
     assert lw.Verdict.DISPLACEMENTS_INTEGRATED in discovery.verdicts and not discovery.trusted
     assert any(remark.startswith("Some displacements were integrated") for remark in discovery.remarks)
@@ -335,10 +328,9 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.
         lw.discover(four, replace(known, links=(strange,)))
 
 
-@pytest.mark.parametrize("seed", [1000, 1001])
-def test_random_structures_are_found(seed: int) -> None:
-    case = random_case(seed)
-    discovery = lw.discover(case.record.with_noise(30.0, seed=seed), masses(case.structure))
+def test_a_random_structure_is_found() -> None:
+    case = random_case(1001)
+    discovery = lw.discover(case.record.with_noise(30.0, seed=1001), masses(case.structure))
     assert graph(discovery.structure) == graph(case.structure)
 
 
@@ -412,7 +404,7 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
     )
     record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
     right = 0
-    for seed in (5081, 600, 604, *range(101, 114)):
+    for seed in (5081, 600, 604, *range(101, 106)):
         try:
             discovery = lw.discover(record.with_noise(34.15, seed=seed), {"m1": 3.2555, "m2": "unknown"})
         except lw.IdentificationError as error:
@@ -423,4 +415,4 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
             # four standard errors: 1e-4 of normal errors are larger
             assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)
             right += 1
-    assert right >= 3  # of 16: where 0.45 are right, 0.7 % have fewer
+    assert right >= 1  # of 8: where 0.45 are right, 0.8 % have none

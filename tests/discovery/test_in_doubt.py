@@ -44,7 +44,7 @@ def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
     """What a wrong link leaves looks as such noise does: on a record with white noise alone a wrong set of links was excused
     by it, with a damping 6.6 standard errors off."""
     true = two_of_four_joined()
-    clean = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE)
+    clean = lw.simulate(true, release={"v:m1": 1.0}, duration=2.0, rate=RATE)
     rng = np.random.default_rng(1000)
     noise = rng.normal(size=clean.values.shape)
     noise[:, 0] = lfilter([np.sqrt(1.0 - 0.7**2)], [1.0, -0.7], noise[:, 0])  # AR(1) of unit power
@@ -102,7 +102,7 @@ def with_stiffness(alpha: float) -> lw.Structure:
 
 
 def discovered(structure: lw.Structure, sensors: tuple[str, ...]) -> lw.Discovery:
-    record = lw.simulate(structure, release={"x:m1": 1.35 * WELL}, duration=2.0, rate=500.0, sensors=sensors)
+    record = lw.simulate(structure, release={"x:m1": 1.35 * WELL}, duration=1.2, rate=500.0, sensors=sensors)
     return lw.discover(record.with_noise(40.0, seed=22), {"m1": 0.01})
 
 

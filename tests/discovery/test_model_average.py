@@ -75,6 +75,7 @@ def test_probabilities_and_models_are_written_and_printed() -> None:
     assert line.index("margin") < line.index("probability") < line.index("would be")
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_page_shows_the_models_that_survive_where_they_tell_another_force(tmp_path: Path) -> None:
     faint, clear = found(2e4, 43), found(4e5, 41)
     assert faint.average.departing(faint.estimate.links) == "m1-ground"

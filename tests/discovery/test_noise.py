@@ -41,10 +41,9 @@ def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.R
     )
 
 
-@pytest.mark.parametrize("draw", [remembering, differenced])
-def test_coloured_noise_is_told_from_missing_terms(draw: Callable[..., np.ndarray]) -> None:
+def test_coloured_noise_is_told_from_missing_terms() -> None:
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
-    discovery = lw.discover(noisy(clean, draw, 7), masses(chain))
+    discovery = lw.discover(noisy(clean, differenced, 7), masses(chain))
     assert discovery.trusted and discovery.estimate.model_error == 0.0
     assert lw.discovery.term_score(discovery.structure, chain).exact
     assert all(term.certain for term in some(discovery.kept))
@@ -91,7 +90,7 @@ def displacements(forces: np.ndarray) -> np.ndarray:
 @cache
 def ambient(seed: int) -> lw.Record:
     """In white forces of 1 N on both masses."""
-    rng, count = np.random.default_rng(seed), 1500
+    rng, count = np.random.default_rng(seed), 1000
     x = displacements(rng.standard_normal((STEADY + count, 2)))[STEADY:]
     return lw.Record(0.0, RATE, ("x:m1", "x:m2"), x + NOISE * rng.standard_normal(x.shape))
 
@@ -125,7 +124,7 @@ def test_ambient_vibration_gives_the_structure() -> None:
 
 
 def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_trusted() -> None:
-    discovery = lw.discover(ambient(11), masses(truth()), terms="v, d, d**3", ambient=["m1"])
+    discovery = lw.discover(ambient(11), masses(truth()), terms="v, d", ambient=["m1"])
     assert not discovery.trusted
     [cause] = [cause for cause in discovery.diagnosis if cause.kind == "ambient"]
     assert cause.where == "m2"

@@ -19,7 +19,7 @@ LATE = 2  # samples
 
 
 def record(seed: int = 1) -> lw.Record:
-    return chain_record(2, duration=1.5).with_noise(40.0, seed=seed)
+    return chain_record(2, duration=0.8).with_noise(40.0, seed=seed)
 
 
 def assert_found(discovery: lw.Discovery) -> None:
@@ -65,7 +65,7 @@ def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
 def test_a_delay_that_is_named_is_found() -> None:
     x = record().channel("x:m2")
     late = changed(np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))
-    faulty = late.between(0.01, 1.5)  # without the samples that the shift has repeated
+    faulty = late.between(0.01, 0.8)  # without the samples that the shift has repeated
     discovery = lw.discover(faulty, MASSES, delays=["x:m2"])
     assert_found(discovery)
     (sentence,) = (

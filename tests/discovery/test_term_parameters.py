@@ -43,11 +43,7 @@ def test_a_parameter_is_found_with_the_term(
     assert coefficient.standard_error is not None
     assert abs(coefficient.value - value) < 4.0 * coefficient.standard_error
     assert coefficient.standard_error < 0.02 * value
-
-
-def test_a_term_whose_parameter_was_found_is_that_of_the_truth() -> None:
-    discovery = lw.discover(recorded(FRICTION, 40.0, 13), MASSES, terms="v, d, friction")
-    assert lw.discovery.term_score(discovery.structure, FRICTION).exact
+    assert parameter == "n" or lw.discovery.term_score(discovery.structure, structure).exact
 
 
 def test_terms_with_parameters_that_are_not_needed_change_nothing() -> None:
@@ -64,6 +60,7 @@ def test_a_parameter_of_which_motion_tells_no_size_is_refused() -> None:
         lw.discover(recorded(CUBIC, 40.0, 1), MASSES, terms="v, d, d*exp(-abs(d)**n/b)")
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_friction_that_gives_energy_stands_in_for_another_damping() -> None:
     """Quadratic damping, which was not offered: negative friction was beyond doubt, and c 8 standard errors off."""
     quadratic = pair("k*d + c*v + c2*v*abs(v)", {"k": 400.0, "c": 0.3, "c2": 0.5})

@@ -54,6 +54,7 @@ def test_discovery_is_told_the_masses_alone(subject: Subject) -> None:
     assert turning.status == "converged" and turning.terms == result.terms
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_terms_that_are_not_offered_are_missing_and_the_answer_says_so(subject: Subject) -> None:
     result = DiscoveryMethod("linear", terms="v, d").evaluate(
         subject, subject.simulate(), snr_db=40.0, seed=5

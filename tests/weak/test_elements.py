@@ -13,7 +13,7 @@ import linkwise as lw
 UNKNOWN = lw.Coefficient.unknown
 TRUE = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
 BASE = "0.004*sin(40*t) + 0.003*sin(57*t + 1) + 0.002*sin(33*t + 2)"
-SEEDS = range(4600, 4612)
+SEEDS = range(4600, 4606)
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,12 @@ def test_an_exact_motion_gives_the_law(clean: lw.Record) -> None:
 
 
 def test_intervals_of_a_harvester(clean: lw.Record) -> None:
-    """Twelve records at 40 dB from starts 20 % off: 72 squares of errors over standard errors, in the central 99.9 % of three
+    """Six records at 40 dB from starts 20 % off: 36 squares of errors over standard errors, in the central 99.9 % of three
     sixths as many independent ones, since coupling, capacitance and resistance are nearly one number.
     """
     fits = [lw.identify(noisy(clean, 40.0, seed), asked(), method="weak") for seed in SEEDS]
     assert sum(fit.trusted for fit in fits) >= len(fits) - 1
-    assert 2.0 * 14.0 < float(np.sum([scores(fit) ** 2 for fit in fits])) < 2.0 * 69.0
+    assert 2.0 * 4.4 < float(np.sum([scores(fit) ** 2 for fit in fits])) < 2.0 * 44.0
     assert "state:piezo.V" in fits[0].noise
     motion, values = (
         fits[0].motion,
@@ -73,8 +73,8 @@ def test_intervals_of_a_harvester(clean: lw.Record) -> None:
 
 def test_starts_far_off_that_lead_past_zero(clean: lw.Record) -> None:
     """A step that would make the resistance 0, by which the rate is divided, is halved."""
-    far = [lw.identify(noisy(clean, 25.0, seed), asked(1.5), method="weak") for seed in SEEDS[:6]]
-    near = [lw.identify(noisy(clean, 25.0, seed), asked(1.0), method="weak") for seed in SEEDS[:6]]
+    far = [lw.identify(noisy(clean, 25.0, seed), asked(1.5), method="weak") for seed in SEEDS[:3]]
+    near = [lw.identify(noisy(clean, 25.0, seed), asked(1.0), method="weak") for seed in SEEDS[:3]]
     for one, other in zip(far, near, strict=True):
         apart = np.abs(one.values - other.values) / np.sqrt(other.covariance.diagonal())
         assert apart.max() < 0.02  # both ended within 1e-3 standard errors of their last step
