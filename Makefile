@@ -51,7 +51,7 @@ coverage: env  ## run all tests and measure the lines that they run; fail below 
 NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms optima score_tests) \
 	tests/likelihood/test_richer_laws.py::test_a_coefficient_that_drifts_is_told_as_well
 kernels: env  ## run numerical tests with another kernel of OpenBLAS than this processor takes: other last digits, same answers
-	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) -m 'not slow' $(NUMERICAL)
+	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) $(NUMERICAL)
 
 matrix: env  ## run all tests on every installed Python from 3.11, with the lowest dependencies, another BLAS kernel and two threads
 	$(TESTING) $(BIN)/python .ci/matrix.py $(PYTEST)

@@ -89,6 +89,7 @@ def test_every_package_has_its_place() -> None:
     assert ["root", *order.replace("<", " ").split()] == list(PACKAGES)
 
 
+@pytest.mark.slow
 def test_a_package_imports_only_from_those_before_it() -> None:
     """The package itself and `__main__` are doors: they show everything."""
     doors = {"linkwise", "linkwise.__main__"}
@@ -125,6 +126,7 @@ def test_no_circles() -> None:
     assert len(graph) > 200 and circle(graph) == []
 
 
+@pytest.mark.slow
 def test_no_import_inside_a_function() -> None:
     assert [path for path in FILES if imports_inside_functions(tree(path))] == []
 

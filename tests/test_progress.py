@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 
+import pytest
 from public import public
 
 import linkwise as lw
@@ -43,6 +44,7 @@ def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
         assert stated == ("Progress", silent, inspect.Parameter.KEYWORD_ONLY), name
 
 
+@pytest.mark.slow
 def test_a_limit_tells_how_far_it_is() -> None:
     reports: list[lw.estimates.ProgressReport] = []
     lw.limit(

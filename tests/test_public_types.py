@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
+import pytest
 from public import public
 
 
@@ -129,6 +130,7 @@ def unlisted(names: dict[str, Any], package: str) -> dict[str, set[str]]:
     return leaks
 
 
+@pytest.mark.slow
 def test_every_type_that_public_names_hand_out_is_public() -> None:
     names = dict(public())
     assert sum(len(list(given(name, value))) for name, value in names.items()) > 500

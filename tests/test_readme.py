@@ -53,6 +53,7 @@ def test_example_prints_what_stands_below_it() -> None:
     assert agree(printed.getvalue(), promised), printed.getvalue()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_commands_run_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -118,6 +118,7 @@ def test_the_walk_finds_every_answer(makers: dict[str, Callable[[], Any]]) -> No
     assert answers().keys() == makers.keys() and NO_ANSWERS.keys() < results().keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", answers())
 def test_an_answer_says_whether_it_can_be_trusted(name: str, makers: dict[str, Callable[[], Any]]) -> None:
     answer: Any = makers[name]()

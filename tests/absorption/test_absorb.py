@@ -90,6 +90,7 @@ def test_crossings_that_samples_miss_are_found() -> None:
     assert np.sum(np.diff(np.sign(d)) != 0) < len(fine.sinks[0].crossings)
 
 
+@pytest.mark.slow
 def test_the_eight_mass_chain_says_where_chaos_begins() -> None:
     absorption = lw.absorb(lw.bnes_chain(8), duration=2.0, rate=1000.0, release={"v:m1": 3.0})
     assert [mass.name for mass in absorption.masses] == ["m1", "m3", "m5", "m7"]  # paper Fig. 5
@@ -181,6 +182,7 @@ def test_without_damping_nothing_settles() -> None:
     assert any("did not settle" in line for line in absorption.findings)
 
 
+@pytest.mark.slow
 def test_forces_kinks_and_impulses_are_no_obstacle() -> None:
     """A one-sided stop on the sink: energy still closes, a blow counts as put in."""
     stop = built(
@@ -268,6 +270,7 @@ def test_a_torsion_chain_is_told_in_rad() -> None:
     assert lw.plot.crossings(both[0]).get_ylabel() == "mrad"
 
 
+@pytest.mark.slow
 def test_metres_and_radians_are_not_added() -> None:
     """Of two primaries in different units the reduction is that of parts of what each does without sinks."""
     chain = torsion_chain()

@@ -53,6 +53,7 @@ def both() -> tuple[lw.Absorption, lw.Absorption]:
     return lw.absorb(on_masses(), **RUN), lw.absorb(on_host(), **TAP)
 
 
+@pytest.mark.slow
 def test_a_host_of_two_masses_is_the_two_masses(both: tuple[lw.Absorption, lw.Absorption]) -> None:
     masses, hosted = both
     assert [mass.name for mass in hosted.masses] == ["frame.m1", "frame.m2"]
@@ -86,6 +87,7 @@ def test_the_energy_in_a_host_is_that_of_its_masses(both: tuple[lw.Absorption, l
         hosted.with_sinks.host_energy("beam")
 
 
+@pytest.mark.slow
 def test_rest_in_a_well_and_a_moving_base_are_those_of_masses() -> None:
     """A bistable link to the ground moves where the points rest; a link to the base drives a host."""
     for place, built, tap in (("m2", on_masses(), RUN), ("frame.m2", on_host(), TAP)):
@@ -104,6 +106,7 @@ def test_rest_in_a_well_and_a_moving_base_are_those_of_masses() -> None:
         assert abs(held.masses[1].with_sinks.rest) > 0.01 and shaken.masses[1].with_sinks.rest == 0.0
 
 
+@pytest.mark.slow
 def test_maps_over_sinks_on_hosts_are_those_on_masses() -> None:
     betas = [1e5, 2e5, 4e5]
     masses = lw.absorption.absorption_map(on_masses(), {"sink.beta": betas}, **RUN)
@@ -121,6 +124,7 @@ def test_maps_over_sinks_on_hosts_are_those_on_masses() -> None:
     np.testing.assert_allclose(shares, 1.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_each_of_several_shapes_moves_its_own_points() -> None:
     """Draws and sweeps of shapes: every run against `absorb` by itself, the one without sinks too."""
     shape = "frame.mode1.shape.m2"
@@ -135,6 +139,7 @@ def test_each_of_several_shapes_moves_its_own_points() -> None:
     assert np.ptp(swept["rms_reduction"]) > 0.01  # it matters
 
 
+@pytest.mark.slow
 def test_intervals_hold_frequencies_known_to_within() -> None:
     beam = host("beam", [5.2], 0.01, {"tip": [1.0]}).known_to_within(frequency=0.01)
     subject = structure(
@@ -154,6 +159,7 @@ def test_intervals_hold_frequencies_known_to_within() -> None:
     assert {parameter.name for parameter in fit.parameters} >= {"beam.mode1.frequency", "sink.k"}
 
 
+@pytest.mark.slow
 def test_harvesters_on_a_host() -> None:
     """A damper beside the sink takes its share, and a power of the link is delivered."""
     damper = lw.absorb(on_host(), **TAP, harvesters={"sink": 0.2})
@@ -166,6 +172,7 @@ def test_harvesters_on_a_host() -> None:
     assert damper.trusted and power.trusted
 
 
+@pytest.mark.slow
 def test_a_piezo_between_points_of_a_beam_delivers_power() -> None:
     beam = host("beam", CANTILEVER, 0.01, CANTILEVER_SHAPES)
     law = lw.Law.parse("k*d - theta*V", {"V": lw.model.LinkState("(-theta*v - V/R)/C", unit="V")})

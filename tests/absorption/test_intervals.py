@@ -48,6 +48,7 @@ def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
         known([[1e-4]], "nes1.c", lower=0.09).draws(500, seed=1000)
 
 
+@pytest.mark.slow
 def test_the_interval_of_one_parameter_is_its_own() -> None:
     """What grows with the damper's coefficient has its quantiles where the coefficient has them."""
     deviation = 0.02
@@ -68,6 +69,7 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
     assert intervals.quantity("crossings").missing == 0 and intervals.diverged == 0 and intervals.trusted
 
 
+@pytest.mark.slow
 def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
     trial: dict[str, Any] = {"duration": 2.0, "rate": 500.0, "release": {"v:m1": 3.0}}
     knowledge = known([[1.0]], "nes1.alpha", masses=6)
@@ -126,6 +128,7 @@ def test_the_folder_of_an_answer_keeps_what_is_known(answer_folder: Path, fitted
     assert "covariance.csv" in result["files"]
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(
     discovered: lw.Discovery, discovery_folder: Path, tmp_path: Path
 ) -> None:
@@ -210,6 +213,7 @@ def test_draws_that_diverge_are_no_answer() -> None:
         lw.absorption.absorption_intervals(wide, **trial, draws=20)
 
 
+@pytest.mark.slow
 def test_the_command_reads_the_folder_of_an_answer(answer_folder: Path, tmp_path: Path) -> None:
     command = f"absorb {answer_folder} --duration 1 --rate 500 --release v:m1=1.0 --draws 20 --seed 3"
     out = said(f"{command} -o {tmp_path}/absorbed").out

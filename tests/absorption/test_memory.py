@@ -41,6 +41,7 @@ def test_the_damper_the_resistor_and_the_capacitor_share_what_the_link_takes() -
     assert energies[1] > 0.1 * energies[0]  # it is a harvester
 
 
+@pytest.mark.slow
 def test_power_over_the_load_is_that_of_an_rc_circuit_driven_by_the_motion() -> None:
     """At a coupling too weak to change the motion: theta^2 |v|^2 R/(1 + (w R C)^2)/2, largest at R = 1/(w C)."""
     w = 50.0
@@ -57,6 +58,7 @@ def test_power_over_the_load_is_that_of_an_rc_circuit_driven_by_the_motion() -> 
     assert absorption_map.best("power:piezo") == {"piezo.R": loads[1]}
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_power_of_the_identified_link() -> None:
     structure = tower()
     record = lw.simulate(structure, duration=2.0, rate=400.0, release={"v:m1": 1.0}, sensors=("x", "state"))

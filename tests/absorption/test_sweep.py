@@ -58,6 +58,7 @@ def test_two_coefficients_of_the_sink() -> None:
     assert best == {"nes1.alpha": alphas[row], "nes1.beta": betas[column]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("without", ["removed", "locked"])
 def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
     """Masses and springs of the primary part, and what it is released with, change the comparison as well."""
@@ -93,6 +94,7 @@ def test_a_sweep_may_leave_the_bistable_range() -> None:
     check(swept, (2,), single)
 
 
+@pytest.mark.slow
 def test_laws_with_kinks_are_run_one_by_one() -> None:
     spring = link("a", "m1-ground", "k*d + c*v", k=900.0, c=0.3)
     slider = link("s", "m2-m1", "p*d + q*d**3 + F*tanh(v/s)", p=-100.0, q=1e6, F=0.02, s=0.01)
@@ -135,6 +137,7 @@ def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> Non
         absorption_map(CHAIN, over, **SHORT)
 
 
+@pytest.mark.slow
 def test_tops_and_floors_of_many_laws() -> None:
     """Polynomials by companion matrices against wells(), which brackets the zeros of any law."""
     law = lw.Law.parse("a*d + b*d**2 + e*d**3 + g*d**5")
@@ -188,6 +191,7 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
         absorption_map(CHAIN, over, **SHORT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("masses", [2, 4])
 def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
     """Per run: some hundred kilobytes that every sweep takes, more or less by versions of NumPy, are in both peaks."""

@@ -123,6 +123,7 @@ def test_newton_from_given_starts_agrees_with_the_product_of_wells() -> None:
     assert rests[0].energy == pytest.approx(-0.005, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_start_from_which_nothing_balances_is_said() -> None:
     pushed = free(link("f", "m-ground", "f0 + k*d**2", f0=1.0, k=1.0))
     assert equilibria(pushed).note == 'there is no equilibrium: the force of link "f" vanishes nowhere'

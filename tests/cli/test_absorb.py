@@ -37,6 +37,7 @@ def absorb(folder: Path) -> str:
     return f"absorb {folder.parent}/chain.toml {TRIAL}"
 
 
+@pytest.mark.slow
 def test_json_is_the_answer_of_the_library(absorb: str) -> None:
     options = "--without locked --settle 0.5 --harvester nes1=0.01 --sink nes1"
     printed = document(f"{absorb} {options} --impulse m2=0.01@0.2 --force m1=sin(9*t)")

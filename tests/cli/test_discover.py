@@ -48,6 +48,7 @@ def selected_terms(result: dict[str, Any]) -> set[str]:
     return {term["name"] for term in result["terms"] if term["kept"]}
 
 
+@pytest.mark.slow
 def test_the_answer_is_that_of_the_library() -> None:
     out, err = said(f"{DISCOVER} --truth chain.toml")
     assert out.startswith("2 masses, 2 links with 5 terms: can be trusted\n") and err == ""
@@ -61,6 +62,7 @@ def test_the_answer_is_that_of_the_library() -> None:
     assert values == pytest.approx([term.value for term in discovery.terms], rel=1e-8)  # same numerics
 
 
+@pytest.mark.slow
 def test_what_is_stated_of_sensors_counts() -> None:
     result = document(f"{DISCOVER} --calibration all=1% --delay x:m2")
     (beta,) = (term for term in result["terms"] if term["name"] == "m2-m1.k3")
@@ -76,6 +78,7 @@ def test_several_records_terms_and_parts_reach_the_search() -> None:
     assert result["fit"]["samples"] == 2 * 2 * 801
 
 
+@pytest.mark.slow
 def test_folder_and_its_structure_are_the_next_input(tmp_path: Path) -> None:
     """What was discovered is simulated, and identified again with its numbers taken away: to the same answer."""
     folder = tmp_path / "found"
@@ -91,6 +94,7 @@ def test_folder_and_its_structure_are_the_next_input(tmp_path: Path) -> None:
             assert abs(off) < 0.5 * coefficient["standard_error"]  # one optimum, within its tolerance
 
 
+@pytest.mark.slow
 def test_what_is_known_stays_and_what_is_known_not_to_be_stays_out(tmp_path: Path) -> None:
     known = tmp_path / "known.toml"
     masses = '[[mass]]\nname = "m1"\nmass = 1.0\n[[mass]]\nname = "m2"\nmass = "10 g"\n'
@@ -129,6 +133,7 @@ def test_gaps_are_told_and_do_not_hinder(tmp_path: Path) -> None:
     assert "5 terms right\n  missing  none\n  false    none" in out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_an_answer_not_to_be_trusted_has_exit_code_3() -> None:
     """With one channel a thousand times too large no structure explains both, and false links would mend it."""
@@ -136,6 +141,7 @@ def test_an_answer_not_to_be_trusted_has_exit_code_3() -> None:
     assert "NOT to be trusted" in out and "No decision is certain." in out and "check the units" in out
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_with_the_best_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The third step is never taken."""
     steps, step = iter(range(100)), stepping.damped_step

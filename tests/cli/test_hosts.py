@@ -67,6 +67,7 @@ def assert_payload(result: dict[str, Any]) -> None:
         assert abs(coefficients[name]["value"] - value) < 4.0 * coefficients[name]["standard_error"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_from_modes_to_a_validated_link() -> None:
     wing()
@@ -169,6 +170,7 @@ def test_show_prints_the_modes_and_draws_the_shapes() -> None:
     assert "<svg" in Path("wing.svg").read_text()
 
 
+@pytest.mark.slow
 def test_a_record_may_show_the_coordinate_of_a_mode() -> None:
     Path("asked.toml").write_text(wing() + STORE + LINK.replace("k = 200.0", 'k = "unknown"'))
     modal = "--release v:wing.mode1=0.3 --sensors x:wing.mode1,x:wing.mode2,x:store"
@@ -176,6 +178,7 @@ def test_a_record_may_show_the_coordinate_of_a_mode() -> None:
     assert "x:wing.mode1" in said("identify modal.csv asked.toml").out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_where_a_payload_hangs_is_discovered() -> None:
     text = wing()
@@ -194,6 +197,7 @@ def test_where_a_payload_hangs_is_discovered() -> None:
     assert lw.read_structure("found/structure.toml").hosts[0].points == ("wing.tip", "wing.joint")
 
 
+@pytest.mark.slow
 def test_from_taps_to_a_payload() -> None:
     taps(0.1, 2)
     identified = json.loads(said("structure host taps.csv --modes 2 --json").out.splitlines()[-1])
@@ -206,6 +210,7 @@ def test_from_taps_to_a_payload() -> None:
     assert_payload(document("identify wing.csv asked.toml"))
 
 
+@pytest.mark.slow
 def test_a_test_is_read_with_the_names_of_a_logger_and_the_errors_that_are_stated() -> None:
     taps(0.5, 2)
     header, _, rows = Path("taps.csv").read_text().partition("\n")

@@ -70,6 +70,7 @@ def library(*records: str, **keywords: Any) -> Any:
     return pytest.approx(fit.coefficient("nes1.alpha").value, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_maximum_likelihood_is_the_default() -> None:
     result = document(IDENTIFY)
     assert result["method"] == "ml" and result["status"] == "converged" and "nmse_percent" not in result
@@ -116,6 +117,7 @@ def test_part_of_a_record_whose_columns_are_mapped(tmp_path: Path) -> None:
     assert part["fit"]["samples"] == 2 * 601
 
 
+@pytest.mark.slow
 def test_errors_of_sensors_are_found_where_they_are_asked_for() -> None:
     offset = document("identify offset.csv unknown.toml --offset x:m1")
     # 2000 samples scatter by sqrt(2/2000) = 0.03, three of them
@@ -171,6 +173,7 @@ def test_a_robust_loss_is_chosen_by_name(word: str, loss: object, monkeypatch: p
     assert losses == [loss]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exact", [False, True])
 def test_exact_laws_leave_no_model_error(files: Path, chain: lw.Structure, exact: bool) -> None:
     """A sink whose spring gets a quintic term that the law lacks: a model error stands for it, or chi-square tells it."""
@@ -277,6 +280,7 @@ def pushed(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("option", "code", "where", "kind", "is_found"),
     [

@@ -19,6 +19,7 @@ def limit(tmp_path: Path) -> str:
     return f"limit {tmp_path}/chain.toml {PLAN}"
 
 
+@pytest.mark.slow
 def test_json_is_the_bound_of_the_library(limit: str) -> None:
     printed = document(f"{limit} --noise 20 --unknown nes1.alpha --unknown nes1.beta")
     expected = lw.limit(
@@ -56,6 +57,7 @@ def test_excitation_sensors_noise_and_segment_reach_it(limit: str) -> None:
     assert errors == pytest.approx(list(expected.standard_errors), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_prints_a_table(limit: str) -> None:
     out = said(f"{limit} --noise 20").out
     assert "251 samples each of x:m1, x:m2 at 500 Hz, in one segment with a\nfree start" in out

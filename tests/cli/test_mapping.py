@@ -67,6 +67,7 @@ def read(**keywords: Any) -> lw.Record:
     return lw.read_record("logger.csv", mapping="sensors.toml", **keywords)
 
 
+@pytest.mark.slow
 def test_every_command_that_reads_takes_a_mapping() -> None:
     result = document(f"identify {MAPPED} unknown.toml")
     expected = lw.identify(read(), lw.bnes_chain(2).unknown("nes"))

@@ -93,6 +93,7 @@ def storey() -> None:
         np.savetxt(f"{name}.csv", values, header="AccX", comments="")
 
 
+@pytest.mark.slow
 def test_two_files_and_a_delay(storey: None) -> None:
     columns = "--channel a:m1=AccX --channel a:base=ground.csv:AccX"
     asked = f"identify top.csv unknown.toml --rate 200 {columns}"
@@ -109,6 +110,7 @@ def test_two_files_and_a_delay(storey: None) -> None:
     assert "801 samples at 200 Hz" in said(f"inspect top.csv --channel time[us]=Stamp {columns}").out
 
 
+@pytest.mark.slow
 def test_a_file_with_the_acceleration_of_the_base_drives_a_simulation(storey: None) -> None:
     """The base starts from rest: what is relative to it does not depend on that."""
     time = np.arange(801) / 200.0

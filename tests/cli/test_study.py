@@ -37,6 +37,7 @@ def study(folder: Path, *options: str) -> str:
     return " ".join(["study", str(folder.parent / "small.toml"), "-o", str(folder), *options])
 
 
+@pytest.mark.slow
 def test_it_runs_a_study_as_the_library_does(
     finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,6 +91,7 @@ def test_export_runs_nothing(finished: Path) -> None:
     assert "cycles was 1, now 3" in earlier and "choose another folder" in earlier
 
 
+@pytest.mark.slow
 def test_no_answer_at_all_is_exit_code_3(tmp_path: Path) -> None:
     file = small(tmp_path, more=DIVERGING)
     text, before = file.read_text(encoding="utf-8"), "[[structure]]\nbnes = 4"

@@ -30,6 +30,7 @@ def precise(clean: lw.Record) -> lw.Discovery:
     return lw.discover(clean.with_noise(50.0, seed=1), masses(ROW))
 
 
+@pytest.mark.slow
 def test_a_damper_that_the_record_cannot_show_is_not_told_as_absent(clean: lw.Record) -> None:
     """At 5 dB the damper is within its standard error: the criterion prefers the model without it by more than CERTAIN."""
     discoveries = [lw.discover(clean.with_noise(5.0, seed=seed), masses(ROW)) for seed in range(4)]
@@ -74,6 +75,7 @@ def test_a_small_damper_matters_where_a_small_spring_does_not(
     assert (term.may_matter, replace(term, term="v").may_matter) == (spring, damper)
 
 
+@pytest.mark.slow
 def test_a_damper_that_the_noise_hides_is_in_the_intervals_of_the_others() -> None:
     """Three dampers of two masses in two modes: most often one is dropped, and the others take its part."""
     true = structure(

@@ -92,6 +92,7 @@ def least(seed: int) -> float:
     return min(criterion(quadratic, penalty, some) for some in choices)
 
 
+@pytest.mark.slow
 def test_the_best_of_all_choices_is_found_most_of_the_time() -> None:
     """Else one where no single move gains, never above the start."""
     is_best = []

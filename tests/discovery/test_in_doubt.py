@@ -27,6 +27,7 @@ def two_of_four_joined() -> lw.Structure:
     return row_of_masses([1.0, 0.5, 0.3, 0.1], **links)
 
 
+@pytest.mark.slow
 def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
     true = two_of_four_joined()
     record = lw.simulate(true, release={"v:m1": 1.0}, duration=3.0, rate=RATE).with_noise(30.0, seed=1000)
@@ -40,6 +41,7 @@ def test_the_coefficients_of_a_link_in_doubt_have_no_intervals() -> None:
         )
 
 
+@pytest.mark.slow
 def test_links_in_doubt_beside_coloured_noise_are_not_trusted() -> None:
     """What a wrong link leaves looks as such noise does: on a record with white noise alone a wrong set of links was excused
     by it, with a damping 6.6 standard errors off."""
@@ -73,6 +75,7 @@ def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
     assert firm.in_doubt == () and str(firm).splitlines()[0].endswith(": can be trusted")
 
 
+@pytest.mark.slow
 def test_a_link_beside_another_of_its_mass_is_in_doubt_where_noise_hides_which() -> None:
     """The sink, by half a second at 8 dB: a cubic spring to the ground beside a spring to the primary explains it as well."""
     study = lw.read_study("reach")
@@ -117,6 +120,7 @@ def test_a_motion_in_one_well_does_not_tell_that_there_are_two() -> None:
     assert any(remark.startswith("The law of m1-ground is not odd") for remark in discovery.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "sensors"), [(ALPHA, ("x", "a")), (-ALPHA, ("a",))])
 def test_wells_that_displacements_tell_and_laws_that_are_odd_are_certain(
     alpha: float, sensors: tuple[str, ...]
@@ -127,6 +131,7 @@ def test_wells_that_displacements_tell_and_laws_that_are_odd_are_certain(
     assert not any("not odd" in remark for remark in discovery.remarks)
 
 
+@pytest.mark.slow
 def test_a_constant_force_beside_all_powers_starts_from_these() -> None:
     """It only shifts an elongation that accelerations do not tell: the equations of the start were singular."""
     true = oscillator("k*d + k3*d**3 + c*v", mass=1.0, k=4000.0, k3=4e7, c=1.5)

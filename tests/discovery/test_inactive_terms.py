@@ -39,6 +39,7 @@ def mirrored() -> lw.Record:
     return replace(struck(1.0), values=-struck(1.0).values, simulated=None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("records", "stop"),
     [

@@ -29,6 +29,7 @@ def wide_force(rng: np.random.Generator) -> lw.model.Sampled:
     return random_force(rng, DURATION, RATE, rms=8.0, highest=20.0, band_limited=True)
 
 
+@pytest.mark.slow
 def test_the_structure_is_found_with_a_model_error() -> None:
     """Each link has a term of damping, 1 to 5 % of its force, that no candidate has."""
     chain = CHAIN
@@ -66,6 +67,7 @@ def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
     assert not [term for term in discovery.terms if term.kept and term.certain and term.term.startswith("d")]
 
 
+@pytest.mark.slow
 def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
     rig = oscillator("k*d + c*v + f0", mass=2.5, name="spring", k=2000.0, c=3.0, f0=1.2)
     force = wide_force(np.random.default_rng(5))
@@ -93,6 +95,7 @@ def test_a_constant_force_acts_from_the_ground_only() -> None:
     assert not [term for term in discovery.terms if term.term == "1" and term.kept]
 
 
+@pytest.mark.slow
 def test_a_term_that_stands_in_for_another_in_few_blocks_is_a_runner_up() -> None:
     """The simplest model predicts pieces of the record as well as the best one.
 

@@ -33,6 +33,7 @@ def noisy(subject: lw.Structure, seed: int, duration: float = 6.0) -> lw.Record:
     return record.with_noise(40.0, seed=seed)
 
 
+@pytest.mark.slow
 def test_finds_the_link_that_has_memory() -> None:
     """That nobody offered."""
     found = lw.discover(noisy(hysteretic(), 71), MASSES)
@@ -57,6 +58,7 @@ def test_finds_the_link_that_has_memory() -> None:
     assert lw.plot.graph(found).get_title("left")
 
 
+@pytest.mark.slow
 def test_finds_a_small_memory_by_what_it_leaves() -> None:
     """It leaves 0.6 % of the forces: too little to try laws on every link, but the residuals show which."""
     joint = named("m2-m1", "m2-m1", "zener", k=800.0, k1=60.0, c1=2.0)
@@ -66,6 +68,7 @@ def test_finds_a_small_memory_by_what_it_leaves() -> None:
     assert {link.name for link in found.structure.links} == {"m1-ground", "m2-m1"}
 
 
+@pytest.mark.slow
 def test_takes_memory_into_a_stated_link() -> None:
     true = structure({"m2": 1.2}, named("joint", "m2-ground", "bouc-wen", **HYSTERETIC))
     known = structure({"m2": 1.2}, link("joint", "m2-ground", "k*d + c*v"))
@@ -75,12 +78,14 @@ def test_takes_memory_into_a_stated_link() -> None:
     assert found.structure.link("joint").law.text == "k*d + c*v + F*z"
 
 
+@pytest.mark.slow
 def test_says_that_no_memory_was_found() -> None:
     found = lw.discover(noisy(plain("k*d + c*v", k=800.0, c=1.0), 74, 3.0), MASSES, terms="linear, zener")
     assert found.trusted and found.memory == ()
     assert any("no memory was found" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 def test_does_not_take_a_missing_form_for_memory() -> None:
     cubic = structure({"m2": 1.2}, link("m2-ground", "m2-ground", HARDENING, k=800.0, c=1.0, k3=4e5))
     found = lw.discover(noisy(cubic, 73, 2.5), {"m2": 1.2}, terms="linear")

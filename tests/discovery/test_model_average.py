@@ -29,6 +29,7 @@ def found(k3: float, seed: int) -> lw.Discovery:
     return lw.discover(record, {"m1": 1.0}, terms="d, v, d**2, d**3, d**5, v*abs(v)")
 
 
+@pytest.mark.slow
 def test_a_term_beyond_doubt_is_there_with_certainty_and_one_in_doubt_is_not() -> None:
     clear, faint = found(4e5, 41), found(2e4, 43)
     assert clear.inclusion["m1-ground.k3"] > 0.999  # a margin above 20, odds of exp(10)
@@ -40,6 +41,7 @@ def test_a_term_beyond_doubt_is_there_with_certainty_and_one_in_doubt_is_not() -
     assert len(faint.average.weights) > 1 and sum(faint.average.weights) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_band_averaged_over_models_is_wider_than_that_of_the_selected_terms_alone() -> None:
     """By the scatter of the force between models; it holds the true force."""
     elongations, inside = REACH[REACH != 0.0], []

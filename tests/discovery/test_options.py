@@ -19,6 +19,7 @@ def record() -> lw.Record:
     return chain_record(2, duration=0.5).with_noise(40.0, seed=1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_an_object_asks_what_keywords_ask(record: lw.Record) -> None:
     names = {field.name for field in fields(lw.discovery.DiscoveryOptions)}

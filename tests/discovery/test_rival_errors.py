@@ -31,6 +31,7 @@ def released() -> lw.Record:
     return lw.simulate(FRAME, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12])
 def test_right_values_have_no_rival(seed: int) -> None:
     discovery = lw.discover(released().with_noise(30.0, seed=seed), masses(FRAME))
@@ -40,6 +41,7 @@ def test_right_values_have_no_rival(seed: int) -> None:
     assert not [remark for remark in discovery.remarks if "than stated" in remark]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass", "factor", "message"), [("m2", 0.99, "more"), ("m3", 1.01, "less")])
 def test_a_mass_that_is_stated_a_percent_wrong_is_named(mass: str, factor: float, message: str) -> None:
     """Springs that are not there were called certain, beside coefficients many standard errors off."""
@@ -119,6 +121,7 @@ def test_a_constant_force_beside_a_cubic_spring_is_certain(record: lw.Record) ->
     assert not about_zeros(discovery)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("k3", "sensors", "number", "said", "sizes"),
     [

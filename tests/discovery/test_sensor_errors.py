@@ -47,6 +47,7 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
     assert float(without.standard_error or 0.0) < 0.1 * float(beta.standard_error or 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.1, 0.0), ("offset", 1.0, 0.002)])
 def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, offset: float) -> None:
     faulty = changed(gain * record().channel("x:m2") + offset)
@@ -55,6 +56,7 @@ def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, o
     assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
 
 
+@pytest.mark.slow
 def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
     """One of 2 % in either channel of a free decay: the criterion differs by 2."""
     discovery = lw.discover(changed(1.02 * record().channel("x:m2")), MASSES, admit="gain")
@@ -62,6 +64,7 @@ def test_of_two_gains_that_explain_the_record_alike_none_is_taken() -> None:
     assert {cause.where for cause in discovery.diagnosis[:2]} == {"x:m1", "x:m2"}
 
 
+@pytest.mark.slow
 def test_a_delay_that_is_named_is_found() -> None:
     x = record().channel("x:m2")
     late = changed(np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))

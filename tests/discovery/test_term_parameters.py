@@ -25,6 +25,7 @@ def recorded(structure: lw.Structure, snr_db: float, seed: int) -> lw.Record:
     return record.with_noise(snr_db, seed=seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("structure", "terms", "parameter", "value", "seed"),
     [
@@ -60,6 +61,7 @@ def test_a_parameter_of_which_motion_tells_no_size_is_refused() -> None:
         lw.discover(recorded(CUBIC, 40.0, 1), MASSES, terms="v, d, d*exp(-abs(d)**n/b)")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_friction_that_gives_energy_stands_in_for_another_damping() -> None:
     """Quadratic damping, which was not offered: negative friction was beyond doubt, and c 8 standard errors off."""

@@ -47,6 +47,7 @@ def test_curve_of_a_measured_record_has_what_was_measured(measured: lw.Estimate,
     assert len(force_curve(blind, "nes1").sample_d) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known_truth", [True, False])
 def test_samples_of_a_link_with_memory_are_less_what_its_states_add(known_truth: bool) -> None:
     """A hysteretic damper alone on a rig: its force over the elongation is a loop, its elastic part a line."""

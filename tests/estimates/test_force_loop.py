@@ -40,6 +40,7 @@ def test_a_record_without_a_cycle_gives_the_work_of_all_of_it() -> None:
     assert loop.energy == pytest.approx(work @ [2000.0, 50.0], abs=4.0 * error, rel=2.0 / 200)
 
 
+@pytest.mark.slow
 def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
     exact = run(hysteretic(), duration=4.0)
     fit = lw.identify(measured(exact, 1), hysteretic().unknown("damper"))
@@ -49,6 +50,7 @@ def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
     assert np.sqrt(np.mean(error**2)) < 0.5  # of forces of 90 N; the noise is 1 N
 
 
+@pytest.mark.slow
 def test_a_link_with_memory_between_masses_has_a_loop_with_its_states() -> None:
     structure = hysteretic_oscillator(**BOUC_WEN)
     forces = {"m1": "150*sin(40*t) + 60*sin(97*t)"}

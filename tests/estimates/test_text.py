@@ -112,6 +112,7 @@ def test_an_answer_that_can_be_trusted_and_one_that_cannot() -> None:
     assert str(refused) == BAD
 
 
+@pytest.mark.slow
 def test_long_chains_are_cut() -> None:
     """Of 28 channels and 14 sinks twelve are shown, and the table says so."""
     chain = lw.bnes_chain(28)

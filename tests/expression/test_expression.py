@@ -93,6 +93,7 @@ def worst_intermediate(expression: Expression) -> float:
     return max(max(sizes), *(1 / size if size else 1.0 for size in sizes))
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=200)
 @given(texts())
 def test_value_and_partials_agree_with_pythons_own_by_complex_step(text: str) -> None:
@@ -113,6 +114,7 @@ def test_value_and_partials_agree_with_pythons_own_by_complex_step(text: str) ->
         assert value(slope) == pytest.approx(by[name], rel=1e-8, abs=1e-8)
 
 
+@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=200)
 @given(texts())
 def test_text_round_trip(text: str) -> None:

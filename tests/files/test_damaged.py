@@ -138,6 +138,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_whatever_is_damaged_it_is_a_record_or_an_error(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

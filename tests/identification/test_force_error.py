@@ -77,6 +77,7 @@ PUSH: dict[str, Any] = {"forces": TONES, "duration": 4.0, "rate": 200.0}
 TAP: dict[str, Any] = {"impulses": [lw.model.Impulse("m1", 0.8, 0.503)], "duration": 3.0, "rate": 200.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "drive", "tolerance"),
     [

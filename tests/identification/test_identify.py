@@ -59,6 +59,7 @@ def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Str
     assert fit.trusted and max(misses(fit, chain).values()) < 4.0
 
 
+@pytest.mark.slow
 def test_base_motion_has_no_noise_and_a_constant_force_is_a_law() -> None:
     problem = PROBLEMS["base moved"]
     fit = weak(problem.record(), problem.unknown_structure)
@@ -69,6 +70,7 @@ def test_base_motion_has_no_noise_and_a_constant_force_is_a_law() -> None:
     assert weak(problem.record(), problem.unknown_structure).coefficient("load.f0").unit == "N"
 
 
+@pytest.mark.slow
 def test_a_clearance_is_found_from_a_start() -> None:
     """g enters k*max(d - g, 0) nonlinearly: Gauss-Newton from a start half as large."""
     problem = PROBLEMS["clearance"]
@@ -180,6 +182,7 @@ def test_what_is_no_question_is_refused(record: lw.Record, chain: lw.Structure) 
         lw.identify(record, unknown, ofsets=["x:m1"])  # type: ignore[call-arg]  # what is tested
 
 
+@pytest.mark.slow
 def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Structure) -> None:
     assert {name: kind.method for name, kind in METHODS.items()} == {name: name for name in METHODS}
     unknown = chain.unknown("nes")

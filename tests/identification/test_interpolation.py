@@ -40,6 +40,7 @@ def distance(fit: lw.Estimate) -> float:
     return float(error @ np.linalg.solve(fit.covariance, error))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ORDERS)
 def test_what_is_stated_is_used(kind: str) -> None:
     record = replace(driven(kind), interpolation={"force:m1": kind})
@@ -49,6 +50,7 @@ def test_what_is_stated_is_used(kind: str) -> None:
     assert lw.validate(record, duffing()).trusted
 
 
+@pytest.mark.slow
 def test_a_held_force_taken_for_a_band_limited_one_looks_half_a_sample_late() -> None:
     fit = lw.identify(driven("held"), duffing().unknown("all"))
     assert not fit.trusted

@@ -23,6 +23,7 @@ def record() -> lw.Record:
     return replace(clean, values=values, simulated=None).with_noise(40.0, seed=1)
 
 
+@pytest.mark.slow
 def test_what_does_not_use_a_load_cell_says_so_and_gains_that_sensors_share_are_told(
     record: lw.Record,
 ) -> None:

@@ -53,6 +53,7 @@ def near(fit: lw.Estimate) -> bool:
     return distance < float(scipy.stats.chi2.ppf(QUANTILE, len(fit.values)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", SENSORS)
 def test_likelihood_finds_the_coefficients(case: str) -> None:
     record = measured(*SENSORS[case])
@@ -147,6 +148,7 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
     return replace(record, values=columns)
 
 
+@pytest.mark.slow
 def test_gain_and_delay_of_the_base_are_told() -> None:
     """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
     record = measured("a", "a:base")
@@ -161,6 +163,7 @@ def test_gain_and_delay_of_the_base_are_told() -> None:
         assert cause.size == pytest.approx(size, rel=0.05)
 
 
+@pytest.mark.slow
 def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     """It shows the base as well, which the relative coordinates do not hold; 4 standard deviations of the noise per sample."""
     record = measured("a", "a:base", duration=2.0)
@@ -181,6 +184,7 @@ def test_discovery_offers_the_base_in_place_of_the_ground() -> None:
     assert laws == {"m1-base": "k*d + c*v", "m2-m1": "k*d + k3*d**3 + c*v"}
 
 
+@pytest.mark.slow
 def test_validation_predicts_what_the_sensors_show() -> None:
     sensors = ("a", "a:base")
     record = measured(*sensors, seed=2)

@@ -12,6 +12,7 @@ import linkwise as lw
 FARTHEST = 4.5  # standard errors: the largest of 30 normal errors is beyond once in 5000 seeds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
 def test_both_methods_find_the_coefficients_and_likelihood_is_the_sharper(problem: Problem) -> None:
     """Their difference scatters by less than the error of the weak form, since the likelihood uses all that it uses."""
@@ -26,6 +27,7 @@ def test_both_methods_find_the_coefficients_and_likelihood_is_the_sharper(proble
     assert np.all(np.sqrt(likelihood.covariance.diagonal()) < 1.1 * deviation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two masses, 20 dB", "base moved", "masses unknown, a force applied"])
 def test_a_linear_law_in_place_of_the_last_one_is_not_trusted(name: str) -> None:
     """Beside what must be accepted, one that must not."""

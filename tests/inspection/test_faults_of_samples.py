@@ -118,6 +118,7 @@ def rubbing() -> lw.Record:
     return lw.simulate(rig, forces={"m1": "40*sin(20*t)"}, duration=3.0, rate=2000.0, sensors=["v", "a"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decibels", [40.0, 60.0])
 def test_dry_friction_makes_no_spikes(decibels: float, rubbing: lw.Record) -> None:
     """Jumps and sharp turns were told as spikes, which are to be marked as missing; a spike among them still is."""

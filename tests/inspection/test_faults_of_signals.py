@@ -152,12 +152,14 @@ def test_no_alert_without_a_fault(name: str) -> None:
     assert lw.inspect(BESIDE[name]()).alerts == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "channel"), FAULTS)
 @pytest.mark.parametrize("name", BESIDE)
 def test_a_fault_is_told(name: str, kind: str, channel: str) -> None:
     assert kind in kinds(faulty(BESIDE[name](), channel, FAULTS[kind, channel]))
 
 
+@pytest.mark.slow
 def test_nothing_in_a_record_stops_an_inspection() -> None:
     """Few samples, gaps, constants, steps, lines and numbers of any size, in every channel; warnings are errors here."""
     rng = np.random.default_rng(5)

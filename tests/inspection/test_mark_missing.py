@@ -90,6 +90,7 @@ def _recovering(seed: int) -> tuple[lw.Record, slice]:
     return replace(record, values=values, simulated=None), stay
 
 
+@pytest.mark.slow
 def test_readings_of_a_sensor_that_recovers_are_missing_and_no_bounds() -> None:
     record, stay = _recovering(5215601)
     marked = lw.inspection.mark_missing(record, "clipped")

@@ -62,6 +62,7 @@ FAULTS: dict[str, tuple[Callable[[np.ndarray, lw.Record], np.ndarray], float]] =
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FAULTS)
 def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     change, size = FAULTS[kind]
@@ -93,6 +94,7 @@ def test_a_filter_of_all_sensors_is_named() -> None:
     assert cause.size == pytest.approx(size, rel=FOUND, abs=LOST * cause.standard_error)
 
 
+@pytest.mark.slow
 def test_missing_friction_is_no_filter() -> None:
     """To first order, sensors that raise what is near 5 Hz explain as much; no sensor and no amplifier does that."""
     leg = link("leg", "table-ground", "k*d + c*v", k=4000.0, c=1.0)
@@ -130,6 +132,7 @@ def driven(
     return changed(clean, x_m1=record.channel("x:m1"), force_m1=change(clean.channel("force:m1")))
 
 
+@pytest.mark.slow
 def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
     known, asked = OSCILLATOR, OSCILLATOR.unknown("all")
     scaled = lw.identify(driven(known, change=lambda force: 1.02 * force), asked)
@@ -146,6 +149,7 @@ def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
     assert right.trusted and right.diagnosis == ()
 
 
+@pytest.mark.slow
 def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it() -> None:
     """A term of a link stands for it."""
     chain = lw.bnes_chain(4)
@@ -165,6 +169,7 @@ def torsional(change: Callable[[np.ndarray], np.ndarray]) -> lw.Record:
     return lw.Record(0.0, 500.0, clean.channels, values).with_noise(40.0, seed=5413002)
 
 
+@pytest.mark.slow
 def test_errors_and_missing_terms_of_rotations_are_told_in_rad_and_newton_metres() -> None:
     asked = torsion_chain().unknown("sink")
     off = lw.identify(torsional(lambda x: x + 0.003), asked)
@@ -234,6 +239,7 @@ ERRORS: dict[str, tuple[Callable[[], lw.Record], Change, tuple[str, str, str]]] 
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", ERRORS)
 def test_an_error_of_a_whole_channel_is_the_first_cause(error: str) -> None:
     make, change, (kind, where, advice) = ERRORS[error]
@@ -261,6 +267,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_law_that_is_wrong_is_not_taken_for_one(wrong: str) -> None:
     clean = lw.simulate(WRONG[wrong], release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
@@ -275,6 +282,7 @@ def test_a_mass_that_is_wrong_is_not_taken_for_one(factor: float) -> None:
     assert recording_errors([record], wrong) == ()
 
 
+@pytest.mark.slow
 def test_what_the_equations_cannot_tell_apart_is_told_together() -> None:
     """Of one mass on a spring that is odd, the wrong sign of the force is that of the displacement."""
     spring = oscillator("k*d + c*v + k3*d**3", k=900.0, k3=2e5, c=1.5)
@@ -301,6 +309,7 @@ def test_the_part_of_a_long_record_that_moves_is_enough() -> None:
     assert [(cause.kind, cause.where) for cause in found] == [("sign", "force:m1")]
 
 
+@pytest.mark.slow
 def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
     """The terms that are found in a wrong record are not those that explain the right one."""
     law = "k*d + c*v"
@@ -315,6 +324,7 @@ def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
 GONE, AT = 15, 900
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "words"), [("lost", "jumps between two samples at"), ("repeated", "repeat")]
 )
@@ -343,6 +353,7 @@ def record_with_stated(factors: dict[str, float]) -> lw.Record:
     return replace(record, noise=noise, simulated=None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "calibration", "verdict"),
     [
@@ -364,6 +375,7 @@ def test_noise_stated_too_small_is_the_cause(
     assert "10 times in x:m1" in fit.message or "9.9 times in x:m1" in fit.message
 
 
+@pytest.mark.slow
 def test_laws_that_lack_a_term_are_not_taken_for_noise() -> None:
     """The same statement, without the cubic term of the sink."""
     record = record_with_stated({"x:m1": 0.1, "x:m2": 0.1})
@@ -371,6 +383,7 @@ def test_laws_that_lack_a_term_are_not_taken_for_noise() -> None:
     assert not fit.trusted and "stated too small" not in fit.message
 
 
+@pytest.mark.slow
 def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
     """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
     fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"))
@@ -407,6 +420,7 @@ def test_clipped_samples_are_the_first_cause() -> None:
     assert first.size == at_ends.sum()
 
 
+@pytest.mark.slow
 def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_of_a_record_with_another_fault() -> (
     None
 ):
@@ -441,6 +455,7 @@ def test_a_robust_loss_takes_them_as_missing_and_says_so() -> None:
     assert not any("as bounds" in remark for remark in missing.remarks)
 
 
+@pytest.mark.slow
 def test_a_late_channel_keeps_them_as_it_is_shifted() -> None:
     record = lw.inspection.mark_missing(clipped(0.6, 30.0, seed=85).between(0.0, 2.0))
     late = {"x:m1": 4}

@@ -43,6 +43,7 @@ def driven(channel: str, noise: float, seed: int) -> lw.Record:
     return replace(record, values=values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "end", "noise"), [("a:base", "base", 0.004), ("force:m1", "ground", 0.012)]
 )
@@ -138,6 +139,7 @@ def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
     return replace(record, values=values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensors", "lower", "seed"),
     [
@@ -183,6 +185,7 @@ def test_absolute_sensors_need_no_displacement_of_the_base(kind: str, known: str
         lw.identify(record, storeys(lower).unknown("all"), ambient=["m1"])
 
 
+@pytest.mark.slow
 def test_drifts_of_absolute_sensors_start_where_they_will_in_each_record() -> None:
     """An asymmetric law has a mean elongation that grows with the amplitude."""
     values = {"k": 900.0, "c": 1.0, "k2": 1.5e4, "k3": 4e5}
@@ -223,6 +226,7 @@ def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
     np.testing.assert_allclose(errors, np.sqrt(of_force.covariance.diagonal()), rtol=0.02)
 
 
+@pytest.mark.slow
 def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
     record = on_noisy_base(("rel:x", "a:base"), "k*d + c*v", 7)
     values = record.values.copy()

@@ -86,6 +86,7 @@ def ours(short_record: lw.Record) -> LikelihoodFit:
     return likelihood_fit([short_record], UNKNOWN, START)
 
 
+@pytest.mark.slow
 def test_optimum_and_covariance_are_the_same(ours: LikelihoodFit, slow: OptimizeResult) -> None:
     assert ours.status.value == "converged"
     error = np.sqrt(np.diag(slow.covariance))
@@ -112,6 +113,7 @@ def test_the_curvature_is_the_profiles(short_record: lw.Record, ours: Likelihood
     assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
     """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
     clean = chain_record(2, duration=0.2)
@@ -131,20 +133,24 @@ CHANCE = 0.005  # of a share being too small, and of its being too large: of fiv
 SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "seeds"), [(2, 4), (6, 3)])
 def test_at_20_db_every_sink_is_found_to_a_few_millionths(n: int, seeds: int) -> None:
     paper_fits.check_sinks_at_20_db(identified(n, 20.0, seeds))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "seeds"), [(2, 3), (10, 1)])
 def test_at_40_db_a_hundred_times_better(n: int, seeds: int) -> None:
     assert np.median(identified(n, 40.0, seeds).nmse) <= LARGEST_NMSE[40.0]
 
 
+@pytest.mark.slow
 def test_velocities_alone_are_enough() -> None:
     paper_fits.check_velocities(identified(2, 30.0, 6, "v", duration=SHORT))
 
 
+@pytest.mark.slow
 def test_standard_errors_intervals_and_bands_are_what_the_errors_are_and_these_as_small_as_may_be() -> None:
     many = identified(2, 20.0, MANY, duration=SHORT)
     paper_fits.check_standard_errors(many)
@@ -281,6 +287,7 @@ def test_intervals_reach_the_truth_on_the_slow_side(
     assert "The likelihood falls slowly on one side of nes1.alpha (" in estimate.message
 
 
+@pytest.mark.slow
 def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
     """At a low signal, the laws held loosely: alpha was 7 standard errors off, and 5 with the slow side alone."""
     estimate = lw.identify(released(2.0, 2.0, 10.0, 5750348), UNKNOWN)

@@ -62,6 +62,7 @@ def test_noise_with_heavy_tails_is_not_trusted_by_the_weak_form(chain: lw.Struct
     assert lw.identify(noisy, chain.unknown("all")).trusted
 
 
+@pytest.mark.slow
 def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(chain: lw.Structure) -> None:
     """Noise of the same kind whose largest errors, by chance, make chi-square 1.3 and a coefficient 4 deviations off."""
     clean = record(chain, duration=6.0)
@@ -90,6 +91,7 @@ def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> 
     )
 
 
+@pytest.mark.slow
 def test_a_low_rate_needs_no_model_error(chain: lw.Structure) -> None:
     """Four samples a period of the sink at 200 Hz: the steps of the flow are finer than the samples."""
     unknown = chain.unknown("all")
@@ -142,6 +144,7 @@ def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
     assert fit.to_dict()["verdicts"] == ["CONVERGED", "ENERGY_FED"]
 
 
+@pytest.mark.slow
 def test_a_search_of_many_steps_is_done_once_more() -> None:
     """Four masses at 10 dB, seed 2: the first search ends 67 in -2 log likelihood above the second, 9 standard errors off."""
     chain = lw.bnes_chain(4)
@@ -149,6 +152,7 @@ def test_a_search_of_many_steps_is_done_once_more() -> None:
     assert np.max(np.abs(errors(fit, chain))) < 5.0
 
 
+@pytest.mark.slow
 def test_a_clean_record_is_trusted(chain: lw.Structure) -> None:
     fit = lw.identify(record(chain).with_noise(10.0, seed=3000), chain.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED,)
@@ -156,6 +160,7 @@ def test_a_clean_record_is_trusted(chain: lw.Structure) -> None:
     assert fit.to_dict()["model_error_percent"] == 0.0
 
 
+@pytest.mark.slow
 def test_steps_of_the_flow_bend_no_coefficient() -> None:
     """Eight samples a period, 40 dB: an error of 2 % of the noise in each of many segments would add up."""
     outer, inner = {"k": 2e4, "k3": 1e8, "c": 1.0}, {"k": 9e3, "k3": 3e7, "c": 0.5}
@@ -210,6 +215,7 @@ def test_a_small_missing_term_is_told_where_chi_square_is_near_one() -> None:
     assert fit.diagnosis[0].kind == "term"
 
 
+@pytest.mark.slow
 def test_noise_that_a_filter_of_all_sensors_has_coloured_is_not_trusted() -> None:
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     filtered = scipy.signal.lfilter([0.7], [1.0, -0.3], record.values, axis=0)
@@ -222,6 +228,7 @@ def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:
     return with_links(chain, link("extra", "m2-ground", law, **values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "values", "term"),
     [("c*v", {"c": 0.02}, "v"), ("k*d", {"k": 20.0}, "d")],
@@ -240,6 +247,7 @@ def test_a_missing_link_takes_trust_away(
     assert f"a link m2-ground with a force like {term} of" in fit.message
 
 
+@pytest.mark.slow
 def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> None:
     """Quadratic damping of 4 % of the force and no other, told as the linear damping that comes closest."""
     rng = np.random.default_rng(4102)
@@ -258,6 +266,7 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
     assert "With it, link.c would change by" in fits[1].message
 
 
+@pytest.mark.slow
 def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> None:
     """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 100 s by chance."""
     law = "k*d + c*v + k3*d**3"

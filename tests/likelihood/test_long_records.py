@@ -49,6 +49,7 @@ def in_pieces(record: lw.Record) -> LikelihoodFit:
     return fitted(record)
 
 
+@pytest.mark.slow
 def test_the_answer_is_that_of_a_search_of_the_whole(
     record: lw.Record, in_pieces: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,6 +72,7 @@ def test_the_answer_is_that_of_a_search_of_the_whole(
     assert cost == pytest.approx(whole.chi_square * whole.segments.observed.sum(), abs=1.0)
 
 
+@pytest.mark.slow
 def test_causes_are_those_of_the_whole(record: lw.Record, monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end within 0.05 standard errors of one optimum."""
     faulty = replace(record, values=np.add(record.values, [0.0, 2e-4, 0.0]), simulated=None)
@@ -98,6 +100,7 @@ class Interrupting:
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("activity", ["q 1e-03", "states, piece 2", "q 3e-04"])
 def test_an_interrupt_ends_it_with_the_best_so_far(record: lw.Record, activity: str) -> None:
     progress = Interrupting(activity)

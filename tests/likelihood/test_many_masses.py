@@ -122,6 +122,7 @@ def both(
     return local_linearization(rows), dense
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
     """The same numerics, in single precision, in another order."""
@@ -175,6 +176,7 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
     assert np.max(np.abs(local.reduced - dense.reduced) / scale) < 10.0 * TOLERANCE * largest
 
 
+@pytest.mark.slow
 def test_intervals_of_many_masses() -> None:
     """The errors of all coefficients, weighed by their covariance: between the quantiles of 0.1 % and 99.9 %, for one seed."""
     chain = lw.bnes_chain(14)
@@ -186,6 +188,7 @@ def test_intervals_of_many_masses() -> None:
     assert low < error @ np.linalg.solve(fit.covariance, error) < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beta", [1.0, 1.5])
 def test_a_cubic_term_that_is_held_too_large_leaves_more_than_noise(beta: float) -> None:
     record, chain = chain_record(14, duration=1.0).with_noise(20.0, seed=1002), lw.bnes_chain(14)

@@ -71,6 +71,7 @@ def two_masses() -> lw.Structure:
     )
 
 
+@pytest.mark.slow
 def test_flow_and_sensitivities_of_states_are_those_of_the_integrator_and_of_differences() -> None:
     subject = two_masses()
     record = lw.simulate(subject, duration=1.0, rate=200.0, release={"v:m1": 1.0, "v:m2": -0.6})
@@ -102,6 +103,7 @@ def test_flow_and_sensitivities_of_states_are_those_of_the_integrator_and_of_dif
         assert np.median(np.abs(computed[:, column] - difference) / largest) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [["x:m1"], ["x:m1", "f:joint", "state:joint.z"]], ids=str)
 def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, channels: list[str]) -> None:
     fit = lw.identify(hysteretic.select([*channels, "force:m1"]), joint().unknown("joint"))
@@ -114,6 +116,7 @@ def test_a_law_of_d_and_v_alone_is_refused_on_a_hysteretic_record(hysteretic: lw
     assert not fit.trusted
 
 
+@pytest.mark.slow
 def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> None:
     true = harvester(0.02, "ground", **HARVESTER)
     forces = {"m1": multisine(0.25, 90.0)}
@@ -145,6 +148,7 @@ def test_a_harvester_is_identified_from_its_voltage_alone() -> None:
         lw.identify(record, true.unknown("all"))
 
 
+@pytest.mark.slow
 def test_a_hidden_mass_beside_links_with_memory_is_found_from_starts() -> None:
     true = two_masses()
     forces = {"m1": multisine(6.0, 60.0)}
@@ -169,6 +173,7 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
         ))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
     """Before it yields, the link is a spring of k + kh."""
     force = multisine(0.01, 60.0)
@@ -185,6 +190,7 @@ INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
 """By which a mass seems larger by Newmark's average acceleration, (w h)**2 / 6, that made the benchmark at 15 kHz."""
 
 
+@pytest.mark.slow
 def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:
     with h5py.File(shared_data / "bouc_wen_train.h5") as file:
         force, shown = (np.ravel(file[f"multisine/{name}"][:])[:4096] for name in ("u", "y"))
@@ -201,6 +207,7 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
         assert low < most and value < high, key
 
 
+@pytest.mark.slow
 def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     values = {"k": 300.0, "c": 1.5, "kh": 400.0, "beta": 30.0, "gamma": -42.0}
     true = structure({"m1": 1.0}, named("joint", "m1-ground", "bouc-wen-classical", **values))
@@ -211,6 +218,7 @@ def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     assert_within(lw.identify(record, true.unknown("all")), true, 5.0)
 
 
+@pytest.mark.slow
 def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
     w = 2.0 * np.pi
@@ -312,6 +320,7 @@ def identified() -> lw.Estimate:
     return lw.identify(shaken("a", 65), wing().unknown("payload"))
 
 
+@pytest.mark.slow
 def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
     fit = identified()
     assert_within(fit, wing())
@@ -338,6 +347,7 @@ def test_an_unknown_mass_beside_a_host_with_memory_needs_a_start() -> None:
         lw.identify(shaken("a", 65), unknown)
 
 
+@pytest.mark.slow
 def test_equivalent_springs_start_a_joint_between_two_points_of_a_host() -> None:
     """A joint between two points with like shapes: its force drifts more than it says, as frequencies are a little off."""
     rng = np.random.default_rng(64)

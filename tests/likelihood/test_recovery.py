@@ -104,6 +104,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "name"), list(enumerate(CASES, start=1)))
 def test_coefficients_are_found_within_their_errors(seed: int, name: str) -> None:
     case = CASES[name]
@@ -142,6 +143,7 @@ def test_a_shared_coefficient_is_one_unknown() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "bounds", "stopped"),
     [
@@ -184,6 +186,7 @@ def test_gaps_and_single_losses_carry_no_weight(chain: lw.Structure, clean: lw.R
     assert (ratio > 1.0).all() and (ratio < 1.0 / np.sqrt(share)).all()
 
 
+@pytest.mark.slow
 def test_every_fifth_sample_may_be_lost_at_random() -> None:
     """No window of the weak form is whole, and no block of the spectra from which noise is found."""
     true = two("k*d + c*v + b*d**3", k=500.0, c=0.5, b=1e6)
@@ -208,6 +211,7 @@ def test_long_gaps_everywhere_are_refused() -> None:
         lw.identify(replace(record, values=values), true.unknown("all"))
 
 
+@pytest.mark.slow
 def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     first = chain_record(2, duration=1.5).with_noise(30.0, seed=8)
     second = chain_record(2, duration=0.8, rate=1500.0, hit="m2", speed=-3.0).with_noise(30.0, seed=9)
@@ -224,6 +228,7 @@ def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_an_offset_of_a_channel_is_found(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=10)
     values = record.values.copy()
@@ -247,6 +252,7 @@ def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Recor
     assert (np.diag(more.covariance) < np.diag(single.covariance)).all()
 
 
+@pytest.mark.slow
 def test_outliers_bend_the_gaussian_and_not_the_robust(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(40.0, seed=13)
     random = np.random.default_rng(2)
@@ -280,6 +286,7 @@ def test_noise_stated_wrong_is_caught(chain: lw.Structure, clean: lw.Record) -> 
     assert estimate.trusted and estimate.coefficient("nes1.alpha").interval is not None
 
 
+@pytest.mark.slow
 def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> None:
     straight = with_links(chain, link("nes1", "m2-m1", "k*d + c*v"))
     fit = lw.identify(clean.select(["x:m1", "x:m2"]).with_noise(30.0, seed=15), straight)
@@ -287,6 +294,7 @@ def test_a_wrong_law_is_not_trusted(chain: lw.Structure, clean: lw.Record) -> No
     assert "missing" in fit.message
 
 
+@pytest.mark.slow
 def test_a_law_that_is_a_little_wrong_is_not_trusted_and_says_what_it_lacks() -> None:
     """The true law has a small quintic term more; the values are those of the nearest cubic law."""
     law = "k*d + b*d**3 + c*v"
@@ -393,6 +401,7 @@ def sinks(n: int, fit: lw.Estimate, record: lw.Record) -> float:
     return float(np.mean([lw.nmse(chain.link(name), fit.structure.link(name), record) for name in names]))
 
 
+@pytest.mark.slow
 def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
     chain, clean = lw.bnes_chain(4), chain_record(4, duration=3.0)
     record = clean.with_noise(20.0, seed=FIRST)
@@ -401,6 +410,7 @@ def test_starts_off_by_a_factor_of_two_reach_the_same_optimum() -> None:
     assert sinks(4, fit, clean) < LARGEST_NMSE
 
 
+@pytest.mark.slow
 def test_a_hidden_primary_is_found_through_its_sink() -> None:
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0, sensors=("x:m2",))
     good, seeds = 0, 2
@@ -411,6 +421,7 @@ def test_a_hidden_primary_is_found_through_its_sink() -> None:
     assert good >= seeds - 1  # 18 of 20 are asked for: of two, both fail with a chance of 1 %
 
 
+@pytest.mark.slow
 def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> None:
     record = lw.read_record(shared_data / "silverbox_multisine.csv")
     circuit = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")

@@ -54,6 +54,7 @@ def test_an_answer_stands_where_its_laws_lack_one_term() -> None:
     assert fit.grade is lw.Grade.APPROXIMATE
 
 
+@pytest.mark.slow
 def test_a_link_that_the_model_error_hides_takes_trust_away() -> None:
     """A damper of a tenth of that of the sink, to the ground."""
     fit = answer(5e6, 1.0, 63, DAMPER)
@@ -76,6 +77,7 @@ def faulty(record: lw.Record, change: Callable[[Floats, Floats], Floats]) -> lw.
     return replace(record, values=values, simulated=None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "seed", "said"),
     [
@@ -93,6 +95,7 @@ def test_an_error_of_a_sensor_is_told_beside_the_term_that_hides_it(
     assert fit.grade is lw.Grade.APPROXIMATE
 
 
+@pytest.mark.slow
 def test_a_gain_that_the_model_error_hides_takes_trust_away() -> None:
     """Of 1 %, which makes 2 % of a cubic spring."""
     fit = lw.identify(faulty(record(2e7, 1.0, 65), lambda x, other: 1.01 * x), ASKED)
@@ -105,6 +108,7 @@ DAMPED = link("spring1", "m1-ground", "k*d + c*v + g*d**3 + q*(v*abs(v))", k=3e4
 HEAVY = structure({**MASSES, "m2": 1.02 * MASSES["m2"]}, *STATED.links)
 
 
+@pytest.mark.slow
 def test_three_errors_take_trust_away() -> None:
     """Damping that grows with speed, and a mass of 2 %, of which the other mass stands for most."""
     damped = lw.simulate(structure(MASSES, DAMPED, SINK), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
@@ -121,6 +125,7 @@ def test_three_errors_take_trust_away() -> None:
     assert np.abs(off).max() > 4.0
 
 
+@pytest.mark.slow
 def test_shadows_of_two_errors_take_trust_away() -> None:
     """A mass and a stated stiffness of a sink are off by 4 and 3 %: a link that is not there stands for a part of both."""
     masses = {"m1": 1.0, "m2": 0.7, "m3": 0.01}
@@ -137,6 +142,7 @@ def test_shadows_of_two_errors_take_trust_away() -> None:
     assert present(fit.coefficient("nes.beta").value) < 0.97e6
 
 
+@pytest.mark.slow
 def test_a_term_beside_a_base_is_told_along_the_elongation() -> None:
     """The displacement of the mass is ten times as large, and its cube a thousand times."""
     upper = link("upper", "m2-m1", HARDENING, k=1500.0, k3=4e6, c=0.5)
@@ -149,6 +155,7 @@ def test_a_term_beside_a_base_is_told_along_the_elongation() -> None:
     assert "With d**3 in lower only noise is left" in fit.message
 
 
+@pytest.mark.slow
 def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away() -> None:
     """The bar stays full meanwhile: the search of the laws as stated is done."""
     fractions: list[float] = []
@@ -240,6 +247,7 @@ def motion(*parts: tuple[float, lw.Structure]) -> lw.Record:
     return lw.Record(0.0, 1000.0, SENSORS[:2], np.concatenate(pieces))
 
 
+@pytest.mark.slow
 def test_a_change_is_told_with_its_moment() -> None:
     """Trusted with a model error before, 10 and 12 standard errors from either value."""
     where, size, moment = "spring1.k", -1000.0, 3.0
@@ -269,6 +277,7 @@ def two_records() -> list[lw.Record]:
     return [first, replace(second, start=10.0)]
 
 
+@pytest.mark.slow
 def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer() -> None:
     """It lets the motion of one value follow both, so that no change is significant beside it."""
     records = two_records()
@@ -284,6 +293,7 @@ def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer() -> 
     assert change.size == pytest.approx(2.0, abs=4.0 * change.standard_error)
 
 
+@pytest.mark.slow
 def test_a_change_beside_a_missing_term_is_told_by_laws_with_the_term() -> None:
     """The term gains more, and hides it: trusted before, with a wrong interval."""
     parts = ((3.0, sink_on_spring(g=2e7)), (3.0, sink_on_spring(alpha=-97.0, g=2e7)))
@@ -301,6 +311,7 @@ def test_no_change_is_told_of_exact_laws(calibration: dict[str, float]) -> None:
     assert fit.trusted and "change" not in [cause.kind for cause in fit.diagnosis]
 
 
+@pytest.mark.slow
 def test_a_missing_term_is_no_change() -> None:
     """Of the spring, whose force falls with the amplitude as the motion decays."""
     fit = lw.identify(motion((6.0, sink_on_spring(g=2e7))).with_noise(30.0, seed=77), ASKED)

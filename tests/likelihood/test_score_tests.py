@@ -37,6 +37,7 @@ def rubbed(link: lw.Link) -> lw.Record:
 SQUARE, DAMPER = link("extra", "m2-m1", "q*d**2", q=250.0), link("extra", "m2-base", "q*v", q=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "missing", "records", "options", "named"),
     [
@@ -147,6 +148,7 @@ def with_noise_of(in_load_cell: lw.Record, displacement: float, load: float) -> 
     return lw.Record.from_arrays(in_load_cell.time, channels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("displacement", "load"), [(3e-4, 0.05), (1e-3, 0.02)])
 def test_a_missing_term_is_found_in_the_load_cell_as_large_as_a_fit_finds_it(
     in_load_cell: lw.Record, displacement: float, load: float

@@ -33,6 +33,7 @@ def scaled(record: lw.Record, name: str, gain: float) -> lw.Record:
     return replace(record, values=values)
 
 
+@pytest.mark.slow
 def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
     chain = lw.bnes_chain(2)
     record = scaled(quiet.with_noise(40.0, seed=1), "x:m1", 1.1)
@@ -71,6 +72,7 @@ def test_the_order_of_the_records_does_not_matter() -> None:
     assert first.findings == second.findings == ()
 
 
+@pytest.mark.slow
 def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record) -> None:
     fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=Student())
     assert fit.trusted
@@ -136,6 +138,7 @@ def test_a_mass_that_is_known_to_within_is_found_between_prior_and_record(record
     assert present(prior.standard_error) == pytest.approx(weights.sum() ** -0.5, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["ml", "weak"])
 def test_a_value_that_the_record_contradicts_is_not_trusted(method: str, record: lw.Record) -> None:
     right = lw.identify(record, known_within(CHAIN.unknown("all"), 0.0101, 1e-4), method=method)  # type: ignore[arg-type]
@@ -167,6 +170,7 @@ def test_calibration_widens_only_what_a_gain_may_change(record: lw.Record) -> No
     assert present(wide.coefficient("nes1.beta").standard_error) == pytest.approx(0.02 * 1e6, rel=0.1)
 
 
+@pytest.mark.slow
 def test_intervals_of_sensors_of_stated_calibration_cover_the_truth() -> None:
     """Five drawn sets of gains: the sum of squares stays below what five independent ones reach once in 10 000."""
     squares = []
@@ -179,6 +183,7 @@ def test_intervals_of_sensors_of_stated_calibration_cover_the_truth() -> None:
     assert (np.mean(squares, axis=0) < chance).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "said"), [("gain", "x:m2 shows 1.1"), ("offset", "x:m2 is off by")])
 def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str, record: lw.Record) -> None:
     column = record.channels.index("x:m2")
@@ -195,6 +200,7 @@ def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str,
     assert_within(fit, {"nes1.beta": 1e6}, 5.0)
 
 
+@pytest.mark.slow
 def test_a_test_is_planned_with_what_is_known_beforehand() -> None:
     plan = {"duration": 0.5, "rate": 1000.0, "noise": 40.0, "release": {"v:m1": 1.0}}
     wide, narrow = (
@@ -239,6 +245,7 @@ def test_a_prior_adds_its_precision(kind: str, phrase: str, unit: float) -> None
     assert abs(value) < 4.0 * error
 
 
+@pytest.mark.slow
 def test_a_stated_gain_is_a_calibration() -> None:
     stated = lw.identify(stating(noisy(), gain=0.01), UNKNOWN)
     by_option = lw.identify(noisy(), UNKNOWN, calibration={"x:m2": 0.01})
@@ -259,12 +266,14 @@ def late() -> lw.Record:
     return replace(record, values=values, simulated=None)[3:]
 
 
+@pytest.mark.slow
 def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
     value, error = sensor_error(lw.identify(stating(late(), delay=2e-3), UNKNOWN), "is late by")
     # the prior, 300 times as wide as the error, moves it by 1e-5 of 3 ms; the record says it to 0.0064 ms
     assert value == pytest.approx(3.0, abs=4.0 * error)
 
 
+@pytest.mark.slow
 def test_an_offset_beyond_its_prior_takes_trust_away() -> None:
     off = replace(noisy(), values=noisy().values + np.array([0.0, 1e-3]), simulated=None)
     wrong = lw.identify(stating(off, offset=1e-4), UNKNOWN)
@@ -281,6 +290,7 @@ def test_records_that_state_different_errors_are_refused() -> None:
         lw.identify([stating(noisy(), offset=1e-4), stating(second, offset=1e-3)], UNKNOWN)
 
 
+@pytest.mark.slow
 def test_a_discovery_counts_what_records_state() -> None:
     masses: Mapping[str, float] = {"m1": 1.0, "m2": 0.01}
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
@@ -290,6 +300,7 @@ def test_a_discovery_counts_what_records_state() -> None:
     assert any(finding.startswith("x:m2 shows") for finding in stated.estimate.findings)
 
 
+@pytest.mark.slow
 def test_a_validation_allows_for_stated_errors() -> None:
     record = noisy()
     wrong = replace(record, values=record.values * [1.0, 1.03], simulated=None)
@@ -316,6 +327,7 @@ HUM = 3.0 * np.sin(2.0 * np.pi * 50.0 * TIME + 1.0)
 DRIFT = 6.0 * np.sin(1.5 * TIME)
 
 
+@pytest.mark.slow
 def test_laws_are_found_with_what_is_added_to_a_sensor_beside_a_gain() -> None:
     """Four standard errors: chance exceeds them for one in 2300 of these seven coefficients."""
     record = disturbed(DRIFT + HUM, seed=21)

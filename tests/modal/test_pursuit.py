@@ -22,6 +22,7 @@ def test_modes_of_a_linear_structure_are_found() -> None:
     assert pursued(tapped().with_noise(40.0, seed=11)) == pytest.approx(CANTILEVER, rel=0.2 * DAMPING)
 
 
+@pytest.mark.slow
 def test_no_modes_are_added_for_what_is_not_linear() -> None:
     """A cubic spring leaves 20 times the noise, which narrow modes beside the true ones would fit little by little."""
     frequencies = pursued(shaken(11, cubic=2e3).with_noise(60.0, seed=11))
@@ -29,6 +30,7 @@ def test_no_modes_are_added_for_what_is_not_linear() -> None:
     assert len(frequencies) == len(CANTILEVER)
 
 
+@pytest.mark.slow
 def test_no_modes_are_added_for_what_is_strong_in_a_band_alone() -> None:
     """As what a joint leaves at its resonance: narrow modes would each fit a few of its lines."""
     record, rng = shaken(12), np.random.default_rng(12)

@@ -35,6 +35,7 @@ def damping_matrix(structure: lw.Structure) -> Floats:
     return np.asarray(incidence * slopes @ incidence.T)
 
 
+@pytest.mark.slow
 def test_entries_are_those_of_the_damping_matrix_and_a_run_is_that_of_the_matrices() -> None:
     structure = lw.Structure("wing", (), (), (host(BETWEEN),))
     assert structure.contents == "1 host, 3 modes, 0 masses, 0 links"

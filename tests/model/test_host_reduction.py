@@ -72,6 +72,7 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
         assert without.error >= 4.0 * with_residual.error
 
 
+@pytest.mark.slow
 def test_a_model_is_the_same_large_in_any_sparse_format_and_in_single_precision() -> None:
     """Its frequencies are (root)^2 sqrt(EI/m)/(2 pi L^2); 400 elements are past the size of dense matrices."""
     points = {"tip": 79, "mid": 39}
@@ -92,6 +93,7 @@ def test_a_model_is_the_same_large_in_any_sparse_format_and_in_single_precision(
     assert single.modes[2].frequency.value == pytest.approx(host.modes[2].frequency.value, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("elements", "rel"), [(40, 1e-6), (130, 1e-3), (170, 1e-3), (600, 1e-3)])
 def test_a_free_beam_has_rigid_modes(elements: int, rel: float) -> None:
     """Of a long one the largest eigenvalue is 1e11 to 1e14 times the first elastic one, that of a free beam."""

@@ -116,6 +116,7 @@ coefficients = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(names, names, st.text(st.characters(exclude_categories=["Cs"])), coefficients, coefficients)
 def test_round_trip_is_exact_for_any_name_and_number(

@@ -25,6 +25,7 @@ def labels(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
+@pytest.mark.slow
 def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -> None:
     figure = decay_figure(eight)
     assert [axes.get_ylabel() for axes in figure.axes] == ["m1\nmm", "m3\nmm", "m5\nmm", "m7\nmm"]

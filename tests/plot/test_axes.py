@@ -116,6 +116,7 @@ def test_pictures_are_all_that_is_public_beside_saving_them() -> None:
         lw.plot.forces  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_picture_is_drawn_on_the_axes_of_the_caller_or_its_own(
     name: str, drawings: dict[str, Draw]

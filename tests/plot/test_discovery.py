@@ -70,6 +70,7 @@ def test_penalty_is_what_stands_between_evidence_and_margin(discovered: lw.Disco
     assert penalties["m2-ground.k"] > penalties["m2-m1.k2"]
 
 
+@pytest.mark.slow
 def test_stated_links_are_certain_whatever_is_thought_of_their_terms(
     chain: lw.Structure, discovered: lw.Discovery
 ) -> None:
@@ -160,6 +161,7 @@ def test_evidence_stands_above_the_price_where_a_term_was_kept(discovered: lw.Di
     np.testing.assert_array_equal(bars > prices, [term.kept for term in discovered.terms])
 
 
+@pytest.mark.slow
 def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discovery, tmp_path: Path) -> None:
     bare = replace(discovered, runners_up=(), path=(), terms=discovered.kept)
     for name, draw in {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}.items():
@@ -167,6 +169,7 @@ def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discov
         assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
 
 
+@pytest.mark.slow
 def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered: lw.Discovery) -> None:
     pictures = ("graph", "path", "evidence", "histories", "residuals", "force_m1-ground", "force_m2-m1")
     figures = {f"{name}.png" for name in pictures}
@@ -215,6 +218,7 @@ def test_page_tells_verdict_graph_certainty_and_path_before_the_forces(discovery
     assert re.findall(r'<(?:script|link|img|iframe)[^>]*\b(?:src|href)="(?!data:)', page) == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discovery, tmp_path: Path) -> None:
     verdicts = (*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED)

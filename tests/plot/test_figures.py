@@ -104,6 +104,7 @@ def test_gaps_are_drawn_as_gaps(record: lw.Record, tmp_path: Path) -> None:
     save(figure, tmp_path / "histories")
 
 
+@pytest.mark.slow
 def test_saved_figures_are_the_same_every_time(fitted: lw.Estimate, tmp_path: Path) -> None:
     first = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "a.b")]
     again = [path.read_bytes() for path in save(force_figure(fitted, "nes1"), tmp_path / "c.d")]

@@ -31,6 +31,7 @@ def test_residuals_are_those_of_all_samples_in_standard_deviations(with_a_gap: l
     np.testing.assert_allclose([np.nanmean(values**2) for values in left.values()], 1.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_missing_term_shows_over_the_motion() -> None:
     """Means over the elongation leave the band of noise where the law lacks a constant force, and not where it has it."""
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=53)

@@ -55,6 +55,7 @@ def faults(figure: Figure) -> list[str]:
     return cut + on
 
 
+@pytest.mark.slow
 def test_figures_of_answers_have_no_faults(discovered: lw.Discovery, fitted: lw.Estimate) -> None:
     trial: dict[str, Any] = {"duration": 0.2, "rate": 500.0, "release": {"v:m1": 3.0}}
     over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
@@ -73,6 +74,7 @@ def test_figures_of_answers_have_no_faults(discovered: lw.Discovery, fitted: lw.
     assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
 
 
+@pytest.mark.slow
 def test_long_names_and_large_numbers_have_their_room() -> None:
     with sheet(2, 2, width=10.0, height=6.0) as (figure, panels):
         for axes in panels:

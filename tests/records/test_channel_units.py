@@ -100,6 +100,7 @@ def test_a_simulation_writes_units(tmp_path: Path, name: str) -> None:
     assert again.values.tolist() == record.values.tolist()
 
 
+@pytest.mark.slow
 def test_answers_in_rad_are_those_in_metres() -> None:
     """A torsion spring with a cubic term: the numbers are the same, and only units differ."""
     truth = beam()

@@ -69,6 +69,7 @@ def near(fit: lw.Estimate) -> bool:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [2, 4])
 def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) -> None:
     record, chain = two_rates(every), lw.bnes_chain(2)

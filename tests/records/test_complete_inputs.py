@@ -50,6 +50,7 @@ def _lacking(record: lw.Record) -> lw.Record:
     return replace(record, values=values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [_driven, _carried, _on_rig, _on_host])
 def test_every_way_to_identify_refuses_a_gap_in_an_input(
     case: Callable[[], tuple[lw.Record, lw.Structure]],

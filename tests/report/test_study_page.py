@@ -232,6 +232,7 @@ def test_a_study_of_terms_has_their_table_and_its_maps(tmp_path: Path) -> None:
     assert many.beyond and STUDY_FIGURES["accuracy"].draw(many) is None
 
 
+@pytest.mark.slow
 def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path) -> None:
     file, folder = tmp_path / "reach.toml", tmp_path / "out"
     text = TEXT.replace("[40, 20, 8]", "[40]").replace("[1.0, 2.0]", "[1.0]")

@@ -21,12 +21,14 @@ def attempt(record: lw.Record, kilograms: dict[str, float | str]) -> None:
     assert str(discovery) and discovery.path and discovery.terms
 
 
+@pytest.mark.slow
 def test_the_chain_at_a_rate_that_is_too_low() -> None:
     """100 Hz and 20 dB: four samples for a period of the sink."""
     record = chain_record(2, duration=3.0, rate=100.0)
     attempt(record.with_noise(20.0, seed=1), {"m1": 1.0, "m2": 0.01})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_random_records_of_any_rate_and_noise(seed: int) -> None:
     """5 to 50 samples for a period of the fastest link, 10 to 40 dB; the benchmark has more of them."""

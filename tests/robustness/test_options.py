@@ -83,6 +83,7 @@ def test_a_record_runs_to_infinity_and_from_there(record: lw.Record) -> None:
     assert record.between(0.5, np.inf).start == 0.5
 
 
+@pytest.mark.slow
 def test_a_segment_longer_than_the_test_is_the_whole_test() -> None:
     """Identity: there is one segment, however much longer it might be."""
     test: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "noise": 20.0, "release": {"v:m1": 1.0}}

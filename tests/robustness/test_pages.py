@@ -80,6 +80,7 @@ def usual(tmp_path_factory: pytest.TempPathFactory) -> Scripts:
     return Scripts((folder / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES.keys())
 def test_no_text_of_an_answer_adds_anything_that_runs(
     name: str, usual: Scripts, tmp_path: Path, request: pytest.FixtureRequest

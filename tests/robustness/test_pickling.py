@@ -40,6 +40,7 @@ MAKERS: dict[str, Callable[[lw.Record], Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_copy_prints_itself_as_the_original(name: str, record: lw.Record) -> None:
     """An estimate still answers: forces and their bands, profiles."""

@@ -57,6 +57,7 @@ def test_the_same_file_with_with_is_refused(
         assert "records 1 and 2 (run.csv) hold the same samples" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_notes_of_all_records_are_in_the_result(record: lw.Record, tmp_path: Path) -> None:
     gap = record.channel("x:m2").copy()
     gap[10:20] = np.nan

@@ -19,6 +19,7 @@ from linkwise.study.row import FAILED, WORKER_DIED, Row
 from linkwise.study.store import open_store
 
 
+@pytest.mark.slow
 def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path) -> None:
     study = lw.read_study(small(tmp_path, cycles=1))
     with studies_here():
@@ -105,6 +106,7 @@ def test_a_file_without_an_end_is_refused(arguments: list[str], tmp_path: Path) 
     assert done.stderr.startswith("linkwise: /dev/zero") and len(done.stderr) < 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["k = " + "[" * 20_000, "k = " + "9" * 10_000, "[" + "a." * 20_000 + "b]"])
 def test_toml_that_is_too_deep_or_too_long_is_refused(
     text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -80,6 +80,7 @@ def test_what_is_no_period_is_refused(period: float, said: str) -> None:
     assert said in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_average_is_identified_as_all_periods_are() -> None:
     hardening = oscillator("k*d + k3*d**3 + c*v", name="spring", k=900.0, k3=2e5, c=3.0)
     phases = np.random.default_rng(1).uniform(0.0, 2.0 * np.pi, 24)

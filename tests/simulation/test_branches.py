@@ -38,6 +38,7 @@ def test_a_branch_holds_off_the_kink_where_it_is_watched(
     assert branches_hold(system, Placement(0.0, schedule.start / SCALE, parameters)) is holds
 
 
+@pytest.mark.slow
 def test_an_input_in_pieces_leaves_the_motion_as_it_is() -> None:
     """A force of 0 in 2000 pieces: what is chosen at the start of each of them is what was there before."""
     nothing = lw.model.Sampled(0.0, 1000.0, np.zeros(2001))

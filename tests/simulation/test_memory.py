@@ -234,6 +234,7 @@ def reference(name: str) -> Floats:
     return by_branches(beside_spring(name), grid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VALUES)
 def test_named_laws_follow_an_independent_integrator(name: str) -> None:
     truth, states = present(simulated(name).simulated), reference(name)
@@ -294,6 +295,7 @@ def test_a_link_with_memory_on_a_base_at_rest_has_no_force(base: str) -> None:
     np.testing.assert_array_equal(record.values, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("power", "band_limited"), [(1, True), (3, False)])
 def test_a_hysteretic_link_leaves_its_rest(power: int, band_limited: bool) -> None:
     """The base rests, but for what a spline swings before a bend; then hysteresis follows as by `solve_ivp`."""

@@ -37,6 +37,7 @@ def cluster(distributed: ModuleType) -> Iterator[str]:
         yield cluster.scheduler_address
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_rows_and_a_killed_worker_is_no_loss(
     tmp_path: Path, small_folder: Path, cluster: str, distributed: ModuleType
 ) -> None:

@@ -34,6 +34,7 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_rows_are_written_in_the_order_of_the_study(folder: Path, tmp_path: Path) -> None:
     written = lw.study.export_study(folder)
     assert [path.name for path in written] == ["rows.csv", "summary.csv"]

@@ -38,6 +38,7 @@ def subject() -> Subject:
     return Subject("chain", CHAIN, duration=1.0, rate=1000.0, release={"v:m1": 1.0})
 
 
+@pytest.mark.slow
 def test_discovery_is_told_the_masses_alone(subject: Subject) -> None:
     """Its answer is that of `discover`, and its terms and forces are the true ones."""
     clean = subject.simulate()
@@ -54,6 +55,7 @@ def test_discovery_is_told_the_masses_alone(subject: Subject) -> None:
     assert turning.status == "converged" and turning.terms == result.terms
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_terms_that_are_not_offered_are_missing_and_the_answer_says_so(subject: Subject) -> None:
     result = DiscoveryMethod("linear", terms="v, d").evaluate(

@@ -30,6 +30,7 @@ from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
 
 
+@pytest.mark.slow
 def test_the_rows_are_those_of_the_library(small_folder: Path) -> None:
     by_case = {row.case: row for row in lw.study.read_rows(small_folder)}
     row = by_case[Case("bnes4", 20.0, "ml", 1001)]
@@ -68,6 +69,7 @@ def run_by(executor: Executor, study: lw.Study, folder: Path) -> list[lw.study.R
     return list(lw.study.read_rows(folder))
 
 
+@pytest.mark.slow
 def test_rows_depend_neither_on_order_nor_on_the_executor(
     small_folder: Path, study: lw.Study, tmp_path: Path
 ) -> None:
@@ -151,6 +153,7 @@ def test_answers_that_are_not_finite_are_no_answers(study: lw.Study, monkeypatch
     assert done.row.reason == "internal error of linkwise: ZeroDivisionError: division by zero"
 
 
+@pytest.mark.slow
 def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     small_folder: Path, study: lw.Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,6 +295,7 @@ rate = 200.0
 '''
 
 
+@pytest.mark.slow
 def test_links_with_memory_hosts_and_rigs_are_studied(tmp_path: Path) -> None:
     """Rows are those of the library, intervals hold the truth, and methods that do not take them say so."""
     path = tmp_path / "mine.toml"

@@ -20,6 +20,7 @@ import linkwise as lw
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="workers are found in /proc")
 
 
+@pytest.mark.slow
 def test_killed_four_times_it_ends_as_if_undisturbed(tmp_path: Path, small_folder: Path) -> None:
     out = killed(small(tmp_path), tmp_path / "killed", kills=4, most=2, slots=1)
     assert "24 of 24 cases done, 0 failed" in out

@@ -39,6 +39,7 @@ def scores(fit: lw.Estimate) -> np.ndarray:
     return np.asarray((fit.values - true) / np.sqrt(fit.covariance.diagonal()))
 
 
+@pytest.mark.slow
 def test_an_exact_motion_gives_the_law(clean: lw.Record) -> None:
     """To the alias of the test functions."""
     exact = replace(clean, noise=dict.fromkeys(clean.channels, 1e-12), simulated=None)
@@ -47,6 +48,7 @@ def test_an_exact_motion_gives_the_law(clean: lw.Record) -> None:
     assert fit.values == pytest.approx(true, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_intervals_of_a_harvester(clean: lw.Record) -> None:
     """Six records at 40 dB from starts 20 % off: 36 squares of errors over standard errors, in the central 99.9 % of three
     sixths as many independent ones, since coupling, capacitance and resistance are nearly one number.

@@ -73,6 +73,7 @@ def test_the_motion_of_the_base_counts() -> None:
     assert fit.coefficient("link.k").value == pytest.approx(800.0, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decibel", [20.0, 40.0])
 def test_standard_errors_of_a_linear_oscillator(decibel: float) -> None:
     """z over 60 records: rms 1 within 0.25, mean 0 within 4/sqrt(60): under three and four of their standard errors.
@@ -89,6 +90,7 @@ def test_standard_errors_of_a_linear_oscillator(decibel: float) -> None:
     assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["tanh(v/0.02)", "v*abs(v)"])
 def test_damping_by_the_rate_is_unbiased_where_the_motion_decays_into_noise(law: str) -> None:
     """z over 24 records: mean 0 within 4/sqrt(24), and none trusted that is 4.5 standard errors off.
@@ -116,6 +118,7 @@ def test_maximum_likelihood_agrees() -> None:
     assert np.abs((weak.values - likeliest.values) / np.sqrt(weak.covariance.diagonal())).max() < 3.0
 
 
+@pytest.mark.slow
 def test_windows_that_miss_a_sample_are_left_out(chain: lw.Structure, clean: lw.Record) -> None:
     """Whether samples are missing in a row or singly everywhere, with no stretch of 256 samples whole."""
     record = clean.with_noise(30.0, seed=1)
@@ -144,6 +147,7 @@ def test_large_and_small_structures_are_solved_alike(
         assert error == pytest.approx(dense.coefficient(name).standard_error, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain: lw.Structure) -> None:
     """With nes1.c held at 0.05 by its bound, the others are what they are when it is given as 0.05."""
     record = clean.with_noise(20.0, seed=1)

@@ -50,6 +50,7 @@ def scores(fit: lw.Estimate) -> np.ndarray:
     return np.asarray((fit.values - true) / np.sqrt(fit.covariance.diagonal()))
 
 
+@pytest.mark.slow
 def test_modes_that_are_single_points_are_masses() -> None:
     """Shapes of 1 at one point each make a host of masses of 1 kg on springs: the same equations."""
     shapes = {"first": (1.0, 0.0), "second": (0.0, 1.0)}
@@ -80,6 +81,7 @@ def test_modes_that_are_single_points_are_masses() -> None:
     assert set(by_modes.noise) == {"x:two.first", "x:two.second"}
 
 
+@pytest.mark.slow
 def test_intervals_of_a_sink_on_a_beam(record: lw.Record) -> None:
     """Twelve records: the sum of 36 squares of errors over standard errors is within the central 99.9 % of chi-square; the
     noise of three modes comes from three sensors, so that it is correlated.
@@ -107,12 +109,14 @@ def test_frequencies_that_are_unknown(record: lw.Record) -> None:
         assert abs(frequency.value - hz) < 4.0 * frequency.standard_error < 0.05 * hz
 
 
+@pytest.mark.slow
 def test_a_wrong_frequency_is_not_trusted(record: lw.Record) -> None:
     wrong = host("beam", (CANTILEVER[0], 1.03 * CANTILEVER[1], CANTILEVER[2]), 0.01, CANTILEVER_SHAPES)
     asked = structure({"sink": 0.05}, link("nes", "sink-beam.tip", NES), hosts=[wrong])
     assert not lw.identify(record.with_noise(35.0, seed=4300), asked, method="weak").trusted
 
 
+@pytest.mark.slow
 def test_more_sensors_than_modes_show_a_wrong_shape() -> None:
     """Three sensors on a host of two modes: what they show beside the modes is noise, unless a shape is 5 % wrong."""
     shapes = {point: shape[:2] for point, shape in CANTILEVER_SHAPES.items()}

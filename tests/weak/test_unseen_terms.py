@@ -81,6 +81,7 @@ def test_terms_move_coefficients_as_far_as_told() -> None:
     assert fit.trusted and any("do not rule out" in finding for finding in fit.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 1.1])
 def test_a_stated_mass_that_is_wrong_is_named(factor: float) -> None:
     """The lightest of six masses, a tenth too heavy, at 20 dB."""
@@ -96,6 +97,7 @@ def test_a_stated_mass_that_is_wrong_is_named(factor: float) -> None:
 SINES = "12*sin(20*t) + 8*sin(33*t + 1) + 6*sin(47*t)"
 
 
+@pytest.mark.slow
 def test_laws_with_a_jump_in_the_rate_are_nonlinear_in_it() -> None:
     """The slope of sign(v) does not hold v, yet damping beyond such a law takes no trust from it, at 35 dB."""
     truth = oscillator("k*d + c*v + f*sign(v)", k=900.0, c=2.0, f=0.3)
@@ -128,6 +130,7 @@ def undecided(fit: lw.Estimate) -> bool:
     return "does not rule out a force like" in fit.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("relative", [0.01, 0.003])
 def test_what_is_known_of_a_damper_bounds_friction(relative: float) -> None:
     """The record alone leaves it open; a prior of more than what it leaves open changes nothing."""
@@ -155,6 +158,7 @@ def test_a_prior_that_is_wrong_is_not_told_as_a_term() -> None:
         assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,) and "contradicts" in fit.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("snr_db", "quadratic"), [(20.0, 0.5), (35.0, 0.0)])
 def test_three_sines_of_a_base_show_at_35_db_that_a_damper_is_linear(snr_db: float, quadratic: float) -> None:
     """At 20 dB they do not: quadratic damping moves a damper by 13 %, 9 standard errors, and its score is chance."""

@@ -194,6 +194,7 @@ def test_the_papers_chain_has_the_bound_of_methods(chain: lw.Structure) -> None:
     assert error == pytest.approx(float(np.sqrt(limit.covariance[2, 2])), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> None:
     limit = lw.limit(chain, duration=1.0, rate=1000.0, noise=20.0, release=RELEASE, unknown=("nes",))
     assert [p.name for p in limit.parameters] == ["nes1.alpha", "nes1.beta", "nes1.c"]
@@ -204,6 +205,7 @@ def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> Non
     np.testing.assert_array_equal(limit.force_deviation("spring1", d), 0.0)  # it is known
 
 
+@pytest.mark.slow
 def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     """A blow at the start is a release: the same motion, the same bound."""
     blow = (lw.model.Impulse("m1", 1.0, 0.0),)
@@ -218,6 +220,7 @@ def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     assert errors[0] < errors[1]
 
 
+@pytest.mark.slow
 def test_forces_and_the_base_drive_it() -> None:
     mounted = oscillator("k*d + c*v", to="base", name="mount", k=400.0, c=2.0)
     plan: dict[str, Any] = {"duration": 2.0, "rate": 200.0, "noise": {"x:m1": 1e-4}}
@@ -232,6 +235,7 @@ def test_forces_and_the_base_drive_it() -> None:
     assert np.isinf(present(free.coefficient("m1.mass").standard_error))
 
 
+@pytest.mark.slow
 def test_what_sensors_cannot_tell_is_said() -> None:
     limit = lw.limit(two_springs(), duration=2.0, rate=200.0, noise=30.0, release={"x:m1": 0.01})
     assert np.isinf(limit.standard_errors).tolist() == [True, True, False]
@@ -261,6 +265,7 @@ def test_each_confusion_is_told_apart_from_the_others() -> None:
     assert [line.partition(" are")[0] for line in limit.findings] == ["m1a.k and m1b.k", "m2a.k and m2b.k"]
 
 
+@pytest.mark.slow
 def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure) -> None:
     started = lw.parse_structure(
         lw.model.format_structure(chain).replace("alpha = -100.0", "alpha = { start = -100.0 }"), "chain.toml"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from structures import host, structure
 
 import linkwise as lw
@@ -23,6 +24,7 @@ def taps(between: dict[tuple[int, int], float], seed: int) -> lw.modal.HostEstim
     return lw.modal.identify_host(record.with_noise(40.0, seed=seed), modes=3)
 
 
+@pytest.mark.slow
 def test_it_is_found_to_within_its_error_and_without_it_ratios_are_enough() -> None:
     found = taps(BETWEEN, 1)
     assert found.trusted

@@ -50,12 +50,14 @@ def test_a_structure_that_moves_before_the_tap_is_identified_from_two_records_wi
     assert np.abs(errors(estimate.host)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_a_structure_that_is_not_linear_is_not_trusted() -> None:
     estimate = lw.modal.identify_host(tapped(cubic=1e6, level=2.0).with_noise(40.0, seed=4), modes=4)
     assert not estimate.trusted
     assert estimate.verdicts[0] in (lw.Verdict.NOISE_MISMATCH, lw.Verdict.COLOURED_RESIDUALS)
 
 
+@pytest.mark.slow
 def test_errors_of_modes_that_are_not_quite_linear_hold_those_at_rest() -> None:
     estimate = lw.modal.identify_host(shaken(22, cubic=3e2, samples=10000).with_noise(60.0, seed=22))
     assert estimate.verdicts == (lw.Verdict.NOISE_MISMATCH,)
@@ -67,6 +69,7 @@ def test_errors_of_modes_that_are_not_quite_linear_hold_those_at_rest() -> None:
     assert exact.frequency.sigma < 0.01 * estimate.host.modes[0].frequency.sigma
 
 
+@pytest.mark.slow
 def test_a_mode_at_whose_node_the_force_acts_has_no_scale() -> None:
     estimate = lw.modal.identify_host(tapped("mid").with_noise(30.0, seed=5), modes=3)
     third = estimate.host.modes[2]
@@ -107,6 +110,7 @@ def test_the_name_of_a_host_is_that_of_its_channels() -> None:
     assert ModalMeasurement.of([short], "blade").host == "blade"
 
 
+@pytest.mark.slow
 def test_points_whose_channels_are_in_rad_turn() -> None:
     carrier = host("beam", (5.0, 31.4), 0.01, {"tip": (1.7, -1.7), "r": (2.3, -8.0)}, rotations=["r"])
     tap, sensors = {"beam.tip": "40*exp(-((t-0.1)/0.004)**2)"}, ("a:beam.tip", "a:beam.r")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from structures import host, link, structure
 
 import linkwise as lw
@@ -21,6 +22,7 @@ def tapped(frequencies: tuple[float, float], *joints: lw.Link) -> lw.Record:
     ).with_noise(45.0, seed=3)
 
 
+@pytest.mark.slow
 def test_a_mode_that_slips_is_one() -> None:
     joint = link("joint", "beam.left-beam.right", "F*z", {"z": SLIP}, F=0.9, s=0.5, x0=4e-5)
     found = lw.modal.identify_host(tapped((79.4, 140.0), joint))
@@ -33,12 +35,14 @@ def test_a_mode_that_slips_is_one() -> None:
     assert abs(abs(mode.shape["tip"]) - 1.0) < 4.0 * mode.shape_sigma["tip"] < 0.5
 
 
+@pytest.mark.slow
 def test_two_modes_within_their_bandwidth_are_two() -> None:
     found = lw.modal.identify_host(tapped((80.0, 80.05)))
     assert len(found.host.modes) == 2
     assert found.trusted
 
 
+@pytest.mark.slow
 def test_what_a_joint_leaves_is_not_blamed_on_the_force() -> None:
     joint = link("joint", "beam.left-beam.right", "F*z", {"z": SLIP}, F=0.6, s=0.5, x0=1.2e-5)
     found = lw.modal.identify_host(tapped((79.4, 140.0), joint))

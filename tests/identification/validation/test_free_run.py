@@ -46,6 +46,7 @@ def test_without_noise_the_run_is_the_record(duffing: lw.Structure) -> None:
     assert run.rmse["x:m1"] < 1e-8 * np.std(record.channel("x:m1"))
 
 
+@pytest.mark.slow
 def test_base_motion_velocities_and_gaps(duffing: lw.Structure) -> None:
     """A shaken mass of which only the velocity was seen, with a gap at the start and one later."""
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
@@ -66,6 +67,7 @@ def test_two_masses_and_a_hidden_one() -> None:
     assert run.rmse["x:m1"] < 1e-3 * np.std(record.channel("x:m1"))
 
 
+@pytest.mark.slow
 def test_a_chaotic_run_tells_its_horizon() -> None:
     chain = lw.bnes_chain(10)
     record = chain_record(10, duration=1.5)

@@ -25,6 +25,7 @@ def fit(record: lw.Record) -> lw.Estimate:
     return lw.identify(record[:1000], hysteretic().unknown("damper"))
 
 
+@pytest.mark.slow
 def test_the_force_on_another_part_is_predicted_to_its_noise(record: lw.Record, fit: lw.Estimate) -> None:
     """A part is validated with an error of 0.1 % level; the noise of the cell is 1 N, of a force of 90 N."""
     result = lw.validate(record[1000:], fit)
@@ -57,6 +58,7 @@ def test_a_law_that_lacks_the_state_is_refused(record: lw.Record) -> None:
     assert nmse == pytest.approx(expected, rel=8.0 / 50.0 / np.sqrt(950.0))
 
 
+@pytest.mark.slow
 def test_a_state_that_the_start_does_not_show_is_as_uncertain_as_it_is_large() -> None:
     """Within the backlash the force says nothing of the state: its variance was infinite, and the record refused."""
     values = {"k": 2000.0, "c": 50.0, "F": 100.0, "x0": 1e-3, "g": 0.5}
@@ -70,6 +72,7 @@ def test_a_state_that_the_start_does_not_show_is_as_uncertain_as_it_is_large() -
     assert 50.0 < deviation.max() < 200.0 and np.median(deviation[800:]) < 1.5
 
 
+@pytest.mark.slow
 def test_from_files_to_a_prediction(tmp_path: Path, record: lw.Record) -> None:
     lw.write_record(record, tmp_path / "run.csv")
     lw.write_structure(hysteretic().unknown("damper"), tmp_path / "rig.toml")

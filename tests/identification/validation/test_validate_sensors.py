@@ -33,6 +33,7 @@ def shown(seed: int, *, offset: float = 0.0, gain: float = 1.0, late: int = 0) -
     return replace(record, values=values, simulated=None)[late:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", ["delay", "offset gain"])
 def test_errors_of_sensors_that_the_answer_found_are_taken_out(kinds: str) -> None:
     offset, gain, late = 1e-3 * ("offset" in kinds), 1.0 + 0.1 * ("gain" in kinds), 2 * (kinds == "delay")
@@ -60,6 +61,7 @@ def test_errors_of_sensors_that_the_answer_found_are_taken_out(kinds: str) -> No
         assert not gap.trusted and any(remark.startswith(stays) for remark in gap.remarks)
 
 
+@pytest.mark.slow
 def test_the_folder_of_an_answer_says_the_same(tmp_path: Path) -> None:
     answer = lw.identify(shown(3, offset=1e-3), duffing().unknown("all"), offsets=["x:m1"])
     folder = tmp_path / "answer"
@@ -82,6 +84,7 @@ def test_what_is_no_error_of_a_sensor_is_refused(change: dict[str, object]) -> N
         lw.estimates.SensorErrorEstimate.from_dict({**error.to_dict(), **change})
 
 
+@pytest.mark.slow
 def test_what_the_record_is_without_is_not_taken_out_again() -> None:
     """A gain that was taken out was taken out twice, and a sensor that was repaired could not be told."""
     answer = lw.identify(shown(3, gain=1.1), duffing().unknown("all"), gains=["x:m1"])

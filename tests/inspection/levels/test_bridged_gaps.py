@@ -27,6 +27,7 @@ def _without(record: lw.Record, **samples: slice) -> lw.Record:
     return replace(record, values=values)
 
 
+@pytest.mark.slow
 def test_a_few_missing_samples_are_bridged_and_told() -> None:
     complete = [_taps(0.1), _taps(2.0)]
     gappy = [
@@ -45,6 +46,7 @@ def test_a_few_missing_samples_are_bridged_and_told() -> None:
     assert found.to_dict()["bridged"][2] == {"record": "level 2", "channel": "force:m1", "samples": 2}
 
 
+@pytest.mark.slow
 def test_gaps_do_not_make_modes_move() -> None:
     """Two linear masses, 5.33 and 10.41 Hz, released; each channel lacks 5 % of its samples in gaps of one to six."""
     ground, joint = (("k*d + c*v", {"k": k, "c": c}) for k, c in ((3e3, 1.0), (800.0, 0.5)))
@@ -67,6 +69,7 @@ def test_a_force_that_acts_or_lacks_more_is_not_guessed(missing: slice) -> None:
         lw.inspection.compare_levels([_taps(0.1), record])
 
 
+@pytest.mark.slow
 def test_distortion_is_measured_beside_a_missing_sample() -> None:
     force = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"
     uneven = oscillator("k*d + k2*d**2 + c*v", mass=1.0, name="spring", k=4e3, k2=2e6, c=1.0)

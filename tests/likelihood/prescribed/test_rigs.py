@@ -22,6 +22,7 @@ def record() -> lw.Record:
     return run(hysteretic())
 
 
+@pytest.mark.slow
 def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> None:
     """By quantiles of one in 500 of intervals that hold, and on either side of the sum of squares, were they independent."""
     record, scores = run(hysteretic(), duration=3.0), []
@@ -35,6 +36,7 @@ def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> Non
     assert low < np.sum(np.square(scores)) < high
 
 
+@pytest.mark.slow
 def test_sliders_are_identified_by_their_corners() -> None:
     """The rate of a slider jumps where it begins to slide, and no derivative of it tells at which force."""
     values = {"k": 8e4, "Fs": 100.0}
@@ -43,6 +45,7 @@ def test_sliders_are_identified_by_their_corners() -> None:
     assert_within(fit, of("damper", values))
 
 
+@pytest.mark.slow
 def test_errors_of_the_motion_widen_the_intervals(record: lw.Record) -> None:
     fits = [
         lw.identify(measured(record, 1, displacement=noise), hysteretic().unknown("damper"))
@@ -53,6 +56,7 @@ def test_errors_of_the_motion_widen_the_intervals(record: lw.Record) -> None:
     assert errors[1] > 2.0 * errors[0]
 
 
+@pytest.mark.slow
 def test_a_coarse_displacement_is_not_differenced(record: lw.Record) -> None:
     """Differences of steps of 0.1 mm at 200 Hz would be 20 mm/s beside a rate of 50 mm/s."""
     coarse = measured(record, 1, displacement=0.0, step=1e-4)
@@ -72,6 +76,7 @@ def test_a_law_without_states() -> None:
     assert fit.links[0].frequencies == ()
 
 
+@pytest.mark.slow
 def test_starts_are_searched_for_in_the_part_of_a_long_record_that_moves_most() -> None:
     """A rest of 25 s, 5000 samples of 8000, comes before the motion; the search is in 4096, of which the last 2800 move."""
     base = "0.5*(1 + tanh(4*(t - 26)))*(0.01*sin(5*t)*sin(0.7*t) + 0.003*sin(17*t))"
@@ -81,6 +86,7 @@ def test_starts_are_searched_for_in_the_part_of_a_long_record_that_moves_most() 
     assert_within(fit, of("damper", BOUC_WEN))
 
 
+@pytest.mark.slow
 def test_friction_of_bristles_is_found_without_starts() -> None:
     values = {"s0": 2e5, "s1": 100.0, "s2": 500.0, "Fc": 60.0, "Fs": 90.0, "vs": 5e-3}
     true = structure({}, named("damper", "base-ground", "lugre", **values))
@@ -89,6 +95,7 @@ def test_friction_of_bristles_is_found_without_starts() -> None:
     assert_within(fit, of("damper", values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["jenkins", "k*d + c*v"])
 def test_a_missing_state_is_told(law: str, record: lw.Record) -> None:
     """And a slider does not stand for smooth hysteresis."""
@@ -99,6 +106,7 @@ def test_a_missing_state_is_told(law: str, record: lw.Record) -> None:
     assert all(own.interval is None for own in fit.links[0].coefficients)
 
 
+@pytest.mark.slow
 def test_a_zero_error_of_the_load_cell_is_diagnosed_and_found(record: lw.Record) -> None:
     noisy = measured(record, 1)
     values = noisy.values.copy()
@@ -132,6 +140,7 @@ def test_a_zero_error_of_the_displacement_of_a_cubic_spring() -> None:
     assert any(remark.startswith("x:base is off by 0.001") for remark in fit.remarks)
 
 
+@pytest.mark.slow
 def test_records_are_fitted_together(record: lw.Record) -> None:
     parts = [measured(record, 3)[:1000], measured(record, 4)[1000:]]
     unknown = hysteretic().unknown("damper")
@@ -152,6 +161,7 @@ def test_coefficients_that_the_force_does_not_tell_apart(record: lw.Record) -> N
     assert fit.coefficient("damper.k").interval is None
 
 
+@pytest.mark.slow
 def test_the_motion_carries_measured_and_identified_forces(record: lw.Record) -> None:
     noisy = measured(record, 1)
     fit = lw.identify(noisy, hysteretic().unknown("damper"))
@@ -235,6 +245,7 @@ def test_other_doors_refuse_a_rig() -> None:
             door()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("term", "value", "named"),
     [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")],
@@ -250,6 +261,7 @@ def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, na
     assert fit.coefficient("damper.k").standard_error is None
 
 
+@pytest.mark.slow
 def test_a_late_load_cell_takes_trust(record: lw.Record) -> None:
     """By a sample: the damping was six standard errors off, and negative."""
     noisy = measured(record, 1)

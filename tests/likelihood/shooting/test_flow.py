@@ -69,6 +69,7 @@ def states(record: lw.Record, every: int) -> np.ndarray:
     return np.stack([motion.displacement[::every].T, motion.velocity[::every].T])
 
 
+@pytest.mark.slow
 def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three: lw.Structure) -> None:
     record = driven(three)
     start = states(record, 5)

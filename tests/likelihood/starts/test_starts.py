@@ -17,6 +17,7 @@ from linkwise.likelihood.starts.values import starting_values
 from linkwise.model.law import Law
 
 
+@pytest.mark.slow
 def test_a_nonlinear_coefficient_starts_beside_linear_ones_that_forces_tell() -> None:
     def chain(**values: float) -> lw.Structure:
         slip = link("slip1", "m1-ground", "k*d + F*tanh(v/s)", **values)
@@ -28,6 +29,7 @@ def test_a_nonlinear_coefficient_starts_beside_linear_ones_that_forces_tell() ->
     assert_within(lw.identify(record, chain().unknown("all"), starts={"slip1.s": 0.2}), chain(**true))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "kind"), [(2, "a"), (4, "v")])
 def test_rates_and_accelerations_alone_identify_a_chain(n: int, kind: str) -> None:
     true = lw.bnes_chain(n)

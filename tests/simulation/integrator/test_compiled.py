@@ -52,6 +52,7 @@ LAWS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "values"), LAWS, ids=[law for law, _ in LAWS])
 def test_every_law_moves_as_scipy_moves_it(law: str, values: dict[str, Any]) -> None:
     structure = oscillator(law, mass=0.7, **values)
@@ -71,6 +72,7 @@ def test_integer_powers_have_a_taylor_series_at_zero() -> None:
     assert np.all(np.isfinite(record.values)) and record.values[-1, 0] > 0.5
 
 
+@pytest.mark.slow
 def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it() -> None:
     ends = ("base-m1", "m2-m1", "m3-m2", "m3-ground")
     links = (link(f"l{i}", end, "k*d + c*v + k3*d**3", k=50.0, c=0.2, k3=300.0) for i, end in enumerate(ends))
@@ -113,6 +115,7 @@ def test_each_thread_has_its_own_integrator() -> None:
     assert not np.array_equal(answers[1], alone)
 
 
+@pytest.mark.slow
 def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it() -> None:
     schedule = RunSchedule(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
     more = np.sort(np.append(schedule.times, np.random.default_rng(0).uniform(0.0, 6.0, 20000)))
