@@ -16,12 +16,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-import scipy
+from numpy.typing import NDArray
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
@@ -46,9 +45,13 @@ class Spectrogram:
     @classmethod
     def of(cls, values: Floats, rate: float) -> Spectrogram:
         """That of samples (N,) at `rate` in Hz, without their mean, straight lines over missing samples."""
-        settings = _blocks(len(values))
-        frequency, time, power = scipy.signal.spectrogram(_without_gaps(values), rate, **settings)
-        return cls(frequency, time, power.T)
+        first, block, window = _blocks(len(values))
+        power = np.abs(_transformed(values)) ** 2 * (2.0 / (rate * np.sum(window**2)))
+        power[:, 0] *= 0.5
+        if block % 2 == 0:
+            power[:, -1] *= 0.5
+        time = np.asarray((first + 0.5 * block) / rate, dtype=float)
+        return cls(_frequencies(block, rate), time, np.asarray(power, dtype=float))
 
     @property
     def mean(self) -> Floats:
@@ -70,15 +73,24 @@ class Coherence:
     @classmethod
     def of(cls, first: Floats, second: Floats, rate: float) -> Coherence:
         """That of samples (N,) and (N,) at `rate` in Hz, without their means, straight lines over missing samples."""
-        settings = _blocks(len(first))
-        with np.errstate(invalid="ignore"):  # of a channel without power
-            frequency, values = scipy.signal.coherence(
-                _without_gaps(first), _without_gaps(second), rate, **settings
-            )
-        block = len(settings["window"])
-        blocks = (1 + (len(first) - block) // (block - settings["noverlap"])) / SHARED_BLOCKS
+        of_first, of_second = _transformed(first), _transformed(second)
+        cross = np.abs(np.mean(of_first * of_second.conj(), axis=0)) ** 2
+        power = np.mean(np.abs(of_first) ** 2, axis=0) * np.mean(np.abs(of_second) ** 2, axis=0)
+        values = np.divide(cross, power, out=np.zeros(len(cross)), where=power > 0.0)
+        blocks = len(of_first) / SHARED_BLOCKS
         by_chance = 1.0 - _CHANCE ** (1.0 / (blocks - 1.0)) if blocks > 1.0 else 1.0
-        return cls(frequency, np.nan_to_num(values), by_chance)
+        return cls(_frequencies(_blocks(len(first))[1], rate), values, by_chance)
+
+
+def _frequencies(block: int, rate: float) -> Floats:
+    return np.asarray(np.fft.rfftfreq(block, 1.0 / rate), dtype=float)
+
+
+def _transformed(values: Floats) -> NDArray[np.complex128]:
+    """Fourier transforms (B, F) of the blocks of samples (N,); importing `scipy.signal` takes longer than an answer does."""
+    first, block, window = _blocks(len(values))
+    frames = _without_gaps(values)[first[:, None] + np.arange(block)] * window
+    return np.fft.rfft(frames, axis=1)
 
 
 def _without_gaps(values: Floats) -> Floats:
@@ -90,11 +102,10 @@ def _without_gaps(values: Floats) -> Floats:
     return np.asarray(filled - filled.mean())
 
 
-def _blocks(count: int) -> dict[str, Any]:
-    """How `scipy.signal` cuts `count` samples, without a mean, into blocks."""
+def _blocks(count: int) -> tuple[Indices, int, Floats]:
+    """The first samples (B,) of the blocks of `count` samples, the samples in each, and the window over them."""
     block = min(_LONGEST, 2 ** int(np.log2(max(count // _BLOCKS, 16))), count)
-    window = np.hanning(block + 2)[1:-1]
-    return {"window": window, "noverlap": block - max(block // 2, 1), "detrend": False}
+    return np.arange(0, count - block + 1, max(block // 2, 1)), block, np.hanning(block + 2)[1:-1]
 
 
 _REST_BLOCKS = 40  # in which a record is looked at
