@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
+import scipy
 from scipy.sparse import csc_array
 
 _HEADER = 128  # bytes; the last four are the version and a mark of the byte order
@@ -50,7 +50,7 @@ def load_mat(path: Path, **options: Any) -> dict[str, Any]:
     # version 5, as SciPy tells it from 4 and 7.3
     if 0 not in content[:4] and 1 in content[_HEADER - 4 : _HEADER - 2]:
         content = _sound(content)
-    variables = loadmat(BytesIO(content), spmatrix=False, **options)
+    variables = scipy.io.loadmat(BytesIO(content), spmatrix=False, **options)
     return {name: value for name, value in variables.items() if not name.startswith("__")}
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Bools, Floats, Indices, stretches
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
@@ -308,7 +307,7 @@ def _outliers(signal: ChannelSignal) -> Indices:
     deviations[near_gap] = 0.0
     size = np.abs(deviations)
     blocks = np.median(size[: len(size) // _BLOCK * _BLOCK].reshape(-1, _BLOCK), axis=1) / _MEDIAN
-    widest = scipy.ndimage.maximum_filter1d(blocks, 3)
+    widest = np.lib.stride_tricks.sliding_window_view(np.pad(blocks, 1, "edge"), 3).max(axis=1)
     usual = widest[np.minimum(np.arange(len(size)) // _BLOCK, len(blocks) - 1)]
     noise = np.maximum(_NOISE * np.nan_to_num(signal.sigma), signal.grain)
     limit = np.maximum(_FAR * np.maximum(usual, noise), _FARTHER * (usual - _SCATTER * noise))
