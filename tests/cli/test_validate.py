@@ -13,7 +13,7 @@ from structures import oscillator
 
 import linkwise as lw
 
-pytestmark = pytest.mark.usefixtures("unrendered", "inside")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered", "inside")]
 
 FORCE = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
 
@@ -46,7 +46,6 @@ def inside(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(place)
 
 
-@pytest.mark.slow
 def test_json_of_an_answer() -> None:
     printed = document("validate run2.csv answer --burn 0.25 --from 0.5 --to 2.5")
     assert printed["burn"] == 0.25 and printed["free_run"] is True and printed["trusted"] is True
@@ -58,7 +57,6 @@ def test_json_of_an_answer() -> None:
     assert score["rmse"] == pytest.approx(expected.channels["x:m1"].rmse, rel=1e-12)
 
 
-@pytest.mark.slow
 def test_a_wrong_structure_ends_in_3_and_leaves_a_page(tmp_path: Path) -> None:
     folder = tmp_path / "validation"
     out, err = said(f"validate run2.csv wrong.toml -o {folder}", 3)
@@ -69,7 +67,6 @@ def test_a_wrong_structure_ends_in_3_and_leaves_a_page(tmp_path: Path) -> None:
     assert "another command" in refusal("validate run2.csv true.toml -o answer")
 
 
-@pytest.mark.slow
 def test_a_messy_file_is_mapped_like_that_of_identify(tmp_path: Path) -> None:
     """Columns with other names, one of them in mm, with lines left out and empty cells."""
     record = lw.read_record("run2.csv")
@@ -86,7 +83,6 @@ def test_a_messy_file_is_mapped_like_that_of_identify(tmp_path: Path) -> None:
     assert messy["rmse"] == pytest.approx(clean["rmse"], rel=0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("record", "stated", "code", "removed"),
     [

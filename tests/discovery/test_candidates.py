@@ -10,6 +10,9 @@ from structures import bodies, host, link, structure, torsion_chain
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 MASSES = {"a": 1.0, "b": 0.5, "c": 0.3}
 HIT = {"v:a": 1.0, "v:c": -1.0}
 
@@ -33,7 +36,6 @@ def names(evidence: Iterable[lw.discovery.TermEvidence], start: str = "") -> lis
     return sorted(term.name for term in evidence if term.name.startswith(start))
 
 
-@pytest.mark.slow
 def test_every_pair_and_every_mass_with_the_ground_is_asked() -> None:
     """What is chosen is a structure, springs first, of links whose coefficients both ends feel."""
     found = lw.discover(recorded(frame()), MASSES, terms="v, d, d**3, v**3")
@@ -70,7 +72,6 @@ def test_what_is_stated_stays_and_the_rest_may_join_it() -> None:
     assert found.structure.coefficient("frame.k").value == 3e3
 
 
-@pytest.mark.slow
 def test_names_of_masses_with_hyphens_do_not_clash() -> None:
     """ "a-b" with "c", and "a" with "b-c"."""
     masses = {"c": 1.0, "b-c": 0.5, "a-b": 0.4, "a": 0.3}
@@ -102,7 +103,6 @@ def test_a_mass_in_the_air_is_refused_with_what_to_do() -> None:
         lw.discover(record, {"a": 1.0, "b": 1.0}, terms="v, d")
 
 
-@pytest.mark.slow
 def test_a_mass_given_in_kg_m2_turns_and_is_joined_to_rotations_alone() -> None:
     record = lw.simulate(torsion_chain(), release={"v:disc1": 6.0}, duration=0.5, rate=1000.0)
     noisy = record.with_noise(40.0, seed=4)
@@ -115,7 +115,6 @@ def test_a_mass_given_in_kg_m2_turns_and_is_joined_to_rotations_alone() -> None:
         lw.discover(noisy, {"disc1": 1.0, "disc2": 0.01})
 
 
-@pytest.mark.slow
 def test_a_torsion_spring_between_rotations_is_found_beside_translations() -> None:
     """Only rotations are offered to rotations, and units are those of moments."""
     shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0)}

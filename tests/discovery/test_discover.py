@@ -20,6 +20,9 @@ from within import assert_within
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 DURATION, RATE = 3.0, 1000.0
 Asked = tuple[lw.Structure, list[lw.Record]]
 SINE = "60*sin(150*t) + 40*sin(190*t)"
@@ -44,7 +47,6 @@ def within(discovery: lw.Discovery, true: lw.Structure, most: float = 4.5) -> bo
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "decibel"),
     [(2, 20.0), (4, 40.0), (6, 20.0)],
@@ -66,7 +68,6 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
     return discovery.structure if discovery.trusted else None
 
 
-@pytest.mark.slow
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
     chain = lw.bnes_chain(2)
@@ -81,7 +82,6 @@ def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     assert trusted(record.with_noise(-8.0, seed=1000), chain) is None
 
 
-@pytest.mark.slow
 def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.Record, lw.Discovery]) -> None:
     record, discovery = two
     again = lw.discover(record, masses(lw.bnes_chain(2)))
@@ -161,7 +161,6 @@ CHAINS: dict[str, Callable[[], Asked]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CHAINS)
 def test_the_structure_is_found_exactly(name: str) -> None:
     """And trusted from few samples, where sums over them as measured gave other terms."""
@@ -180,7 +179,6 @@ def known_not_to_be(true: lw.Structure, *pairs: str) -> lw.Structure:
     return structure(dict(masses(true)), *(link(pair, pair, "0") for pair in pairs))  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("given", ["all links", "which are none", "further terms"])
 def test_what_is_stated_or_offered_besides_changes_nothing(given: str, four: lw.Record) -> None:
     chain, none = lw.bnes_chain(4), ("m2-ground", "m4-m1", "m3-ground")
@@ -216,7 +214,6 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
     )  # the longer chain was hit harder
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look: at a constant force in that link."""
@@ -228,7 +225,6 @@ def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, l
     assert "or a sensor has an error" in discovery.estimate.message
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_coloured_noise_gives_nothing_to_be_trusted() -> None:
     """A random walk in every channel is no noise that a sensor makes, and no motion of a structure either."""
@@ -243,7 +239,6 @@ def four() -> lw.Record:
     return chain_record(4, duration=3.0).with_noise(20.0, seed=1000)
 
 
-@pytest.mark.slow
 def test_what_a_stated_structure_lacks_joins_it(two: tuple[lw.Record, lw.Discovery]) -> None:
     """The sink is stated without its cubic spring, the frame without its damper."""
     chain, unknown = lw.bnes_chain(2), lw.Coefficient.unknown()
@@ -263,7 +258,6 @@ def test_what_a_stated_structure_lacks_joins_it(two: tuple[lw.Record, lw.Discove
     assert {term.name for term in discovery.kept} == {"nes1.k3", "spring1.c"}
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
     two: tuple[lw.Record, lw.Discovery],
@@ -275,7 +269,6 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
     assert not discovery.trusted
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "sensor", "seed", "rounds"),
     [(2, "a", 1002, None), (4, "v", 2001, 2)],
@@ -294,7 +287,6 @@ def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(
     assert rounds in (None, discovery.rounds)
 
 
-@pytest.mark.slow
 def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise() -> None:
     """The sink has two wells, and no cubic term is offered."""
     chain = lw.bnes_chain(2)
@@ -305,7 +297,6 @@ def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise
     assert not any(term.certain for term in some(discovery.terms))
 
 
-@pytest.mark.slow
 def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
     """The second of two chains is never hit; its sensors show noise."""
     true = apart()
@@ -319,7 +310,6 @@ def test_a_mass_at_rest_is_left_out_and_the_rest_is_found() -> None:
         assert discovery.remarks[0].startswith("m3 and m4 did not move above the noise and are left out")
 
 
-@pytest.mark.slow
 def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.Record) -> None:
     """A file that states one spring, and nothing of the rest."""
     text = lw.model.format_structure(lw.bnes_chain(4))
@@ -340,14 +330,12 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.
         lw.discover(four, replace(known, links=(strange,)))
 
 
-@pytest.mark.slow
 def test_a_random_structure_is_found() -> None:
     case = random_case(1001)
     discovery = lw.discover(case.record.with_noise(30.0, seed=1001), masses(case.structure))
     assert graph(discovery.structure) == graph(case.structure)
 
 
-@pytest.mark.slow
 def test_of_many_masses_the_candidates_that_were_never_tested_are_counted() -> None:
     """Each mass is screened by itself before; links that are asked for are tested whatever the screen says."""
     law = "k*d + c*v"
@@ -402,7 +390,6 @@ def test_no_record_is_refused() -> None:
         lw.discover([], {"m1": 1.0})
 
 
-@pytest.mark.slow
 def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was() -> None:
     """A second round that would start from -31 g, and trials that come to 0: no warning of a division either.
 

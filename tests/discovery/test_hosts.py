@@ -23,6 +23,9 @@ from within import assert_within, of
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 SINK = bodies({"sink": 0.03})
 THREE = ("a:beam.tip", "a:beam.mid", "a:sink")
 NEAR = {
@@ -61,7 +64,6 @@ def discovered(end: str, sensors: tuple[str, ...], known: lw.Host) -> lw.Discove
     )
 
 
-@pytest.mark.slow
 def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
     discovery = discovered("mid", THREE, beam(CANTILEVER_SHAPES))
     assert {term.name for term in discovery.kept} == {f"sink-beam.mid.{name}" for name in ("c", "k", "k3")}
@@ -72,7 +74,6 @@ def test_a_sink_at_mid_span_is_found_at_mid_span() -> None:
     assert any("beam.root" in remark for remark in discovery.remarks)  # has no sensor
 
 
-@pytest.mark.slow
 def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
     discovery = discovered("tip", ("a:beam.mid", "a:sink"), beam(CANTILEVER_SHAPES | NEAR))
     [link] = discovery.in_doubt
@@ -81,7 +82,6 @@ def test_a_point_that_moves_alike_leaves_the_link_in_doubt() -> None:
     assert any(f"hardly distinguishes the link {link} from {exchanged}" in text for text in discovery.remarks)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
     """Links stand in for it, and the frequency is named."""
@@ -92,7 +92,6 @@ def test_links_that_a_wrong_frequency_asks_for_are_not_trusted() -> None:
     )
 
 
-@pytest.mark.slow
 def test_known_links_that_explain_a_record_leave_nothing_to_find() -> None:
     known = with_sink("mid", CANTILEVER_SHAPES)
     discovery = lw.discover(record("mid", THREE), known, terms="v, d, d**3")
@@ -100,7 +99,6 @@ def test_known_links_that_explain_a_record_leave_nothing_to_find() -> None:
     assert "1 link" in str(discovery)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stated", ["mid", "tip"])
 def test_a_stated_link_is_joined_by_what_it_lacks_alone(stated: str) -> None:
     """One at the wrong point leaves the search to the screen."""
@@ -137,7 +135,6 @@ def test_the_truth_of_a_host_is_compared_by_its_links() -> None:
     assert aligned.link("beam.mode1").values["frequency"] == CANTILEVER[0]
 
 
-@pytest.mark.slow
 def test_memory_is_found_in_a_joint_of_a_beam() -> None:
     """Offered by name; the link that the forces show has it, with its values and the evidence for it."""
     law = {"k": 8000.0, "c": 2.0, "F": 10.0, "x0": 3e-4, "s": 0.5}
@@ -167,7 +164,6 @@ DIRECTIONS = {
 OBLIQUE = {"k": 300.0, "k3": 4e6, "c": 0.3}
 
 
-@pytest.mark.slow
 def test_a_link_between_two_directions_is_a_row_and_is_found() -> None:
     """A frame by four modes, with a link between the motion of a in x and that of b in y, hit at each."""
     frame = host("frame", (5.0, 9.0, 16.0, 23.0), 0.01, DIRECTIONS)

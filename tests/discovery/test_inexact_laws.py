@@ -15,6 +15,9 @@ from structures import link, oscillator, structure
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 RATE, DURATION = 400.0, 10.0
 SLOW = 600.0
 CHAIN = structure(
@@ -29,7 +32,6 @@ def wide_force(rng: np.random.Generator) -> lw.model.Sampled:
     return random_force(rng, DURATION, RATE, rms=8.0, highest=20.0, band_limited=True)
 
 
-@pytest.mark.slow
 def test_the_structure_is_found_with_a_model_error() -> None:
     """Each link has a term of damping, 1 to 5 % of its force, that no candidate has."""
     chain = CHAIN
@@ -51,7 +53,6 @@ def test_the_structure_is_found_with_a_model_error() -> None:
     assert not [term for term in discovery.terms if term.kept and term.certain and term.term == "d**2"]
 
 
-@pytest.mark.slow
 def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
     data = scipy.io.loadmat(shared_data / "emps.mat")
     force = data["vir"].ravel() * float(data["gtau"].item())
@@ -67,7 +68,6 @@ def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
     assert not [term for term in discovery.terms if term.kept and term.certain and term.term.startswith("d")]
 
 
-@pytest.mark.slow
 def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
     rig = oscillator("k*d + c*v + f0", mass=2.5, name="spring", k=2000.0, c=3.0, f0=1.2)
     force = wide_force(np.random.default_rng(5))
@@ -95,7 +95,6 @@ def test_a_constant_force_acts_from_the_ground_only() -> None:
     assert not [term for term in discovery.terms if term.term == "1" and term.kept]
 
 
-@pytest.mark.slow
 def test_a_term_that_stands_in_for_another_in_few_blocks_is_a_runner_up() -> None:
     """The simplest model predicts pieces of the record as well as the best one.
 
@@ -145,7 +144,6 @@ def filtered_record(seed: int = 5_090_000) -> lw.Record:
     )
 
 
-@pytest.mark.slow
 def test_what_filters_make_of_harmonics_is_no_damping() -> None:
     """Laws are held to what the free run asks for; dropped terms are printed with their functions."""
     record = filtered_record()

@@ -17,6 +17,9 @@ from structures import row_of_masses
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 RATE, STIFFNESS, DAMPING = 100.0, 1000.0, 3.0  # N/m, N s/m of both links; masses of 1 kg
 STEADY = 2000  # samples before a record, after which its start is forgotten
 NOISE = 1e-4  # m, of displacements of some mm
@@ -41,7 +44,6 @@ def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.R
     )
 
 
-@pytest.mark.slow
 def test_coloured_noise_is_told_from_missing_terms() -> None:
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
     discovery = lw.discover(noisy(clean, differenced, 7), masses(chain))
@@ -54,7 +56,6 @@ def test_coloured_noise_is_told_from_missing_terms() -> None:
         assert abs(term.value - true) < 4.0 * term.standard_error  # one in 16 000 normal errors is larger
 
 
-@pytest.mark.slow
 def test_the_evidence_counts_how_well_gains_are_known() -> None:
     """A gain that both sensors share scales the cubic term alone, by the square of it."""
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
@@ -118,7 +119,6 @@ def assert_found(discovery: lw.Discovery) -> None:
         assert abs(coefficient.value - true) < 5.0 * float(coefficient.standard_error or 0.0)
 
 
-@pytest.mark.slow
 def test_ambient_vibration_gives_the_structure() -> None:
     discovery = lw.discover(ambient(11), masses(truth()), terms="v, d, d**3", ambient="all")
     assert_found(discovery)
@@ -126,7 +126,6 @@ def test_ambient_vibration_gives_the_structure() -> None:
     assert any("it is not tested whether terms stand in for a form" in remark for remark in discovery.remarks)
 
 
-@pytest.mark.slow
 def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_trusted() -> None:
     discovery = lw.discover(ambient(11), masses(truth()), terms="v, d", ambient=["m1"])
     assert not discovery.trusted
@@ -135,7 +134,6 @@ def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_tr
     assert not [term for term in discovery.terms if term.certain]
 
 
-@pytest.mark.slow
 def test_noise_of_a_load_cell_gives_no_false_term() -> None:
     discovery = lw.discover(load_cell(12), masses(truth()), input_noise={"force:m1": 0.1})
     assert_found(discovery)

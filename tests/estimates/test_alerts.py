@@ -11,6 +11,9 @@ from record_faults import chain, faulty
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 CLIPPED = 0.6  # of the peak
 MASSES = {"m1": 1.0, "m2": 0.01}
 ANSWERS: dict[str, Callable[[lw.Record], lw.Estimate | lw.Discovery | lw.Validation]] = {
@@ -38,7 +41,6 @@ def clipped_record() -> lw.Record:
     return faulty(clean_record(), "x:m2", clip)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("memory_not_sought")
 @pytest.mark.parametrize("name", ANSWERS)
 def test_an_alert_stands_in_the_answer(name: str) -> None:
@@ -49,20 +51,17 @@ def test_an_alert_stands_in_the_answer(name: str) -> None:
     assert "! clipped x:m2:" in str(answer)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["identify, weak", "validate"])
 def test_a_clean_record_has_none(name: str) -> None:
     assert ANSWERS[name](clean_record()).to_dict()["alerts"] == []
 
 
-@pytest.mark.slow
 def test_alerts_of_all_records_are_told() -> None:
     clean, faults = clean_record(), replace(clipped_record(), source="second.csv")
     fit = lw.identify([clean, faults], lw.bnes_chain(2).unknown("nes"))
     assert [(alert.kind, alert.record) for alert in fit.alerts] == [("clipped", "second.csv")]
 
 
-@pytest.mark.slow
 def test_what_the_answer_allows_for_is_no_alert() -> None:
     """Samples that were marked as missing, and a drift that is estimated; of another channel it is told."""
     marked = lw.inspection.mark_missing(clipped_record(), "clipped")
@@ -87,7 +86,6 @@ def test_samples_that_a_record_lacks_are_told_also_beside_marked_ones() -> None:
         assert alerts_of(fit) == [("dropped", "x:m2")]
 
 
-@pytest.mark.slow
 def test_a_hum_is_allowed_for_where_all_of_its_lines_are_estimated() -> None:
     clean = chain(2, 30.0)
     lines = 1e-3 * np.sin(2.0 * np.pi * np.outer(clean.time, [50.0, 150.0])).sum(axis=1)

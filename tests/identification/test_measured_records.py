@@ -17,6 +17,9 @@ from structures import asked_oscillator, link, structure
 import linkwise as lw
 from linkwise.cli import run
 
+pytestmark = pytest.mark.slow
+
+
 PER_MASS = {"k": 1.84325e5, "k2": -6.37e3, "k3": 7.294e5, "c": 41.89}
 GAIN = 1.8608e5
 
@@ -39,7 +42,6 @@ def beam(shared_data: Path) -> lw.Record:
     return lw.read_record(shared_data / "magnet_beam_decay.csv")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("two_links", [False, True])
 def test_circuit(circuit: lw.Record, two_links: bool) -> None:
     """From four fifths; a free run over the last stays below 0.5 mV. The constant may be a link of its own."""
@@ -56,7 +58,6 @@ def test_circuit(circuit: lw.Record, two_links: bool) -> None:
     assert lw.analysis.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] < 0.5e-3
 
 
-@pytest.mark.slow
 def test_circuit_without_its_constant_force(circuit: lw.Record) -> None:
     """What must be refused: ten times the error in the free run."""
     cut = len(circuit) * 4 // 5
@@ -65,7 +66,6 @@ def test_circuit_without_its_constant_force(circuit: lw.Record) -> None:
     assert lw.analysis.free_run(fit.structure, circuit[cut:]).rmse["x:m1"] > 5e-3
 
 
-@pytest.mark.slow
 def test_damping_with_amplitude_makes_the_circuit_better(circuit: lw.Record) -> None:
     cut = len(circuit) * 4 // 5
     plain, damped = (
@@ -97,7 +97,6 @@ def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:
     assert fits[0].noise["x:m1"].sigma == pytest.approx(3.7e-7, rel=0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "asked"), [("silverbox_multisine.csv", CIRCUIT), ("magnet_beam_decay.csv", BEAM)]
 )

@@ -19,6 +19,9 @@ from within import assert_within
 import linkwise as lw
 from linkwise.likelihood.options import errors_to_find, uncounted
 
+pytestmark = pytest.mark.slow
+
+
 CHAIN = lw.bnes_chain(2)
 CHAIN_ASKED = CHAIN.unknown("all")
 FINE = 10  # samples of the exact motion in one of the record
@@ -56,7 +59,6 @@ def test_a_delay_of_one_of_four_channels_is_found_with_the_laws(name: str, tenth
     assert_within(fit, CHAIN, 5.0)
 
 
-@pytest.mark.slow
 def test_a_delay_of_several_samples_is_found_after_whole_shifts() -> None:
     record = late("a:m2", 34, seed=32)
     fit = lw.identify(record, CHAIN_ASKED, delays=["a:m2"])
@@ -64,7 +66,6 @@ def test_a_delay_of_several_samples_is_found_after_whole_shifts() -> None:
     assert fit.trusted and delay == pytest.approx(3.4e-3, abs=5.0 * deviation)
 
 
-@pytest.mark.slow
 def test_a_delay_is_admitted_and_without_that_not_trusted() -> None:
     record = late("x:m2", 3, seed=33)
     alone = lw.identify(record, CHAIN_ASKED)
@@ -75,7 +76,6 @@ def test_a_delay_is_admitted_and_without_that_not_trusted() -> None:
     assert fit.trusted and delay == pytest.approx(3e-4, abs=5.0 * deviation)
 
 
-@pytest.mark.slow
 def test_a_delay_of_the_only_force_is_admitted_as_responses_that_are_early() -> None:
     """Two samples of 5 ms late, a multisine of 0.3 to 12 Hz; the diagnosis names the force."""
     structure = oscillator("k*d + b*d**3 + c*v", name="foot", k=400.0, b=3e4, c=1.2)
@@ -116,13 +116,11 @@ def explained(fit: lw.Estimate, late: float) -> None:
     assert abs(delay - late) < 5.0 * deviation
 
 
-@pytest.mark.slow
 def test_a_delay_of_all_that_a_sensor_on_a_moving_base_shows_is_found() -> None:
     """Half a sample, of which the base alone would leave nine times the noise."""
     explained(lw.identify(shaken(1.5, 0.0042), STOREY.unknown("all"), delays=["a:m1"]), 0.0042)
 
 
-@pytest.mark.slow
 def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
     """The diagnosis names the base, whose delay no parameter stands for."""
     record, unknown = shaken(1.5, -0.002), STOREY.unknown("all")
@@ -199,7 +197,6 @@ def assert_error(
     return found
 
 
-@pytest.mark.slow
 def test_two_unknown_gains_are_found_with_the_laws() -> None:
     record = driven(gains={"force:m1": 1.05, "force:m2": 0.97})
     wrong = lw.identify(record, ASKED)
@@ -228,7 +225,6 @@ def test_the_diagnosis_says_what_acts_beside_what_a_channel_shows(kind: str, siz
     assert lw.estimates.Cause(kind, "force:m1", size, unit, 90.0, 1e-4).description == said
 
 
-@pytest.mark.slow
 def test_an_unknown_gain_widens_every_interval_that_it_moves() -> None:
     record = driven({"m2": SECOND})
     known, unknown = lw.identify(record, ASKED), lw.identify(record, ASKED, gains=["force:m2"])
@@ -253,7 +249,6 @@ def test_nothing_tells_the_gain_where_every_mass_is_unknown() -> None:
     assert lw.identify(two, WEIGHED, gains=["force:m2"]).trusted  # the other force sets the scale
 
 
-@pytest.mark.slow
 def test_gains_that_stand_for_each_other_are_refused() -> None:
     """A linear oscillator shows the ratio of two gains alone, and one that swings freely none at all."""
     asked = ONE.unknown("all")
@@ -270,7 +265,6 @@ def test_gains_that_stand_for_each_other_are_refused() -> None:
     assert fit.trusted and error_of(fit, "force:m1").standard_error == pytest.approx(0.01, rel=0.1)
 
 
-@pytest.mark.slow
 def test_the_calibration_of_all_is_of_no_force() -> None:
     record = driven()
     channels = dict.fromkeys(record.responses, 0.01)
@@ -296,7 +290,6 @@ def test_what_is_stated_of_inputs_and_not_counted_is_told() -> None:
     assert "not counted" in uncounted([counted], "weak")[0]
 
 
-@pytest.mark.slow
 def test_a_gain_beyond_its_calibration_is_told_once() -> None:
     record = driven(gains={"force:m1": 1.1})
     fit = lw.identify(record, ASKED, calibration={"force:m1": 0.005})
@@ -305,7 +298,6 @@ def test_a_gain_beyond_its_calibration_is_told_once() -> None:
     assert named == [("prior", "gain of force:m1")]
 
 
-@pytest.mark.slow
 def test_a_gain_is_admitted_where_the_diagnosis_names_it_alone() -> None:
     record = driven(gains={"force:m1": 1.05})
     fit = lw.identify(record, ASKED, admit=["gain"])
@@ -325,7 +317,6 @@ ON_TIME, DRIVEN_AT_TOP, ZERO = (
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("records", "asked", "options", "message"),
     [
@@ -354,7 +345,6 @@ def test_errors_of_channels_that_cannot_be_found_are_refused(
         lw.identify(records(), asked, **options)
 
 
-@pytest.mark.slow
 def test_a_delay_of_one_of_two_forces_is_found() -> None:
     delay = -12e-3
     record = driven(late={"force:m2": delay})
@@ -364,7 +354,6 @@ def test_a_delay_of_one_of_two_forces_is_found() -> None:
     assert assert_error(fit, "force:m2", delay, "delay").standard_error < 5e-5
 
 
-@pytest.mark.slow
 def test_a_delay_that_is_known_to_within_is_counted_and_one_that_is_diagnosed_admitted() -> None:
     record = driven(late={"force:m2": 1.5e-3})
     stated = replace(record, uncertainty={"force:m2": lw.records.SensorUncertainty(delay=2e-3)})
@@ -373,7 +362,6 @@ def test_a_delay_that_is_known_to_within_is_counted_and_one_that_is_diagnosed_ad
         assert_within(fit, PAIR, 5.0)
 
 
-@pytest.mark.slow
 def test_beside_a_moving_base_a_gain_is_of_the_applied_force_alone() -> None:
     """In coordinates of the base each mass carries a force of inertia, too, which no load cell shows."""
     pair = structure(
@@ -395,7 +383,6 @@ def test_beside_a_moving_base_a_gain_is_of_the_applied_force_alone() -> None:
     assert_within(fit, pair, 5.0)
 
 
-@pytest.mark.slow
 def test_the_gain_of_a_force_at_a_point_of_a_host_is_found() -> None:
     beam = structure(
         {"store": 0.2},
@@ -408,7 +395,6 @@ def test_the_gain_of_a_force_at_a_point_of_a_host_is_found() -> None:
     assert_within(fit, {"stop.k": 2000.0}, 5.0)
 
 
-@pytest.mark.slow
 def test_a_gain_is_found_in_a_structure_of_many_masses() -> None:
     row = row_of_masses([1.0] * 12, **{f"s{k}": ("k*d + c*v", {"k": 900.0, "c": 1.5}) for k in range(12)})
     record = driven({"m12": FIRST}, gains={"force:m12": 1.05}, subject=row)
@@ -427,7 +413,6 @@ def test_a_discovery_finds_the_gain_of_a_force_with_the_structure() -> None:
     assert_error(discovery.estimate, "force:m1", 1.05)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(tmp_path: Path) -> None:
     """The search makes the force vanish, ever larger gains later, and has no standard errors there."""
@@ -460,7 +445,6 @@ def test_an_interrupted_search_gives_the_best_so_far() -> None:
 ALL_OF_PAIR = ["x:m1", "x:m2", "force:m1", "force:m2"]
 
 
-@pytest.mark.slow
 def test_unknown_gains_of_every_channel_are_refused_unless_a_known_law_sets_the_scale() -> None:
     """Twice the forces make twice the motion where every cubic is a quarter of itself."""
     record = driven(seed=41)

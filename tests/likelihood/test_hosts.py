@@ -25,6 +25,9 @@ from within import assert_within, of
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 number = lw.Coefficient.number
 SINK_OF_BEAM = of("nes", CANTILEVER_SINK)
 
@@ -65,7 +68,6 @@ def with_exact_host() -> lw.Estimate:
     return lw.identify(record(), beam().unknown("nes"))
 
 
-@pytest.mark.slow
 def test_a_sink_on_a_beam_is_identified_with_fewer_sensors_than_modes() -> None:
     fit = with_exact_host()
     assert_within(fit, SINK_OF_BEAM)
@@ -73,7 +75,6 @@ def test_a_sink_on_a_beam_is_identified_with_fewer_sensors_than_modes() -> None:
     assert [link["name"] for link in fit.to_dict()["links"]] == ["nes"]
 
 
-@pytest.mark.slow
 def test_frequencies_known_to_within_are_found() -> None:
     within = tuple(
         lw.Coefficient.unknown(frequency * factor, sigma=0.01 * frequency)
@@ -88,7 +89,6 @@ def test_frequencies_known_to_within_are_found() -> None:
     assert fit.to_dict()["modes"][0]["frequency"]["unit"] == "Hz"
 
 
-@pytest.mark.slow
 def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
     wrong = tuple(number(frequency * (1.03 if r == 1 else 1.0)) for r, frequency in enumerate(CANTILEVER))
     fit = lw.identify(first_hit(), beam(wrong).unknown("nes"))
@@ -98,7 +98,6 @@ def test_a_wrong_frequency_held_as_known_is_not_trusted_and_named() -> None:
     assert fit.diagnosis[0].size == pytest.approx(-0.03, abs=0.015)
 
 
-@pytest.mark.slow
 def test_a_gap_of_all_channels_is_bridged() -> None:
     whole = record()
     values = whole.values.copy()
@@ -107,7 +106,6 @@ def test_a_gap_of_all_channels_is_bridged() -> None:
     assert_within(fit, SINK_OF_BEAM)
 
 
-@pytest.mark.slow
 def test_a_wrong_shape_is_named() -> None:
     """The tip moves with the first mode 5 % more than is stated: the stated shape is 4.8 % short of it."""
     wrong = beam()
@@ -122,7 +120,6 @@ def test_a_wrong_shape_is_named() -> None:
     ]
 
 
-@pytest.mark.slow
 def test_a_mode_that_the_samples_hardly_tell_leaves_intervals_and_diagnosis() -> None:
     """Its states are lost in rounding beside those of the slow modes, above half of the sampling rate of 500 Hz."""
     shapes = {"tip": (1.0, -1.0, 0.3), "joint": (0.62, 0.3, 0.2)}
@@ -191,7 +188,6 @@ def mistaken(seed: int, part: float = 0.02) -> lw.Host:
     return replace(beam().hosts[0], modes=tuple(modes))
 
 
-@pytest.mark.slow
 def test_shapes_known_to_within_are_found_and_counted() -> None:
     """Shapes off by 2 %, known to within, come out."""
     fit = lw.identify(record(), beside(beam(), mistaken(101).known_to_within(shape=0.02)))
@@ -211,7 +207,6 @@ def test_shapes_known_to_within_are_found_and_counted() -> None:
         assert wide > narrow
 
 
-@pytest.mark.slow
 def test_a_prior_of_a_shape_that_the_record_contradicts_is_named() -> None:
     modes = beam().hosts[0].modes
     wrong = replace(
@@ -222,7 +217,6 @@ def test_a_prior_of_a_shape_that_the_record_contradicts_is_named() -> None:
     assert ("prior", "beam.mode2.shape.tip") in [(cause.kind, cause.where) for cause in fit.diagnosis]
 
 
-@pytest.mark.slow
 def test_a_shape_that_nothing_tells_is_left_alone() -> None:
     modes = tuple(replace(mode, shape={**mode.shape, "wall": 0.5}) for mode in beam().hosts[0].modes)
     host = replace(beam().hosts[0], modes=modes)
@@ -232,7 +226,6 @@ def test_a_shape_that_nothing_tells_is_left_alone() -> None:
     np.testing.assert_allclose(fit.values, without.values, rtol=1e-8)
 
 
-@pytest.mark.slow
 def test_limit_counts_shapes_known_to_within() -> None:
     def planned(host: lw.Host) -> lw.Limit:
         return lw.limit(
@@ -253,7 +246,6 @@ def test_limit_counts_shapes_known_to_within() -> None:
     assert (np.sqrt(np.diag(loose.covariance)[3:]) <= priors * (1.0 + 1e-9)).all()
 
 
-@pytest.mark.slow
 def test_the_frequency_of_a_mode_that_noise_hides_keeps_its_prior() -> None:
     """The likelihood has several peaks within the prior, of which the curvature of one says too little."""
     hidden = lw.model.HostMode(number(180.0), number(0.01), {"tip": 0.3, "mid": 0.12, "root": 0.1})
@@ -310,7 +302,6 @@ def answer(highest: float) -> lw.Estimate:
     return lw.identify(record, unknown)
 
 
-@pytest.mark.slow
 def test_a_hidden_mode_keeps_what_is_known_of_it_and_one_that_is_swept_is_told_from_noise() -> None:
     hidden, swept = answer(10.0), answer(14.0)
     assert hidden.trusted and swept.trusted
@@ -345,7 +336,6 @@ def _hit(subject: lw.Structure, sensors: Sequence[str], seed: int) -> lw.Record:
     return record.with_noise(30.0, seed=seed)
 
 
-@pytest.mark.slow
 def test_a_mode_that_a_host_lacks_is_named_by_its_frequency() -> None:
     fit = lw.identify(_hit(_beam((0, 1, 2, 3), **SINK), ACCELEROMETERS, 5215401), _beam((0, 1, 2)))
     cause = fit.diagnosis[0]
@@ -356,7 +346,6 @@ def test_a_mode_that_a_host_lacks_is_named_by_its_frequency() -> None:
     assert fit.fit_verdicts == (lw.Verdict.UNEXPLAINED_FORCES,)
 
 
-@pytest.mark.slow
 def test_a_link_that_moves_a_mode_is_no_mode_that_is_lacking() -> None:
     """The sensors then lack the stated mode, which they should show."""
     true = _beam((0, 1, 2), **SINK)
@@ -386,7 +375,6 @@ def pushed(kind: str) -> lw.Record:
     ).with_noise(40.0, seed=11)
 
 
-@pytest.mark.slow
 def test_displacements_tell_the_place_of_a_free_body() -> None:
     found = lw.identify(pushed("x"), body(**TRUE).unknown("nes"))
     assert_within(found, of("nes", TRUE))
@@ -426,7 +414,6 @@ def damped(between: float) -> lw.Record:
     ).with_noise(25.0, seed=811)
 
 
-@pytest.mark.slow
 def test_damping_that_a_host_lacks_is_not_trusted_and_named() -> None:
     fit = lw.identify(damped(BETWEEN), wing().unknown("payload"))
     assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,)
@@ -437,7 +424,6 @@ def test_damping_that_a_host_lacks_is_not_trusted_and_named() -> None:
     assert cause.size == pytest.approx(BETWEEN, rel=0.3)
 
 
-@pytest.mark.slow
 def test_as_the_diagnosis_says_the_damping_is_found_and_where_none_is_lacking_none_is_told() -> None:
     fit = lw.identify(damped(BETWEEN), wing({(1, 2): lw.Coefficient.unknown()}).unknown("payload"))
     assert_within(fit, {"wing.mode1+mode2.damping": BETWEEN, "payload.c": PAYLOAD["c"]})
@@ -445,7 +431,6 @@ def test_as_the_diagnosis_says_the_damping_is_found_and_where_none_is_lacking_no
     assert without.verdicts == (lw.Verdict.CONVERGED,) and not without.diagnosis
 
 
-@pytest.mark.slow
 def test_damping_that_one_sensor_and_one_tone_do_not_rule_out_is_told() -> None:
     """A short record of one tone at one point: damping between modes may make a part of that of the payload."""
     tone = lw.simulate(

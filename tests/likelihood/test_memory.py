@@ -29,6 +29,9 @@ from linkwise.likelihood.shooting.flow import Inputs, flow
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
 
+pytestmark = pytest.mark.slow
+
+
 BOUC_WEN = {"k": 400.0, "c": 1.5, "F": 12.0, "x0": 0.02, "s": 0.7}
 HARVESTER = {"alpha": -40.0, "beta": 9e4, "c": 0.3, "theta": 2e-3, "C": 5e-6, "R": 5e4}
 TRUE = {"m1.mass": 2.0, "bw.c": 10.0, "bw.k": 5e4, "bw.kh": 5e4, "bw.beta": 800.0, "bw.gamma": -1100.0}
@@ -71,7 +74,6 @@ def two_masses() -> lw.Structure:
     )
 
 
-@pytest.mark.slow
 def test_flow_and_sensitivities_of_states_are_those_of_the_integrator_and_of_differences() -> None:
     subject = two_masses()
     record = lw.simulate(subject, duration=1.0, rate=200.0, release={"v:m1": 1.0, "v:m2": -0.6})
@@ -103,7 +105,6 @@ def test_flow_and_sensitivities_of_states_are_those_of_the_integrator_and_of_dif
         assert np.median(np.abs(computed[:, column] - difference) / largest) < 1e-3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("channels", [["x:m1"], ["x:m1", "f:joint", "state:joint.z"]], ids=str)
 def test_a_hysteretic_link_is_identified_from_no_starts(hysteretic: lw.Record, channels: list[str]) -> None:
     fit = lw.identify(hysteretic.select([*channels, "force:m1"]), joint().unknown("joint"))
@@ -116,7 +117,6 @@ def test_a_law_of_d_and_v_alone_is_refused_on_a_hysteretic_record(hysteretic: lw
     assert not fit.trusted
 
 
-@pytest.mark.slow
 def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> None:
     true = harvester(0.02, "ground", **HARVESTER)
     forces = {"m1": multisine(0.25, 90.0)}
@@ -148,7 +148,6 @@ def test_a_harvester_is_identified_from_its_voltage_alone() -> None:
         lw.identify(record, true.unknown("all"))
 
 
-@pytest.mark.slow
 def test_a_hidden_mass_beside_links_with_memory_is_found_from_starts() -> None:
     true = two_masses()
     forces = {"m1": multisine(6.0, 60.0)}
@@ -173,7 +172,6 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
         ))  # fmt: skip
 
 
-@pytest.mark.slow
 def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
     """Before it yields, the link is a spring of k + kh."""
     force = multisine(0.01, 60.0)
@@ -190,7 +188,6 @@ INERTIA_OF_AVERAGING = (2.0 * np.pi * 150.0 / 15_000.0) ** 2 / 6.0
 """By which a mass seems larger by Newmark's average acceleration, (w h)**2 / 6, that made the benchmark at 15 kHz."""
 
 
-@pytest.mark.slow
 def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> None:
     with h5py.File(shared_data / "bouc_wen_train.h5") as file:
         force, shown = (np.ravel(file[f"multisine/{name}"][:])[:4096] for name in ("u", "y"))
@@ -207,7 +204,6 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
         assert low < most and value < high, key
 
 
-@pytest.mark.slow
 def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     values = {"k": 300.0, "c": 1.5, "kh": 400.0, "beta": 30.0, "gamma": -42.0}
     true = structure({"m1": 1.0}, named("joint", "m1-ground", "bouc-wen-classical", **values))
@@ -218,7 +214,6 @@ def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     assert_within(lw.identify(record, true.unknown("all")), true, 5.0)
 
 
-@pytest.mark.slow
 def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
     w = 2.0 * np.pi
@@ -256,13 +251,11 @@ def shaken_frame() -> lw.Record:
     return on_exact_base(record, 30.0, 21)
 
 
-@pytest.mark.slow
 def test_hysteretic_storeys_of_a_frame_are_found_from_accelerations(shaken_frame: lw.Record) -> None:
     true = hysteretic_frame()
     assert_within(lw.identify(shaken_frame, true.unknown("all")), true, 5.0)
 
 
-@pytest.mark.slow
 def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_coefficients_that_they_share() -> (
     None
 ):
@@ -277,7 +270,6 @@ def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_coeffi
     assert_within(fit, frame)
 
 
-@pytest.mark.slow
 def test_storeys_that_do_not_yield_are_refused_on_the_record_of_a_frame_that_does(
     shaken_frame: lw.Record,
 ) -> None:
@@ -320,7 +312,6 @@ def identified() -> lw.Estimate:
     return lw.identify(shaken("a", 65), wing().unknown("payload"))
 
 
-@pytest.mark.slow
 def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
     fit = identified()
     assert_within(fit, wing())
@@ -328,7 +319,6 @@ def test_hysteresis_on_a_host_is_identified_from_accelerations() -> None:
         assert present(fit.coefficient(f"payload.{name}").standard_error) < 0.05 * true
 
 
-@pytest.mark.slow
 def test_a_second_record_of_a_host_with_memory_is_predicted() -> None:
     second = lw.simulate(
         wing(),
@@ -347,7 +337,6 @@ def test_an_unknown_mass_beside_a_host_with_memory_needs_a_start() -> None:
         lw.identify(shaken("a", 65), unknown)
 
 
-@pytest.mark.slow
 def test_equivalent_springs_start_a_joint_between_two_points_of_a_host() -> None:
     """A joint between two points with like shapes: its force drifts more than it says, as frequencies are a little off."""
     rng = np.random.default_rng(64)

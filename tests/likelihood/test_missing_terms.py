@@ -17,6 +17,9 @@ from structures import link, named, oscillator, with_links
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 RATE, DURATION = 200.0, 20.0
 LAW = "k*d + c*v + k3*d**3"
 TRUE, DAMPED = (oscillator(LAW, k=987.0, c=c, k3=4e5) for c in (2.0, 6.0))
@@ -59,7 +62,6 @@ LACKING = [  # a term, the verdict of laws without it, what is said, and the coe
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("asked", "term", "seed", "verdict", "said", "moved", "times"), LACKING)
 def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
     asked: lw.Structure,
@@ -83,7 +85,6 @@ def test_intervals_hold_what_a_missing_term_makes_of_the_coefficients(
             lw.likelihood.profile_interval(fit, moved)
 
 
-@pytest.mark.slow
 def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
     """Of a power in one record of 22, of two other usual terms in one of 80 each: more than one of six once in 16."""
     fits = [lw.identify(record(TRUE, seed), TRUE.unknown("all")) for seed in range(40, 46)]
@@ -91,7 +92,6 @@ def test_chance_hints_at_a_term_in_few_records_of_exact_laws() -> None:
     assert sum(fit.for_dropped_terms is not None for fit in fits) <= 1
 
 
-@pytest.mark.slow
 def test_a_term_that_hardly_raises_chi_square_is_told() -> None:
     """Coefficients of a chain of six masses were 11 standard errors off, and trusted: chi-square was within chance of 1."""
     chain = lw.bnes_chain(6)
@@ -106,7 +106,6 @@ def test_a_term_that_hardly_raises_chi_square_is_told() -> None:
     assert fit.grade is lw.Grade.APPROXIMATE
 
 
-@pytest.mark.slow
 def test_a_relaxation_is_named_in_place_of_a_gain() -> None:
     stiffer = named("extra", "m1-ground", "maxwell", k=13.0, c=0.4)
     fit = lw.identify(record(with_links(DAMPED, stiffer), 1), DAMPED.unknown("all"))
@@ -163,7 +162,6 @@ def test_a_term_within_the_limit_is_not_seen_and_moves_the_coefficient_as_far_as
     assert "a force like d**5 in link" in told(lacking) and "link.k3" in told(lacking)
 
 
-@pytest.mark.slow
 def test_records_that_bound_the_terms_tell_nothing() -> None:
     unknown = DAMPED.unknown("all")
     for bounding in (shaken(DAMPED, duration=60.0), shaken(DAMPED, noise=0.1 * NOISE)):
@@ -173,7 +171,6 @@ def test_records_that_bound_the_terms_tell_nothing() -> None:
         assert fit.to_dict()["unseen_terms"] == []
 
 
-@pytest.mark.slow
 def test_a_term_that_is_in_the_law_or_that_the_record_shows_is_no_unseen_one() -> None:
     seen = shaken(DAMPED)
     with_it = oscillator(f"{LAW} + q*d**5", k=K, c=C, k3=K3, q=0.0).unknown("all")
@@ -211,7 +208,6 @@ def rough_chain() -> lw.Record:
     return lw.simulate(rough, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
 
 
-@pytest.mark.slow
 def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Record) -> None:
     """The damper stood for it, 6 to 8 standard errors off, and nothing was said."""
     chain = lw.bnes_chain(2)
@@ -225,14 +221,12 @@ def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Reco
     assert "a force like sign(v) in nes1" in fit.message and "change nes1.c by" in fit.message
 
 
-@pytest.mark.slow
 def test_friction_that_was_not_offered_takes_trust_from_a_discovery(rough_chain: lw.Record) -> None:
     discovery = lw.discover(rough_chain.with_noise(20.0, seed=1), masses(lw.bnes_chain(2)))
     assert lw.Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and not discovery.trusted
     assert discovery.diagnosis[0].term == "sign(v)"
 
 
-@pytest.mark.slow
 def test_forces_that_no_term_explains_remain_a_model_error() -> None:
     """White forces on both masses, which no channel shows, beside the motion after a release."""
     chain, rng = lw.bnes_chain(2), np.random.default_rng(0)
@@ -281,7 +275,6 @@ def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
     return replace(clean, values=values, simulated=None).with_noise(50.0, seed=SEED_OF_ERRORS)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "structure", "kind"),
     [(drifting(3e-4), PLAY, "drift"), (late(3e-4), MORE_DRAG, "term")],
@@ -305,7 +298,6 @@ def louder(record: lw.Record) -> np.ndarray:
     return 1.02 * record.channel("x:m1")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("change", "structure"), [(late(2e-3), PLAY), (louder, MORE_DRAG)])
 def test_an_error_that_moves_a_coefficient_beyond_its_interval_takes_trust(
     change: Change, structure: lw.Structure

@@ -20,8 +20,9 @@ from within import assert_within, of
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_a_valley_that_bends_is_told() -> None:
     """Two masses that move in one mode: two dampers share its decay, and were up to 22 standard errors off, and trusted."""
     pair = structure(
@@ -35,7 +36,6 @@ def test_a_valley_that_bends_is_told() -> None:
     assert not fit.trusted or off.max() < 5.0
 
 
-@pytest.mark.slow
 def test_checks_know_the_inertia_of_an_unknown_mass_in_coordinates_of_the_base() -> None:
     """With all parameters held, forces of inertia were those of the masses that the structure states, here none."""
     storeys = structure(
@@ -63,7 +63,6 @@ def loosened(fit: lw.Estimate) -> bool:
     return any("allowed to depart from the laws" in remark for remark in fit.remarks)
 
 
-@pytest.mark.slow
 def test_motion_departs_from_the_laws_where_the_likelihood_has_many_optima() -> None:
     fit = lw.identify(chain_record(2).with_noise(5.0, seed=1014), CHAIN.unknown("all"))
     assert loosened(fit)
@@ -91,7 +90,6 @@ def released(structure: lw.Structure, snr_db: float, seed: int) -> lw.Record:
     return clean.with_noise(snr_db, seed=seed)
 
 
-@pytest.mark.slow
 def test_a_peak_among_others_is_not_trusted() -> None:
     """At 5 dB a stiffness came out 200 standard errors off, at chi-square 1."""
     structure = pair(3.0 * STIFFNESS)
@@ -103,7 +101,6 @@ def test_a_peak_among_others_is_not_trusted() -> None:
     assert "values of inner.k, inner.c far from the estimates explain it as well" in fit.message
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("snr_db", "seed"), [(16.0, 0), (28.0, 1)])
 def test_motion_that_neighbours_force_upon_a_link_does_not_tell_its_frequency(
     snr_db: float, seed: int
@@ -158,7 +155,6 @@ def _hit(
     ).with_noise(snr, seed=seed)
 
 
-@pytest.mark.slow
 def test_the_well_in_which_a_hidden_mass_rests_is_identified() -> None:
     fit = lw.identify(_hit(WELL, 5205203), _beam(lw.Coefficient.unknown(start=0.025)))
     assert_within(fit, of("nes", SINK))
@@ -166,7 +162,6 @@ def test_the_well_in_which_a_hidden_mass_rests_is_identified() -> None:
     assert lower < WELL < upper and not lower < -WELL < upper
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("well", "force", "snr", "seed"),
     [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202)],
@@ -179,7 +174,6 @@ def test_the_well_of_a_motion_in_which_the_law_hardly_bends_is_the_likelier_one(
     assert_within(fit, of("nes", SINK))
 
 
-@pytest.mark.slow
 def test_a_motion_that_tells_no_well_is_not_trusted_and_names_what_it_does_not_tell() -> None:
     """At 20 dB noise hides by how much springs of a hardening link and of one in a well differ in so small a motion."""
     fit = lw.identify(_hit(-WELL, 5215204, force=0.2, snr=20.0), _beam(0.03))
@@ -188,7 +182,6 @@ def test_a_motion_that_tells_no_well_is_not_trusted_and_names_what_it_does_not_t
     assert any(remark.startswith("Another set of values explains the records") for remark in fit.remarks)
 
 
-@pytest.mark.slow
 def test_the_well_of_a_mass_of_a_chain_with_accelerometers_is_identified() -> None:
     chain = structure(
         {"m1": 1.0, "m2": 0.03},
@@ -203,7 +196,6 @@ def test_the_well_of_a_mass_of_a_chain_with_accelerometers_is_identified() -> No
     assert_within(fit, of("nes", SINK))
 
 
-@pytest.mark.slow
 def test_a_known_coefficient_stays() -> None:
     fit = lw.identify(_hit(-WELL, 5205205), _beam(0.03, beta=2e6))
     assert_within(fit, {"nes.alpha": -60.0, "nes.c": 0.1})

@@ -19,6 +19,9 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.random_forces import force_estimates, random_forces
 from linkwise.verdict import Verdict
 
+pytestmark = pytest.mark.slow
+
+
 ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each
 
 
@@ -57,7 +60,6 @@ def with_load_cell(seed: int, count: int = 2000) -> lw.Record:
     return lw.Record(0.0, RATE, ("x:m1", "x:m2", "force:m1"), columns, interpolation={"force:m1": "held"})
 
 
-@pytest.mark.slow
 def test_an_ambient_record_gives_stiffness_damping_and_the_forces() -> None:
     record, asked = ambient((1.0, 1.0), 20.0, seed=1), chain(2).unknown("all")
     assert not lw.identify(record, asked).trusted
@@ -100,7 +102,6 @@ def of_white_force(stiffness: float, damping: float) -> tuple[Floats, Floats]:
     return _step_in_white_noise(matrix, np.diag([0.0, 1.0 / RATE]))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("channel", ["x:m1", "v:m1"])
 def test_the_estimates_are_at_the_maximum_of_the_likelihood_by_a_kalman_filter(channel: str) -> None:
     held = channel == "x:m1"
@@ -124,7 +125,6 @@ def test_the_estimates_are_at_the_maximum_of_the_likelihood_by_a_kalman_filter(c
             assert curvature == pytest.approx(2.0, rel=0.2)
 
 
-@pytest.mark.slow
 def test_noise_of_a_load_cell_is_counted_in() -> None:
     unknown = chain(2, "k*d + c*v + k3*d**3").unknown("all")
     fit = lw.identify(with_load_cell(3), unknown, input_noise={"force:m1": None})
@@ -136,7 +136,6 @@ def test_noise_of_a_load_cell_is_counted_in() -> None:
     assert force.deviation == pytest.approx(0.1, rel=0.35)
 
 
-@pytest.mark.slow
 def test_a_missing_spring_is_told_beside_an_ambient_force() -> None:
     """Half the force in the spring at the largest elongation of 7 mm, or all of it, more than all of the force of the law."""
     record = ambient((1.0,), 20.0, seed=4, cubic=2e7)
@@ -191,7 +190,6 @@ def test_what_cannot_be_of_one_mass_is_refused(with_force: bool, options: dict[s
         lw.identify(record, chain(1).unknown("all"), **options)
 
 
-@pytest.mark.slow
 def test_an_error_of_the_law_is_not_told_as_noise_of_the_load_cell() -> None:
     """Cogging that is as large as the applied force."""
     rng = np.random.default_rng(6)
@@ -233,7 +231,6 @@ def in_coloured_forces(corner: float, seconds: float, seed: int) -> lw.Record:
     return shown(low_pass(white_forces(rng, seconds), corner), rng)
 
 
-@pytest.mark.slow
 def test_forces_that_fall_off_are_named_in_the_band_of_the_motion_and_as_good_as_white_beyond() -> None:
     asked = chain(2).unknown("all")
     fit = lw.identify(in_coloured_forces(3.0, 20.0, seed=5700011), asked, ambient="all")
@@ -251,7 +248,6 @@ def test_forces_that_fall_off_are_named_in_the_band_of_the_motion_and_as_good_as
     assert not {"coloured force", "correlated forces"} & {cause.kind for cause in short.diagnosis}
 
 
-@pytest.mark.slow
 def test_forces_that_depend_on_each_other_are_named() -> None:
     rng = np.random.default_rng(5700013)
     forces = white_forces(rng, 20.0)
@@ -265,7 +261,6 @@ def test_forces_that_depend_on_each_other_are_named() -> None:
     assert f"a correlation of {cause.size:.2g} between the ambient forces on m1 and m2" in fit.message
 
 
-@pytest.mark.slow
 def test_records_are_judged_together() -> None:
     """Records of different lengths: white forces are trusted, coloured ones named."""
     rng, asked = np.random.default_rng(5700014), chain(2).unknown("all")
@@ -276,7 +271,6 @@ def test_records_are_judged_together() -> None:
     assert lw.identify(coloured, asked, ambient="all").diagnosis[0].kind == "coloured force"
 
 
-@pytest.mark.slow
 def test_a_level_that_changes_with_time_is_named_before_a_term_that_seems_to_be_missing() -> None:
     rng = np.random.default_rng(5799011)
     forces = white_forces(rng, 40.0)
@@ -344,7 +338,6 @@ def accelerations(corner: float, seconds: float, seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, ("a:m1", "a:m2"), shown + noise)
 
 
-@pytest.mark.slow
 def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour() -> None:
     fit = lw.identify(velocities((1.0, 0.0), 40.0, 5799001), chain(2).unknown("all"), ambient=["m1"])
     assert fit.trusted, fit.message
@@ -353,7 +346,6 @@ def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour() -> No
     assert force.spectral_density == pytest.approx(DENSITY, rel=0.08)
 
 
-@pytest.mark.slow
 def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refused_behind_a_filter() -> None:
     fit = lw.identify(accelerations(50.0, 10.0, 5799004), chain(2).unknown("all"), ambient="all")
     assert_within(fit, chain(2))
@@ -367,7 +359,6 @@ def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refu
     assert "resample the accelerations at twice the frequency up to which the filter is flat" in fit.message
 
 
-@pytest.mark.slow
 def test_laws_that_are_not_linear_are_judged_by_the_whole_record() -> None:
     """Parts in which the motion is larger or smaller move a damper like v*abs(v) by several standard errors."""
     record = ambient((1.0, 1.0), 60.0, 5799007)
@@ -375,7 +366,6 @@ def test_laws_that_are_not_linear_are_judged_by_the_whole_record() -> None:
     assert_within(fit, {"l1.c2": 0.0, "l2.c2": 0.0})
 
 
-@pytest.mark.slow
 def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told() -> None:
     fit = lw.identify(ambient((1.0, 1.0), 15.0, 51), chain(2).unknown("all"), ambient=["m1"])
     assert fit.fit_verdicts == (Verdict.MEASUREMENT_ERROR,)
@@ -387,13 +377,11 @@ def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told() 
     assert cause.size == pytest.approx(DENSITY, rel=0.2)
 
 
-@pytest.mark.slow
 def test_masses_on_which_no_force_acts_are_not_told() -> None:
     fit = lw.identify(ambient((0.0, 1.0), 15.0, 53), chain(2).unknown("all"), ambient=["m2"])
     assert fit.trusted, fit.message
 
 
-@pytest.mark.slow
 def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit() -> None:
     """The search for its deviation, which would shrink for ever, ends."""
     fit = lw.identify(ambient((1.0, 0.0), 15.0, 61), chain(2).unknown("all"), ambient="all")
@@ -409,7 +397,6 @@ def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit() -> 
     assert fit.random_forces[0].upper_limit is None
 
 
-@pytest.mark.slow
 def test_forces_that_are_looked_for_in_a_free_decay_are_absent() -> None:
     record = lw.simulate(chain(2), release={"v:m1": 1.0}, duration=15.0, rate=RATE).with_noise(40.0, seed=63)
     fit = lw.identify(record, chain(2).unknown("all"), ambient="all")
@@ -418,7 +405,6 @@ def test_forces_that_are_looked_for_in_a_free_decay_are_absent() -> None:
     assert fit.random_forces[1].deviation < 1e-3  # of forces of some N in the springs
 
 
-@pytest.mark.slow
 def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:
     record, unknown = ambient((1.0, 1.0), 15.0, 54), chain(2).unknown("all")
     small = lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": 0.3 * DENSITY})
@@ -430,7 +416,6 @@ def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:
     assert lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": DENSITY}).trusted
 
 
-@pytest.mark.slow
 def test_noise_of_an_input_that_is_stated_too_small_is_told() -> None:
     record, unknown = with_load_cell(55, 1500), chain(2).unknown("all")
     fit = lw.identify(record, unknown, input_noise={"force:m1": 0.07})
@@ -441,14 +426,12 @@ def test_noise_of_an_input_that_is_stated_too_small_is_told() -> None:
     assert lw.identify(record, unknown, input_noise={"force:m1": 0.1}).trusted
 
 
-@pytest.mark.slow
 def test_noise_of_a_force_is_told_beside_an_ambient_one() -> None:
     fit = lw.identify(with_load_cell(57, 1500), chain(2).unknown("all"), ambient={"m2": 1e-4})
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("input noise", "force:m1")
 
 
-@pytest.mark.slow
 def test_a_force_that_may_be_chance_is_told_with_a_limit() -> None:
     """A force of 0.008 N/sqrt(Hz), about what the record shows of one beside its own noise; 4 s of a Duffing oscillator."""
     rate, density = 400.0, 0.008

@@ -11,7 +11,7 @@ from browser import CHROMIUM, Shown, show
 
 import linkwise as lw
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
 
 
 def shown(folder: Path, scratch: Path, *, stills: int, interactive: Sequence[str] = ()) -> Shown:
@@ -27,14 +27,12 @@ def shown(folder: Path, scratch: Path, *, stills: int, interactive: Sequence[str
     return page
 
 
-@pytest.mark.slow
 def test_identify_page(fitted: lw.Estimate, chain: lw.Structure, tmp_path: Path) -> None:
     folder = lw.report.write_result(fitted, tmp_path / "answer", truth=chain)
     page = shown(folder, tmp_path / "browser", stills=0, interactive=["force_nes1", "histories"])
     assert "This answer can be trusted." in page.body
 
 
-@pytest.mark.slow
 def test_study_page(paper_report: Path, tmp_path: Path) -> None:
     page = shown(paper_report, tmp_path / "browser", stills=8)
     assert "The paper's results are reproduced, and surpassed." in page.body
@@ -42,7 +40,6 @@ def test_study_page(paper_report: Path, tmp_path: Path) -> None:
     assert names == [f"Figure {number}" for number in range(2, 10)]
 
 
-@pytest.mark.slow
 def test_absorption_pages(chain: lw.Structure, tmp_path: Path) -> None:
     options: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
     over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
@@ -51,7 +48,6 @@ def test_absorption_pages(chain: lw.Structure, tmp_path: Path) -> None:
     shown(lw.report.write_absorption_map(swept, tmp_path / "map"), tmp_path / "second", stills=1)
 
 
-@pytest.mark.slow
 def test_discovery_page(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
     folder = lw.report.write_discovery(discovered, tmp_path / "answer", truth=chain)
     shown(folder, tmp_path / "browser", stills=4, interactive=["force_m1-ground", "force_m2-m1", "histories"])

@@ -12,10 +12,12 @@ from problems import chain_record
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 SEEDS, RECORDS = 4, 40  # of twenty and of 200
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "decibel"), [(2, 10.0), (4, 20.0), (2, 40.0), *((8, decibel) for decibel in LEVELS)]
 )
@@ -23,17 +25,14 @@ def test_sinks_and_standard_errors(n: int, decibel: float) -> None:
     check_sinks(n, decibel, SEEDS)
 
 
-@pytest.mark.slow
 def test_intervals_and_bands_cover() -> None:
     check_cover(RECORDS)
 
 
-@pytest.mark.slow
 def test_short_records_say_how_little_they_tell() -> None:
     check_short_records(0.15, 30)
 
 
-@pytest.mark.slow
 def test_without_noise_the_answer_is_exact_and_trusted() -> None:
     """To the alias of the window, 1e-5 of a coefficient."""
     chain = lw.bnes_chain(4)

@@ -13,6 +13,9 @@ from structures import harvester, host, hysteretic_oscillator, link, named, stru
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 START = lw.Coefficient.unknown
 SPRING = {"k": 400.0, "k3": 4e4, "c": 0.5}
 BRANCH = {"k": 300.0, "c": 20.0}
@@ -78,14 +81,12 @@ MOUNT = {f"spring.{name}": value for name, value in SPRING.items()} | {
 }
 
 
-@pytest.mark.slow
 def test_an_exact_motion_gives_the_laws() -> None:
     """To the alias of the test functions."""
     fit = lw.identify(shaken(), asked_mount(), method="weak")
     assert fit.values == pytest.approx([MOUNT[parameter.name] for parameter in fit.parameters], rel=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("clean", "asked", "true", "count", "snr_db"),
     [
@@ -140,7 +141,6 @@ def test_a_branch_between_two_masses() -> None:
     assert np.std((force[:, 2] - state)[known]) < 0.02 * np.std(state)
 
 
-@pytest.mark.slow
 def test_a_branch_on_a_host() -> None:
     """Its force is in the equations of both modes, and on the mass that it carries."""
     wing = host("wing", (5.2, 9.0), (0.01, 0.012), {"tip": (1.0, -0.9), "joint": (0.62, 0.5)})
@@ -162,7 +162,6 @@ def test_a_branch_on_a_host() -> None:
     assert np.abs(scores(fit, {f"branch.{name}": value for name, value in solid.items()})).max() < 4.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("extra", "size"), [(" + e*v*abs(v)", 0.5), (" + e*d**5", 1e7), (" + e*sign(v)", 0.1)]
 )

@@ -12,6 +12,9 @@ from structures import link, oscillator, row_of_masses, with_links
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 Change = Callable[[np.ndarray, lw.Record], np.ndarray]
 
 
@@ -49,7 +52,6 @@ def test_an_error_of_a_sensor_takes_trust_away(change: Change, snr_db: float, ki
     assert fit.diagnosis[0].description in fit.message
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mass", "force", "gain", "snr_db", "asked"),
     [
@@ -67,7 +69,6 @@ def test_a_wrong_gain_of_an_applied_force_is_named(
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("force gain", f"force:{mass}")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "factor", "snr_db"), [("m1", 1.02, 40.0), ("m2", 1.1, 20.0), ("m2", 1.01, 40.0)]
 )
@@ -90,7 +91,6 @@ def test_a_mass_that_is_wrong_takes_trust_away(
     assert lw.identify(record, chain.unknown("all"), method="weak").trusted
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("masses", [2, 4])
 @pytest.mark.parametrize("snr_db", [10.0, 20.0, 40.0])
 def test_clean_records_are_trusted(masses: int, snr_db: float) -> None:
@@ -100,7 +100,6 @@ def test_clean_records_are_trusted(masses: int, snr_db: float) -> None:
         assert fit.verdicts == (lw.Verdict.CONVERGED,), fit.message
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("term", "size", "snr_db"), [("tanh(v/0.002)", 0.2, 30.0), ("v*abs(v)", 1.0, 40.0)])
 def test_damping_that_the_law_lacks_takes_trust_away(term: str, size: float, snr_db: float) -> None:
     """The damper was 10 and 40 standard errors off, and trusted."""
@@ -124,7 +123,6 @@ def test_damping_that_the_law_has_is_trusted() -> None:
         assert fit.trusted, fit.message
 
 
-@pytest.mark.slow
 def test_a_missing_term_is_named(chain: lw.Structure) -> None:
     """A quintic sink identified as a cubic one."""
     text = lw.model.format_structure(chain).replace("beta*d**3", "beta*d**3 + q*d**5")
@@ -142,7 +140,6 @@ BASES = {
 SINK = "alpha*d + beta*d**3 + c*v"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_under_a_steady_input_takes_trust_away(base: str, seed: int) -> None:
@@ -186,7 +183,6 @@ def stiff_pair(snr_db: float, seed: int) -> tuple[lw.Structure, lw.Record]:
     return structure, record.with_noise(snr_db, seed=seed)
 
 
-@pytest.mark.slow
 def test_a_coefficient_that_hardly_stands_above_the_noise_takes_trust_away() -> None:
     structure, noisy = stiff_pair(20.0, seed=1)
     fit = lw.identify(noisy, structure.unknown("all"), method="weak")
@@ -216,7 +212,6 @@ def test_large_structures_are_tested_by_the_weak_form_alone(
     assert bool(fit.diagnosis) is not large and ('Method "ml"' in fit.message) is large
 
 
-@pytest.mark.slow
 def test_a_bias_of_the_weak_form_takes_trust_away() -> None:
     """Gaps of a link bend the motion within its windows: the likelihood puts the spring many standard errors away."""
     law = "k*d + c*v + h*(max(d - 0.0005, 0) + min(d + 0.0005, 0))"

@@ -11,13 +11,15 @@ from structures import oscillator
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 SLOW = oscillator("k*d + k3*d**3 + c*v", mass=10.0, k=100.0, k3=2000.0, c=1.0)
 """Half a period a second, of which 0.25 s hold an eighth."""
 RING_DOWN: dict[str, Any] = {"duration": 30.0, "rate": 50.0, "release": {"x:m1": 0.1}}
 CHAOTIC: dict[str, Any] = {"duration": 6.0, "rate": 1000.0, "release": {"v:m1": 1.0}, "noise": 20.0}
 
 
-@pytest.mark.slow
 def test_a_slow_structure_has_the_bound_that_identify_reaches() -> None:
     """Of segments of 0.25 s the bound of the damping was 600 times as large."""
     limit = lw.limit(SLOW, noise=30.0, **RING_DOWN)
@@ -30,7 +32,6 @@ def test_a_slow_structure_has_the_bound_that_identify_reaches() -> None:
     np.testing.assert_allclose(reached, limit.standard_errors, rtol=3 * 0.018)
 
 
-@pytest.mark.slow
 def test_chaotic_motion_has_shorter_segments_that_tell_more_than_the_shortest() -> None:
     chain = lw.bnes_chain(2)
     limit, short = (lw.limit(chain, unknown=["nes"], segment=segment, **CHAOTIC) for segment in (None, 0.25))
@@ -44,14 +45,12 @@ def test_chaotic_motion_has_shorter_segments_that_tell_more_than_the_shortest() 
     assert (np.array(reached) < limit.standard_errors).all()
 
 
-@pytest.mark.slow
 def test_ten_chaotic_masses_keep_what_short_segments_determine() -> None:
     plan = {**CHAOTIC, "duration": 2.0, "release": {"v:m1": 3.0}}
     limit = lw.limit(lw.bnes_chain(10), unknown=["nes"], **plan)
     assert limit.trusted and np.isfinite(limit.standard_errors).all()
 
 
-@pytest.mark.slow
 def test_segments_that_lose_what_shorter_ones_determine_and_too_low_a_rate_are_refused() -> None:
     """28 Hz at a sample in 20 s, of which steps as long as ten periods grew without end."""
     message = r"segments of 3 s are too long: .* what segments of 0\.25 s determine"
@@ -63,7 +62,6 @@ def test_segments_that_lose_what_shorter_ones_determine_and_too_low_a_rate_are_r
     assert caught.value.arguments == ("rate",)
 
 
-@pytest.mark.slow
 def test_what_no_segment_determines_is_told_at_any_length() -> None:
     """Without a force on it, a motion is the same when mass, stiffness and damping grow together."""
     linear, unknown = oscillator("k*d + c*v", k=400.0, c=0.5), ["link", "mass:m1"]

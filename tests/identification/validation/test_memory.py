@@ -11,6 +11,9 @@ from structures import harvester, link, named, structure
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 HYSTERETIC = {"k": 400.0, "c": 0.6, "F": 8.0, "x0": 0.012, "s": 0.6}
 # Hz: twenty samples a period of the faster tone, where errors are not compared with those expected
 RATE = 200.0
@@ -51,7 +54,6 @@ def in_wells(
     return record.with_noise(30.0, seed=seed)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sensors", [("a:m1", "x:m2"), ("x", "f:joint", "state:joint.z")])
 def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
     record, clean = (shaken(joint(), 5, sensors, rate=400.0, snr_db=snr) for snr in (40.0, 300.0))
@@ -65,7 +67,6 @@ def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
         assert score.one_step_rmse == pytest.approx(score.one_step_expected, rel=0.1)
 
 
-@pytest.mark.slow
 def test_expected_errors_are_those_that_occur() -> None:
     """Over 5 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
     ratios = []
@@ -76,7 +77,6 @@ def test_expected_errors_are_those_that_occur() -> None:
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios, ddof=1) / np.sqrt(len(ratios))
 
 
-@pytest.mark.slow
 def test_a_long_gap_does_not_pass_for_quiet() -> None:
     """The noise of a channel whose sensor was off for half the record was estimated 1000 times too small."""
     record = shaken(joint(), 24, ("x",))
@@ -86,14 +86,12 @@ def test_a_long_gap_does_not_pass_for_quiet() -> None:
     assert validation.trusted
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("changes", [{"F": 8.4}, {"x0": 0.013}])
 def test_a_wrong_law_of_the_state_disagrees(changes: dict[str, float]) -> None:
     validation = lw.validate(shaken(joint(**changes), 6), joint())
     assert not validation.trusted and not validation.channels["f:joint"].agrees
 
 
-@pytest.mark.slow
 def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     """In its own unit, and each coefficient estimated again from the other record."""
     record = in_wells(bistable(), 12.0, "0.003*sin(18*t)", 7)
@@ -108,7 +106,6 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
 
 
-@pytest.mark.slow
 def test_chaotic_motion_is_predicted_in_windows() -> None:
     record = in_wells(bistable(c=0.02), 3.0, "0.005*sin(20*t)", 8, rate=400.0)
     validation = lw.validate(record, bistable(c=0.02))

@@ -16,7 +16,7 @@ import linkwise as lw
 from linkwise.identification.validation.answer import estimated_again
 from linkwise.progress import silent
 
-pytestmark = pytest.mark.usefixtures("unrendered")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
 
 
 def duffing(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
@@ -48,7 +48,6 @@ def agreeing(answer: lw.Estimate) -> lw.Validation:
 # --- the truth, and estimates of it
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sensors", [("x",), ("v",), ("a",), ("x", "a")])
 def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
     """Errors are as large as the noise that was added: of 1100 samples, to 4 standard deviations of 1/sqrt(2 N)."""
@@ -83,7 +82,6 @@ def test_an_estimate_predicts_another_record(agreeing: lw.Validation) -> None:
     assert agreeing._repr_html_().startswith("<div")
 
 
-@pytest.mark.slow
 def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
     record = forced(duffing(), 2)
     wide = lw.estimates.Posterior.of(answer)
@@ -103,7 +101,6 @@ def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
     assert errors[0] == pytest.approx(10.0 * errors[1])
 
 
-@pytest.mark.slow
 def test_expected_errors_are_those_that_occur() -> None:
     """Over 10 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
     truth = duffing()
@@ -116,7 +113,6 @@ def test_expected_errors_are_those_that_occur() -> None:
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios) / np.sqrt(len(ratios))
 
 
-@pytest.mark.slow
 def test_a_stated_model_error_is_allowed_for() -> None:
     """A spring 0.5 % too stiff disagrees, unless the laws are known to leave 0.5 % of the forces."""
     record = forced(duffing(), 2, 60.0)
@@ -129,7 +125,6 @@ def test_a_stated_model_error_is_allowed_for() -> None:
 # --- what must be refused
 
 
-@pytest.mark.slow
 def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
     """A record of a stiffer spring: the prediction is off, k is named, and the error is placed in the motion."""
     validation = lw.validate(forced(duffing(k=990.0), 2), answer)
@@ -140,7 +135,6 @@ def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
     assert any("Over d of spring the error is largest" in finding for finding in validation.findings)
 
 
-@pytest.mark.slow
 def test_the_error_is_found_where_the_law_is_wrong() -> None:
     """Without its cubic term a spring fails at large d: the outer bins have more error than the inner ones."""
     validation = lw.validate(forced(duffing(k3=2e7), 2, 60.0), duffing(k3=1.9e7))
@@ -151,7 +145,6 @@ def test_the_error_is_found_where_the_law_is_wrong() -> None:
     assert total == pytest.approx(part**2, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_the_error_is_shown_over_links_and_not_over_modes() -> None:
     payload = link("payload", "store-wing.tip", HARDENING, k=320.0, k3=2e6, c=0.2)
     shapes = {"tip": (0.8, -0.6), "joint": (0.5, 0.7)}
@@ -166,7 +159,6 @@ def test_the_error_is_shown_over_links_and_not_over_modes() -> None:
 # --- chaos
 
 
-@pytest.mark.slow
 def test_a_chaotic_chain_is_predicted_in_windows() -> None:
     record = chain_record(4)[:1200].with_noise(30.0, seed=2)
     validation = lw.validate(record, lw.bnes_chain(4), burn=0.1)
@@ -234,7 +226,6 @@ def test_records_that_do_not_fit_the_structure_are_refused() -> None:
         lw.validate(record, duffing(), model_error=-0.1)
 
 
-@pytest.mark.slow
 def test_an_untrusted_estimate_is_taken_as_exact() -> None:
     estimate = replace(lw.identify(forced(duffing(), 1), asked_oscillator("k*d", 1.0)), approximate=False)
     assert estimate.grade is lw.Grade.REFUSED
@@ -246,7 +237,6 @@ def test_an_untrusted_estimate_is_taken_as_exact() -> None:
 # --- folders
 
 
-@pytest.mark.slow
 def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validation, tmp_path: Path) -> None:
     """What was written and read gives the same scores, to the digits of the structure file."""
     folder = lw.report.write_result(answer, tmp_path / "answer")
@@ -283,7 +273,6 @@ RIG = structure(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sensors", [("x:m1", "x:m2"), ("x:m1",), ("x:m2",)])
 def test_a_rig_on_a_moving_base_with_hidden_masses(sensors: tuple[str, ...]) -> None:
     """The state of a mass without a sensor is worked out from the others; a joint 7 % too stiff is seen by either sensor."""
@@ -301,7 +290,6 @@ def hardening_pair() -> lw.Structure:
     return structure({"m1": 1.0, "m2": 0.5}, ground, upper)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("gain", [1.0, 1.04])
 def test_a_record_whose_sensor_is_off_refutes_the_laws_within_wide_intervals(gain: float) -> None:
     """The intervals of a short answer allow for an error of 4 % of a gain: the prediction was said to agree."""
@@ -327,7 +315,6 @@ def in_millimetres(duration: float) -> lw.Record:
     return replace(record, values=record.values * np.where(displaced, 1e3, 1.0))
 
 
-@pytest.mark.slow
 def test_a_record_that_any_prediction_agrees_with_tests_nothing(agreeing: lw.Validation) -> None:
     """Of a record in mm the motion is predicted to within a multiple of itself: it agreed."""
     validation = lw.validate(in_millimetres(4.0), hardening_pair())
@@ -340,7 +327,6 @@ def test_a_record_that_any_prediction_agrees_with_tests_nothing(agreeing: lw.Val
     assert not replace(agreeing, channels=missed, coefficients=()).trusted
 
 
-@pytest.mark.slow
 def test_a_prediction_that_runs_to_infinity_is_refused() -> None:
     message = r"from \d+ of \d+ states along the record .* runs to infinity"
     with pytest.raises(lw.SimulationError, match=message):
@@ -358,7 +344,6 @@ def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
     assert [finding for finding in said if "its agreement says nothing" in finding] == [line]
 
 
-@pytest.mark.slow
 def test_what_no_state_lets_follow_the_record_disagrees_without_a_warning() -> None:
     """A displacement 200 times too large, whose motion overflows, and a coefficient of a search that did not converge."""
     record = chain_record(2, duration=0.3).with_noise(30.0, seed=3)
@@ -372,7 +357,6 @@ def test_what_no_state_lets_follow_the_record_disagrees_without_a_warning() -> N
         lw.validate(record, absurd)
 
 
-@pytest.mark.slow
 def test_a_linear_host_with_overdamped_modes_is_validated() -> None:
     """Nothing but the state at the start is unknown there: covariances of a filter sink to rounding."""
     frequencies, damping = (5.0, 9.0, 20.0, 33.0, 48.0), (0.01, 2.0, 0.01, 0.02, 3.0)
@@ -383,7 +367,6 @@ def test_a_linear_host_with_overdamped_modes_is_validated() -> None:
     assert lw.validate(record.with_noise(40.0, seed=1), wing).trusted
 
 
-@pytest.mark.slow
 def test_damping_between_modes_stays_one_unknown_where_coefficients_are_estimated_again() -> None:
     """It is two dampers, of which one shares what the other has: each known to within by itself, they damp the modes too."""
     known_to_within = lw.Coefficient.unknown(0.1, sigma=0.2)

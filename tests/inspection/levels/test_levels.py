@@ -18,6 +18,9 @@ import linkwise as lw
 from linkwise.cli import run
 from linkwise.inspection.levels.quantities import distortion
 
+pytestmark = pytest.mark.slow
+
+
 THREE_TONES = "sin(2*pi*4*t) + sin(2*pi*12*t + 1) + sin(2*pi*28*t + 2)"
 """Odd multiples of 4 Hz, 20 Hz left out."""
 MASS, STIFFNESS, DAMPER = 1.0, 4e3, 1.0  # 10.07 Hz, 0.79 % of critical
@@ -54,7 +57,6 @@ def linear_frequencies() -> np.ndarray:
     return np.asarray(np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi))
 
 
-@pytest.mark.slow
 def test_modes_of_a_linear_structure_stay() -> None:
     levels = enumerate(((0.1, 30.0), (1.0, 40.0), (10.0, 50.0)))
     records = [tap(size, 0.0).with_noise(snr, seed=seed) for seed, (size, snr) in levels]
@@ -74,7 +76,6 @@ def test_modes_of_a_linear_structure_stay() -> None:
     assert comparison.verdicts == (lw.Verdict.LINEAR_IN_RANGE,)
 
 
-@pytest.mark.slow
 def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
     records = [tap(size, 4e9).with_noise(40.0, seed=1) for size in (2.0, 0.1, 0.2)]  # in any order
     comparison = lw.inspection.compare_levels(records)
@@ -89,7 +90,6 @@ def test_the_level_from_which_on_a_structure_is_not_linear_is_told() -> None:
     assert document["levels"][0]["modes"][0]["frequency"] == comparison.frequencies[0, 0]
 
 
-@pytest.mark.slow
 def test_what_is_no_mode_at_a_level_is_lost_and_has_not_moved() -> None:
     """A resonance that bends away is followed to a line of the force: 5.4e-05 Hz, without damping, "moved"."""
     records = [tap(size, 4e9).with_noise(40.0, seed=1) for size in (0.1, 0.2, 2.0)]
@@ -116,7 +116,6 @@ def test_records_too_short_to_tell_are_not_trusted() -> None:
     assert text.startswith("Perhaps linear up to") and comparison.verdicts[0].value in text
 
 
-@pytest.mark.slow
 def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
     runs = [driven(spring(square=1e5), f"{size}*({THREE_TONES})", 16.0) for size in (0.05, 0.5)]
     records = [run.with_noise(50.0, seed=seed) for seed, run in enumerate(runs)]
@@ -126,7 +125,6 @@ def test_distortion_that_moves_no_mode_is_not_called_linear() -> None:
     assert comparison.verdicts == (lw.Verdict.RESIDUALS_GROW_WITH_LEVEL,) and not comparison.trusted
 
 
-@pytest.mark.slow
 def test_a_ring_down_follows_the_backbone() -> None:
     cubic = 4e8
     records = [tap(size, cubic, "x:m1").with_noise(60.0, seed=1) for size in (0.1, 4.0)]
@@ -143,7 +141,6 @@ def test_a_ring_down_follows_the_backbone() -> None:
     assert np.median(np.abs(ring.damping / ratio - 1.0)) < stiffening
 
 
-@pytest.mark.slow
 def test_one_decay_without_a_force_shows_the_backbone_of_each_mode() -> None:
     """Two masses, the second on a hardening spring, released: the modes are those of its small motion, and move."""
     comparison = lw.inspection.compare_levels([released(4e6).with_noise(50.0, seed=1)])
@@ -159,7 +156,6 @@ def test_one_decay_without_a_force_shows_the_backbone_of_each_mode() -> None:
     assert document["levels"][0]["motion_peak"] == comparison.levels[0] and document["ring_down"][0]["moves"]
 
 
-@pytest.mark.slow
 def test_modes_of_a_linear_decay_do_not_move() -> None:
     deviations = []
     for seed in range(4):
@@ -173,7 +169,6 @@ def test_modes_of_a_linear_decay_do_not_move() -> None:
     assert 0.5 < squares.mean() < 2.0 and squares.max() < 5.0**2
 
 
-@pytest.mark.slow
 def test_a_channel_with_gaps_is_left_out_of_ring_downs_and_named() -> None:
     record = released(4e6).with_noise(50.0, seed=1)
     values = record.values.copy()
@@ -188,7 +183,6 @@ def test_a_channel_with_gaps_is_left_out_of_ring_downs_and_named() -> None:
         lw.inspection.compare_levels([replace(record, values=values)])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["x:m1", "v:m1", "a:m1"])
 def test_acceleration_over_displacement_is_the_restoring_force(sensor: str) -> None:
     cubic = 4e8
@@ -201,7 +195,6 @@ def test_acceleration_over_displacement_is_the_restoring_force(sensor: str) -> N
     assert np.std(surface.acceleration - linear) > 0.06 * np.std(force)  # no linear spring comes near
 
 
-@pytest.mark.slow
 def test_decays_of_several_levels_are_compared() -> None:
     soft, hard = (released(4e6, size).with_noise(50.0, seed=2) for size in (0.02, 1.0))
     comparison = lw.inspection.compare_levels([hard, soft])
@@ -260,7 +253,6 @@ def test_what_a_comparison_needs_is_told() -> None:
         lw.inspection.compare_levels([tap(1.0, 0.0, "x:m1"), tap(2.0, 0.0)])
 
 
-@pytest.mark.slow
 def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
     weak, strong = tap(1.0, 0.0).with_noise(40.0, seed=1), tap(1.5, 0.0).with_noise(40.0, seed=2)
     # 2 s and 6 s: the strong one has the lower root mean square
@@ -271,7 +263,6 @@ def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
     assert "peak force, N" in str(comparison)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_inspect_compares_levels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -291,7 +282,6 @@ def test_inspect_compares_levels(
     assert "--modes is for --levels" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_levels_of_rotations_are_in_newton_metres() -> None:
     records = []
     for level in (2, 20):
