@@ -12,9 +12,9 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (12, 1854),
+    "absorption": (13, 2338),
     "analysis": (4, 529),
-    "cli": (17, 1553),
+    "cli": (18, 1619),
     "discovery": (17, 4709),
     "estimates": (7, 1299),
     "export": (8, 1071),
@@ -26,10 +26,10 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (7, 846),
     "model": (20, 3231),
     "paper": (3, 396),
-    "plot": (12, 2083),
+    "plot": (13, 2160),
     "records": (9, 1418),
-    "report": (8, 1124),
-    "root": (12, 936),
+    "report": (9, 1185),
+    "root": (12, 937),
     "signals": (6, 854),
     "simulation": (8, 1312),
     "sindy": (10, 1210),
