@@ -14,6 +14,25 @@ States = Mapping[str, lw.model.LinkState | str]
 NES = "alpha*d + beta*d**3 + c*v"
 HARDENING = "k*d + k3*d**3 + c*v"
 
+LAWS: dict[
+    str, tuple[str, dict[str, float]]
+] = {  # with every function that laws may have, and names that no program takes
+    "cubic": ("alpha*d + beta*d**3 + c*v", {"alpha": -100.0, "beta": 1e6, "c": 0.02}),
+    "friction": ("F*tanh(v/S) + k*d*abs(d) - 1e-3*sign(v)", {"F": 2.5, "S": 0.01, "k": 40.0}),
+    "stops": ("k*max(d - g, 0) + k*min(d + g, 0) + c*v", {"k": 1e4, "g": 0.01, "c": 0.3}),
+    "roots": ("k*sqrt(d) + p*(d/w)**1.5", {"k": 3.0, "p": 0.2, "w": 0.1}),
+    "waves": ("F*sin(d/w)*cos(d/w)/(2 + exp(-d/w)) - c*v/(1 + (d/w)**2)**2", {"F": 7.0, "w": 0.02, "c": 1.5}),
+    "clash": ("lambda_*d + np*v + force*d**3", {"lambda_": 3.0, "np": 2.0, "force": 5.0}),
+    "constant": ("F", {"F": 1.25}),
+    'a"""; import os #': ("k*d", {"k": 1.0}),
+    "x'); system('rm')": ("k*d", {"k": 2.0}),
+    "+1+1": ("k*d", {"k": 3.0}),
+    "κ 1": ("κ*d", {"κ": 4.0}),
+    "names": ("float*d + values*v + print*d**3", {"float": 5.0, "values": 6.0, "print": 7.0}),
+}
+MEMORY_STATES = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
+MEMORY = {"k": 400.0, "c": 1.5, "F": 12.0, "s": 0.7, "x0": 0.02}
+
 
 def coefficient(value: Value) -> lw.Coefficient:
     """A number, or what already is a coefficient."""

@@ -35,7 +35,7 @@ DOORS: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = [
     (lw.discover, ({"m1": 1.0}, RECORD), {}, f"discover(record, masses): record must be of type Record, got dict{READ}"),
     (lw.discover, (RECORD, ["m1"]), {}, "masses must be of type Mapping, Structure or PartialStructure, got list"),
     (lw.absorb, (RECORD,), {"duration": 1.0}, f"absorb(structure): structure {STRUCTURE}"),
-    (lw.absorb, (CHAIN,), {"duration": "1"}, "AbsorptionOptions: duration must be of type float, got '1'"),
+    (lw.absorb, (CHAIN,), {"duration": "1"}, "AbsorptionOptions: duration must be of type float or None, got '1'"),
     (lw.identify, (RECORD, CHAIN), {"ofsets": ()}, "unexpected keyword argument 'ofsets'; did you mean \"offsets\"?"),
     (lw.validate, (CHAIN, RECORD), {}, "validate(record, answer): record must be of type Record"),
     (lw.validate, (RECORD, 3), {}, "answer must be of type Structure, Estimate, Posterior, str or Path, got 3"),

@@ -103,6 +103,10 @@ def makers(
             lw.estimates.Posterior.of(fitted), draws=20, duration=0.5, release=RELEASE
         ),
         "AbsorptionMap": lambda: absorbed({"nes1.alpha": [-150.0, -100.0]}),
+        "Design": lambda: lw.design(
+            chain, {"nes1.alpha": (-150.0, -50.0)}, "rms", lw.absorption.DesignOptions(evaluations=8),
+            duration=0.5, release=RELEASE,
+        ),
         "Discovery": lambda: discovered,
         "Estimate": lambda: fitted,
         "HostEstimate": lambda: lw.modal.identify_host(tapped().with_noise(40.0, seed=1)),
@@ -111,7 +115,7 @@ def makers(
         "Limit": lambda: lw.limit(chain, duration=0.1, rate=500.0, noise=40.0, release=RELEASE),
         "StudySummary": lambda: finished(tmp_path_factory.mktemp("study")),
         "Validation": lambda: lw.validate(record, fitted),
-    }
+    }  # fmt: skip
 
 
 def test_the_walk_finds_every_answer(makers: dict[str, Callable[[], Any]]) -> None:

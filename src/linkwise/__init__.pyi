@@ -15,6 +15,7 @@ from linkwise import report as report
 from linkwise import sindy as sindy
 from linkwise import study as study
 from linkwise.absorption.absorb import absorb as absorb
+from linkwise.absorption.design import design as design
 from linkwise.absorption.result import Absorption as Absorption
 from linkwise.discovery.discover import discover as discover
 from linkwise.discovery.result import Discovery as Discovery

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 import linkwise as lw
@@ -41,5 +42,11 @@ def test_both_at_once_and_unknown_keywords_are_refused() -> None:
         lw.absorb(lw.bnes_chain(2), options, duration=1.0)
     with pytest.raises(TypeError, match="setle"):
         lw.absorption.AbsorptionOptions.of(duration=0.5, setle=0.1)  # type: ignore[call-arg]  # the point of the test
-    with pytest.raises(TypeError, match="duration"):
-        lw.absorb(lw.bnes_chain(2), release=RELEASE)
+
+
+def test_without_a_duration_three_decay_times_are_simulated() -> None:
+    """Of the first mass alone: 2 m/c = 2 s each."""
+    assert lw.absorb(lw.bnes_chain(2), release=RELEASE).time[-1] == 6.0
+    undamped = lw.bnes_chain(2).with_values({"spring1.c": 0.0})
+    frequency = np.sqrt(3e4) / (2.0 * np.pi)
+    assert lw.absorb(undamped, release=RELEASE).time[-1] == pytest.approx(300.0 / frequency, rel=0.05)

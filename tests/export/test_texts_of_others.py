@@ -10,12 +10,17 @@ import re
 import runpy
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import openpyxl
 import pytest
 from structures import host, structure
 
 import linkwise as lw
+from linkwise.export import export_equations
+from linkwise.export.answer import ExportedAnswer
+from linkwise.export.equations import EquationsOfMotion
+from linkwise.export.fmu import CoSimulationUnit
 
 RUN = "setattr(__import__('builtins'), 'ran', 1)"
 TEXTS = (
@@ -30,6 +35,10 @@ TEXTS = (
     f'converged"""\n{RUN}',
     "x\\",
     "+cmd|' 'C'!A0",
+    f"*/ {RUN}; /*",
+    f"??/\n{RUN};",
+    f"?κ/\n{RUN};",
+    f"]]>&lt;<{RUN}/>",
     "=1+1",
     "{0.__class__}",
     "\ud800",
@@ -109,6 +118,35 @@ def matlab_code(path: Path) -> list[str]:
     return [re.sub(r"'(?:[^']|'')*'", "''", line) for line in lines if not line.startswith("%")]
 
 
+def c_code(text: str) -> list[str]:
+    """The lines of C as the compiler reads them, without strings and comments: trigraphs and joined lines are undone first."""
+    joined = text.replace("??/", "\\").replace("\\\n", " ")
+    parts = re.sub(r'"(?:[^"\\\n]|\\.)*"|//[^\n]*|/\*.*?\*/', "''", joined, flags=re.DOTALL)
+    return parts.splitlines()
+
+
+def check_equations(answer: lw.Structure | Path, folder: Path) -> None:
+    """No text is code in the equations of motion, in any language."""
+    hostile = r"\b(setattr|builtins|cmd|__import__)\b"
+    for suffix in (".py", ".m", ".c"):
+        path = export_equations(answer, folder / f"motion{suffix}")
+        text = path.read_text(encoding="utf-8")
+        if suffix == ".py":
+            runpy.run_path(str(path))
+            assert not hasattr(builtins, "ran")
+            nodes = ast.walk(ast.parse(text))
+            assert not {"setattr", "__import__"} & {node.id for node in nodes if isinstance(node, ast.Name)}
+        elif suffix == ".m":
+            assert not re.search(hostile, "".join(matlab_code(path)))
+        else:
+            assert text.isascii() and not re.search(hostile, "".join(c_code(text)))
+    content = CoSimulationUnit.of(EquationsOfMotion(ExportedAnswer.of(answer)))
+    root = ElementTree.fromstring(content.description("model"))
+    names = [own.attrib["name"] for own in root.iter("ScalarVariable")]
+    assert names == [variable.name for variable in content.variables]
+    assert not re.search(hostile, "".join(c_code(content.source())))
+
+
 @pytest.mark.parametrize("door", DOORS)
 def test_no_text_is_code_of_an_export(door: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(builtins, "ran", raising=False)
@@ -137,5 +175,6 @@ def test_no_text_is_code_of_an_export(door: str, tmp_path: Path, monkeypatch: py
         assert not [cell for cell in cells if cell.startswith(tuple("=+@\t\r\n"))]
         book = openpyxl.load_workbook(lw.export_answer(answer, tmp_path / "a.xlsx"))
         assert "f" not in {cell.data_type for sheet in book for row in sheet for cell in row}
+        check_equations(answer, tmp_path)
     assert (TEXTS[0] in accepted) == (door in OPEN)
     assert ("\nv" in accepted) == (door in {"structure", "coefficient", "law", "rate"})

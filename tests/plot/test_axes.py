@@ -27,11 +27,11 @@ from linkwise.plot.records import histories_figure
 
 Draw = Callable[..., Axes]
 PICTURES = (
-    "absorption", "acceleration_surface", "coherence", "crossings", "departures", "displacement", "distortion",
+    "absorption", "acceleration_surface", "coherence", "crossings", "departures", "designs", "displacement", "distortion",
     "energy", "evidence", "force", "force_comparison", "force_errors", "graph", "histories", "level_modes",
     "level_response", "loop", "map", "path", "prediction", "prediction_error", "prediction_profile",
     "prediction_spectrum", "residuals", "ring_down", "runners_up", "shapes", "spectrogram", "spectrum", "study",
-    "success_map", "surface",
+    "success_map", "surface", "trade_off",
 )  # fmt: skip
 FIGURES = {  # of pages
     name: draw
@@ -71,6 +71,9 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     swept = lw.absorption.absorption_map(
         lw.bnes_chain(2), {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}, **drive
     )
+    few = lw.absorption.DesignOptions(evaluations=20)
+    bounds = {"m2.mass": (0.002, 0.05), "nes1.beta": (1e5, 1e7)}
+    designed = lw.design(lw.bnes_chain(2), bounds, "rms", few, **drive)
     record = chain_record(2, duration=1.0, rate=500.0, speed=0.1).with_noise(40.0, seed=1)
     validated = lw.validate(record, lw.bnes_chain(2))
     periodic, tapped = compared("sin(2*pi*16*t)"), compared("exp(-((t - 0.1)/0.01)**2)")
@@ -88,7 +91,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
         "force_comparison": sinks, "force_errors": sinks,
         "force": (fitted, "nes1"), "graph": (discovered,), "histories": (fitted,), "loop": (fitted, "nes1"),
         "surface": (fitted, "nes1"),
-        "map": (swept, "sinks_share"),
+        "map": (swept, "sinks_share"), "designs": (designed,), "trade_off": (designed,),
         "prediction": (validated, "x:m1"), "prediction_error": (validated, "x:m1"),
         "prediction_profile": (validated, "d of nes1"), "prediction_spectrum": (validated, "x:m2"),
         "coherence": (fitted.record, "x:m1", "x:m2"), "spectrogram": (fitted.record, "x:m1"),

@@ -1,5 +1,8 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
+from linkwise.absorption.design import Design as Design
+from linkwise.absorption.design import DesignAxis as DesignAxis
+from linkwise.absorption.design import DesignOptions as DesignOptions
 from linkwise.absorption.ensemble import AbsorptionQuantity as AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals as AbsorptionIntervals
 from linkwise.absorption.intervals import QuantityInterval as QuantityInterval

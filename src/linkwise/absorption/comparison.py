@@ -15,7 +15,7 @@ import numpy as np
 from linkwise.absorption.harvesters import SUFFIX, delivered_powers, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
 from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
-from linkwise.analysis.linear_modes import natural_frequencies
+from linkwise.analysis.linear_modes import modes, natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Symbol, add, substitute, to_text
@@ -205,6 +205,10 @@ def _structure(
         ) from None
 
 
+_DECAY_TIMES, _MOST_PERIODS = (
+    3.0,
+    300.0,
+)  # of the least damped mode without sinks, which are simulated by default
 _SAMPLES_PER_PERIOD = 20  # of the fastest mode, by default: cubics between them are right to 3e-5
 _LEAST_SAMPLES = 1000  # by default
 _MOST_SAMPLES = 2_000_000  # by default
@@ -233,14 +237,15 @@ class Comparison:
         sinks, excitation = find_sinks(structure, options.sinks), options.excitation
         equipped = with_harvesters(structure, options.harvesters or {})
         delivered_powers(structure, options.harvesters or {})  # StructureError if one is not a power
-        rate = _default_rate(structure, options.duration) if options.rate is None else options.rate
-        times = output_times(options.duration, rate)
-        check_excitation(equipped, excitation, float(times[-1]))
         if not (any(excitation.release.values()) or excitation.impulses or excitation.drives):
             raise SimulationError(
                 "nothing sets the structure in motion; give a release, an impulse, a force or a motion of the base"
             )
         baseline = without_sinks(equipped, sinks, excitation, options.without)
+        duration = _default_duration(baseline.structure) if options.duration is None else options.duration
+        rate = _default_rate(structure, duration) if options.rate is None else options.rate
+        times = output_times(duration, rate)
+        check_excitation(equipped, excitation, float(times[-1]))
         return cls(equipped, sinks, baseline, times, options)
 
     def of_variant(
@@ -296,6 +301,22 @@ class Comparison:
         """Whether the mass of a sink is linked to its host alone."""
         ends = (set(link.between) for link in self.structure.links if sink.mass in link.between)
         return all(pair == {sink.mass, sink.host} for pair in ends)
+
+
+def _default_duration(baseline: Structure) -> float:
+    """Seconds in which the least damped mode of a structure decays to a twentieth, at most `_MOST_PERIODS`."""
+    linear = modes(baseline)
+    omega = 2.0 * np.pi * linear.frequencies
+    moving = omega > 0.0
+    if not moving.any():
+        raise SimulationError(
+            "no mode of the structure vibrates about its rest; give a duration", arguments=("duration",)
+        )
+    slowest = int(np.argmin(np.where(moving, linear.damping * omega, np.inf)))
+    longest = _MOST_PERIODS / float(linear.frequencies[slowest])
+    rate = float(linear.damping[slowest] * omega[slowest])
+    duration = min(_DECAY_TIMES / rate, longest) if rate > 0.0 else longest
+    return float(f"{duration:.1e}")
 
 
 def _default_rate(structure: Structure, duration: float) -> float:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.harvesters import SUFFIX
-from linkwise.absorption.motion import Vibration, comparable, reduction, root_sum_square
-from linkwise.absorption.sinks import dissipators, mean_host_energies
+from linkwise.absorption.motion import Decay, Vibration, comparable, reduction, root_sum_square
+from linkwise.absorption.sinks import dissipators, link_motion, mean_host_energies
 from linkwise.absorption.wells import Potentials, Runs, batch_runs, rest_positions
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
@@ -127,6 +127,13 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
         quantities.append(
             AbsorptionQuantity(f"power:{link}", "W", f"average power of the harvester on {link}")
         )
+    if len(units := {unit_in(comparison.structure, f"x:{name}") for name in comparison.primaries}) == 1:
+        (unit,) = units
+        quantities.append(AbsorptionQuantity("peak", unit, "largest excursion", True))
+        quantities.append(AbsorptionQuantity("rms", unit, "RMS excursion", True))
+    for link in (sink.link for sink in comparison.sinks):
+        unit = comparison.structure.link(link).law.motion_units[0]
+        quantities.append(AbsorptionQuantity(f"stroke:{link}", unit, f"largest elongation of {link}", True))
     return tuple(quantities)
 
 
@@ -178,6 +185,8 @@ def quantity_values(
         values[f"energy_reduction:{host.name}"] = reduction(energy, without)
     values |= {f"share:{name}": share for name, share in shares.items()}
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
+    values |= {"peak": vibration.decay.peak.max(axis=0), "rms": root_sum_square(vibration.rms)}
+    values |= _strokes(comparison, runs, vibration)
     duration = runs.time[-1]
     return values | {
         f"power:{link}": (
@@ -186,6 +195,20 @@ def quantity_values(
         / duration
         for link, given in (comparison.options.harvesters or {}).items()
     }
+
+
+def _strokes(comparison: Comparison, runs: Runs, vibration: Vibration) -> dict[str, Floats]:
+    """The largest elongation (W,) of each sink."""
+    base = comparison.options.excitation.base
+    moved = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
+    strokes = {}
+    for sink in comparison.sinks:
+        d, v = (
+            link_motion(vibration.structures, of_masses, sink.link, of_base)
+            for of_masses, of_base in zip((runs.x, runs.v), moved, strict=True)
+        )
+        strokes[f"stroke:{sink.link}"] = Decay(runs.time, d, v).peak
+    return strokes
 
 
 @dataclass(frozen=True, eq=False)

@@ -306,7 +306,7 @@ def absorption_map(
     points = list(product(*(axis.values.tolist() for axis in axes)))
     names = [axis.name for axis in axes]
     middle = {axis.name: float(axis.values[len(axis.values) // 2]) for axis in axes}
-    comparison = _comparison(structure, middle, chosen)
+    comparison = comparison_at(structure, middle, chosen)
     progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
     variants = Variants.of(equipped, comparison, names)
     ensemble = run_ensemble(
@@ -351,7 +351,7 @@ def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxi
             raise StructureError(
                 f"the values of a swept parameter must be a row of finite numbers, got {given!r}", name
             )
-        axes.append(SweepAxis(name, _unit(structure, name), values))
+        axes.append(SweepAxis(name, parameter_unit(structure, name), values))
     return tuple(axes)
 
 
@@ -370,7 +370,7 @@ def _require_memory(axes: tuple[SweepAxis, ...], masses: int) -> None:
         )
 
 
-def _unit(structure: Structure, name: str) -> str:
+def parameter_unit(structure: Structure, name: str) -> str:
     """The SI unit of a parameter; StructureError if it does not exist."""
     kind, colon, _ = name.partition(":")
     if colon:
@@ -382,8 +382,8 @@ def _unit(structure: Structure, name: str) -> str:
     return structure.unit_of(name)
 
 
-def _comparison(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
-    """The comparison at one point of the grid."""
+def comparison_at(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
+    """The comparison at one point of a grid; where sinks are not named, those of the structure are they."""
     release = {name: value for name, value in point.items() if ":" in name}
     numbers = {
         name: value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from types import NoneType
 from typing import Any, Unpack, final
 
 from linkwise.errors import SimulationError, StructureError, expect
@@ -16,7 +17,7 @@ BASELINES = ("removed", "locked")
 class AbsorptionKeywords(ExcitationKeywords, total=False):
     """The keywords of `AbsorptionOptions.of`: its fields, and those of `Excitation.of`."""
 
-    duration: float
+    duration: float | None
     rate: float | None
     sinks: Sequence[str]
     without: str
@@ -33,8 +34,8 @@ class AbsorptionOptions:
 
     Parameters
     ----------
-    duration : float
-        Time to simulate, in s.
+    duration : float, optional
+        Time to simulate, in s; by default three decay times of the least damped mode without sinks, or 300 of its periods.
     rate : float, optional
         Samples per second in Hz; by default at least 20 in a period of the fastest mode.
     sinks : sequence of str
@@ -66,7 +67,7 @@ class AbsorptionOptions:
     [True, True]
     """
 
-    duration: float = field(metadata={"typed": "S"})
+    duration: float | None = field(default=None, metadata={"typed": "S"})
     rate: float | None = field(default=None, metadata={"typed": "HZ"})
     sinks: Sequence[str] = field(default=(), metadata={"typed": "LINK"})
     without: str = field(
@@ -79,8 +80,8 @@ class AbsorptionOptions:
     excitation: Excitation = field(default_factory=Excitation)
 
     def __post_init__(self) -> None:
-        for name in ("duration", "settle"):
-            expect(f"AbsorptionOptions: {name}", getattr(self, name), float)
+        expect("AbsorptionOptions: duration", self.duration, float, NoneType)
+        expect("AbsorptionOptions: settle", self.settle, float)
         if not 0.0 < self.settle < 1.0:
             raise SimulationError(
                 f"settle is a part of the peak and must be between 0 and 1, got {self.settle!r}"

@@ -10,14 +10,33 @@ import linkwise as lw
 from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, listing
 from linkwise.export import answer as exports
+from linkwise.export import equations as motions
+from linkwise.export.fmu import compiler
 from linkwise.output import to_json
 
 
-@click.command(cls=listing("FORMATS", lambda: exports.listed_formats()))
+@click.command(
+    cls=listing(
+        "FORMATS",
+        lambda: [
+            *exports.listed_formats(exports.EXPORTS),
+            "and of --equations",
+            *exports.listed_formats(motions.EQUATIONS),
+        ],
+    )
+)
 @click.argument("answer", type=click.Path(path_type=Path))
-@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
+@click.argument("files", metavar="[FILE]...", nargs=-1, type=FILE)
+@click.option(
+    "--equations",
+    "equations",
+    metavar="FILE",
+    multiple=True,
+    type=FILE,
+    help="Write the equations of motion, z' = f(t, z, u), with their Jacobian: .py, .m, .c or .fmu. May be repeated.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON and nothing else.")
-def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> int:
+def export(answer: Path, files: tuple[Path, ...], equations: tuple[Path, ...], as_json: bool) -> int:
     """Write an answer for other programs, each FILE in the format of its suffix.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number.
@@ -31,16 +50,29 @@ def export(answer: Path, files: tuple[Path, ...], as_json: bool) -> int:
       linkwise export answer forces.py
       linkwise export answer forces.m coefficients.xlsx
       linkwise export answer/structure.toml structure.mat
+      linkwise export answer --equations motion.py
+      linkwise export answer --equations motion.c --equations motion.fmu
     """
+    if not files and not equations:
+        raise click.UsageError(
+            "nothing to write: name a FILE for forces and coefficients, or --equations FILE"
+        )
     for file in files:
         exports.export_writer(file)
+    for file in equations:
+        motions.equations_writer(file)
     content = exports.ExportedAnswer.of(answer)
-    if content.note:
-        tell(f"note: {content.note}")
-    for file in files:
-        lw.export_answer(answer, file)
-        if not as_json:
-            click.echo(f"written to {file}")
+    if note := content.note if files else content.warning:
+        tell(f"note: {note}")
+    written = [lw.export_answer(answer, file) for file in files]
+    written += [motions.export_equations(answer, file) for file in equations]
+    if any(file.suffix.lower() == ".fmu" for file in equations) and compiler() is None:
+        tell(
+            "note: there is no C compiler here (CC, cc, gcc or clang), so that the unit has sources and no binary"
+        )
     if as_json:
-        click.echo(to_json({"files": [str(file) for file in files]}))
+        click.echo(to_json({"files": [str(file) for file in written]}))
+        return content.grade.exit_code
+    for file in written:
+        click.echo(f"written to {file}")
     return content.grade.exit_code

@@ -69,6 +69,8 @@ def _option(field: Field[Any], text: str) -> Callable[[Any], Any]:
         keywords |= {"callback": comma_separated, "multiple": True}
     elif "float" in str(field.type):
         keywords |= {"type": float}
+    elif str(field.type).startswith("int"):
+        keywords |= {"type": int}
     if about["typed"] and "choices" not in about:
         keywords |= {"metavar": about["typed"]}
     return click.option(flag, field.name, **keywords)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -190,10 +190,10 @@ EXPORTS = {
 }
 
 
-def listed_formats() -> list[str]:
+def listed_formats(formats: Mapping[str, ExportFormat]) -> list[str]:
     """A line for each format: its suffix, and what a file of it is."""
-    width = max(map(len, EXPORTS))
-    return [f"{suffix:{width}}  {entry.title}" for suffix, entry in EXPORTS.items()]
+    width = max(map(len, formats))
+    return [f"{suffix:{width}}  {entry.title}" for suffix, entry in formats.items()]
 
 
 def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:

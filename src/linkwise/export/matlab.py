@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from linkwise.arrays import Floats
 from linkwise.display import on_one_line
 from linkwise.errors import OutputError
 from linkwise.export.answer import ExportedAnswer, identifiers
+from linkwise.export.equations import Assignments, EquationsOfMotion, Notation, Place
 from linkwise.expression.tree import FUNCTIONS, MATLAB, to_code, to_text
 from linkwise.model.link import Link
 
@@ -50,15 +52,19 @@ end
 
 def write_m(answer: ExportedAnswer, path: Path, name: str) -> None:
     """Write the function, which has the `name` of its file. Raises OutputError for one that is not that of a function."""
+    _check_name(name)
+    note = f"\n%   {on_one_line(answer.note)}" if answer.note else ""
+    head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note, **answer.quantities)
+    cases = "".join(_case(link) for link in answer.structure.links)
+    path.write_text(f"{head}{cases}{_TAIL}\n{_values(answer)}", encoding="utf-8", newline="\n")
+
+
+def _check_name(name: str) -> None:
     if not _NAME.fullmatch(name) or name in _KEYWORDS:
         raise OutputError(
             f"{name}.m: a function of MATLAB has the name of its file, and {name!r} is not the name of a function: use "
             "letters, digits and underscores after a letter"
         )
-    note = f"\n%   {on_one_line(answer.note)}" if answer.note else ""
-    head = _HEAD.format(name=name, title=name.upper(), version=answer.version, note=note, **answer.quantities)
-    cases = "".join(_case(link) for link in answer.structure.links)
-    path.write_text(f"{head}{cases}{_TAIL}\n{_values(answer)}", encoding="utf-8", newline="\n")
 
 
 def _text(text: str) -> str:
@@ -146,3 +152,104 @@ def _cells(texts: list[str]) -> np.ndarray[tuple[int, int], np.dtype[np.object_]
     cells = np.empty((len(texts), 1), dtype=object)
     cells[:, 0] = texts
     return cells
+
+
+_EQUATIONS_HEAD = """function [value, jacobian, input_jacobian] = {name}(t, z, u, p, what)
+%{title}  Equations of motion z' = f(t, z, u; p) of a structure, exported by linkwise {version}.
+%   dz = {name}(t, z, u, p) is f for states z and inputs u, a vector or a function of t; all inputs are 0 where u is left out
+%   or []. p is a vector of parameters. [dz, J, G] = {name}(t, z, u, p) also has the derivatives by z and by u.
+%   J = {name}(t, z, u, p, 'jacobian') is for solvers:
+%       info = {name}();
+%       options = odeset('Jacobian', @(t, z) {name}(t, z, [], [], 'jacobian'));
+%       [t, z] = ode45(@{name}, [0 1], info.initial, options);
+%   info = {name}() names states, inputs and parameters, with units and values. In Simulink it is a MATLAB Function block
+%   dz = {name}(t, z, u) before an integrator.
+%   {notes}
+if nargin == 0
+    value = information();
+    return
+end
+if nargin < 3 || isempty(u)
+    u = zeros({inputs}, 1);
+elseif isa(u, 'function_handle')
+    u = u(t);
+end
+if nargin < 4 || isempty(p)
+    p = {parameters};
+end
+if nargin == 5 && strcmp(what, 'jacobian')
+    value = jacobian_of(z, u, p);
+    return
+end
+value = rates_of(z, u, p);
+if nargout > 1
+    jacobian = jacobian_of(z, u, p);
+end
+if nargout > 2
+    input_jacobian = input_jacobian_of(z, u, p);
+end
+end
+"""
+_REAL = """
+function r = real_or_nan(z)
+r = real(z);
+r(imag(z) ~= 0) = NaN;
+end
+"""
+_NOTATION = Notation(
+    MATLAB,
+    "{}",
+    lambda array, place: f"{array}({', '.join(str(number + 1) for number in place)})",
+    lambda text: f"% {on_one_line(text)}",
+    ";",
+)
+
+
+def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None:
+    """Write the function of the equations, which has the `name` of its file; OutputError where that is no function's."""
+    _check_name(name)
+    size = len(equations.states)
+    names = equations.identifiers((*_KEYWORDS, *FUNCTIONS, *_OWN))
+    head = _EQUATIONS_HEAD.format(
+        name=name,
+        title=name.upper(),
+        version=equations.answer.version,
+        notes=on_one_line(" ".join(equations.notes)) or "Every law is smooth.",
+        inputs=len(equations.inputs),
+        parameters=_column(map(repr, equations.parameters.values())),
+    )
+    functions = [
+        _equations_function(equations, names, own, assignments, shape)
+        for own, assignments, shape in (
+            ("rates_of", equations.rates, (size, 1)),
+            ("jacobian_of", equations.jacobian, (size, size)),
+            ("input_jacobian_of", equations.input_jacobian, (size, len(equations.inputs))),
+        )
+    ]
+    path.write_text(
+        "\n".join([head, *functions, _information(equations)]) + _REAL, encoding="utf-8", newline="\n"
+    )
+
+
+def _equations_function(
+    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, shape: Place
+) -> str:
+    arrays = {"z": list(equations.states), "u": list(equations.inputs), "p": list(equations.parameters)}
+    statements = _NOTATION.lines(assignments, arrays, names, "result")
+    head = f"function result = {own}(z, u, p)\nresult = zeros({shape[0]}, {shape[1]});"
+    return "\n".join([head, *statements, "end\n"])
+
+
+def _information(equations: EquationsOfMotion) -> str:
+    tables = {"states": equations.states, "inputs": equations.inputs, "parameters": equations.units}
+    lines = ["function info = information()", f"info.structure = {_text(equations.structure.name)};"]
+    for name, units in tables.items():
+        lines.append(f"info.{name} = {_column(map(_text, units), '{}')};")
+        lines.append(f"info.{name.removesuffix('s')}_units = {_column(map(_text, units.values()), '{}')};")
+    lines.append(f"info.values = {_column(map(repr, equations.parameters.values()))};")
+    lines.append(f"info.initial = {_column(map(repr, equations.initial))};")
+    return "\n".join([*lines, "end\n"])
+
+
+def _column(entries: Iterable[str], brackets: str = "[]") -> str:
+    return f"{brackets[0]}{'; '.join(entries)}{brackets[1]}"

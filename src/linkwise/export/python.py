@@ -6,7 +6,9 @@ import builtins
 import keyword
 from pathlib import Path
 
+from linkwise.display import on_one_line
 from linkwise.export.answer import ExportedAnswer, identifiers
+from linkwise.export.equations import Assignments, EquationsOfMotion, Notation, Place
 from linkwise.expression.tree import NUMPY, to_code, to_text
 from linkwise.model.link import Link
 
@@ -103,3 +105,85 @@ def _docstring(text: str) -> str:
         letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in escaped
     )
     return f'"""{seen}"""'
+
+
+_EQUATIONS = """Equations of motion z' = f(t, z, u; p) of a structure, exported by linkwise {version}.
+
+rhs(t, z, u, p) is f, jacobian its derivatives by z, input_jacobian those by u. z has the states named by STATES, (D,) or
+(D, N), in UNITS; u the inputs named by INPUTS, an array or a function of t, all 0 where it is not given; p the parameters by
+name.
+
+    from scipy.integrate import solve_ivp
+    solve_ivp(rhs, (0.0, 1.0), INITIAL, method='DOP853', rtol=1e-10, atol=1e-12, args=(u,))
+
+{notes}
+"""
+_EQUATIONS_HEAD = """{docstring}
+
+import numpy as np
+
+NAME = {name}
+STATES = {states}
+INPUTS = {inputs}
+UNITS = {units}
+INITIAL = np.array({initial})
+PARAMETERS = {parameters}
+
+
+def _inputs(t, u):
+    if u is None:
+        return [0.0] * len(INPUTS)
+    return u(t) if callable(u) else u
+"""
+
+
+def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None:
+    """Write the module of the equations; `name` is not needed in it."""
+    names = equations.identifiers(_RESERVED)
+    notes = "\n".join(equations.notes) or "Every law is smooth."
+    head = _EQUATIONS_HEAD.format(
+        docstring=_docstring(_EQUATIONS.format(version=equations.answer.version, notes=notes)),
+        name=ascii(equations.structure.name),
+        states=ascii(list(equations.states)),
+        inputs=ascii(list(equations.inputs)),
+        units=ascii({**equations.states, **equations.inputs, **equations.units}),
+        initial=equations.initial,
+        parameters=ascii(equations.parameters),
+    )
+    size = len(equations.states)
+    functions = [
+        _function(equations, names, "rhs", equations.rates, (size,)),
+        _function(equations, names, "jacobian", equations.jacobian, (size, size)),
+        _function(
+            equations, names, "input_jacobian", equations.input_jacobian, (size, len(equations.inputs))
+        ),
+    ]
+    path.write_text("\n\n".join([head, *functions]), encoding="utf-8", newline="\n")
+
+
+_NOTATION = Notation(
+    NUMPY,
+    "    {}",
+    lambda array, place: f"{array}[{', '.join(map(str, place))}]",
+    lambda text: f"    # {on_one_line(text)}",
+)
+
+
+def _function(
+    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, shape: Place
+) -> str:
+    parameters = [
+        f"    {names[key]} = p[{key!a}]" for key in equations.parameters if key in assignments.inputs
+    ]
+    arrays = {"z": list(equations.states), "u": list(equations.inputs)}
+    statements = _NOTATION.lines(assignments, arrays, names, "    result")
+    return "\n".join(
+        [
+            f'@np.errstate(all="ignore")\ndef {own}(t, z, u=None, p=PARAMETERS):',
+            "    z, u = np.asarray(z, dtype=float), _inputs(t, u)",
+            f"    result = np.zeros({shape} + z.shape[1:])",
+            *parameters,
+            *statements,
+            "    return result\n",
+        ]
+    )

@@ -405,21 +405,22 @@ _MAY_BE_COMPLEX = ("sqrt", "log")
 
 @dataclass(frozen=True)
 class CodeStyle:
-    """How a language writes arithmetic on arrays.
+    """How a language writes arithmetic on numbers or arrays.
 
-    `function` gives the name of a function of laws; `real` is what a value is wrapped in that may turn complex, which is not a
-    number here.
+    `power` is a template of a base and an exponent, `integer_power` one for an exponent of digits; `function` gives the name
+    of a function of laws; `real` is what a value is wrapped in that may turn complex, which is not a number here.
     """
 
     times: str
     over: str
     power: str
+    integer_power: str
     function: Callable[[str], str]
     real: str = ""
 
 
-NUMPY = CodeStyle("*", "/", "**", lambda name: f"np.{FUNCTIONS[name].value.__name__}")
-MATLAB = CodeStyle(".*", "./", ".^", str, real="real_or_nan")
+NUMPY = CodeStyle("*", "/", "({})**({})", "({})**{}", lambda name: f"np.{FUNCTIONS[name].value.__name__}")
+MATLAB = CodeStyle(".*", "./", "({}).^({})", "({}).^{}", str, real="real_or_nan")
 
 
 def to_code(expression: Expression, style: CodeStyle, names: Mapping[str, str]) -> str:
@@ -440,22 +441,25 @@ def to_code(expression: Expression, style: CodeStyle, names: Mapping[str, str]) 
         case Power(base, int() as exponent):
             if exponent < 0:
                 return _product((expression,), style, names)
-            return f"({to_code(base, style, names)}){style.power}{exponent}"
+            return style.integer_power.format(to_code(base, style, names), exponent)
         case Power(base, exponent):
             raised = to_code(as_expression(exponent), style, names)
-            text = f"({to_code(base, style, names)}){style.power}({raised})"
+            text = style.power.format(to_code(base, style, names), raised)
             return f"{style.real}({text})" if style.real else text
     raise TypeError(f"not an expression: {expression!r}")
 
 
 def _product(factors: tuple[Expression, ...], style: CodeStyle, names: Mapping[str, str]) -> str:
     over, under = [], []
-    for factor in factors:
+    negative = len(factors) > 1 and factors[0] == MINUS_ONE
+    for factor in factors[negative:]:
         match factor:
             case Power(base, int() as exponent) if exponent < 0:
-                power = f"{style.power}{-exponent}" if exponent < -1 else ""
-                under.append(f"({to_code(base, style, names)}){power}")
+                divisor = to_code(base, style, names)
+                under.append(
+                    style.integer_power.format(divisor, -exponent) if exponent < -1 else f"({divisor})"
+                )
             case _:
                 over.append(to_code(factor, style, names))
     text = style.times.join(over) if over else "1.0"
-    return "(" + style.over.join([text, *under]) + ")"
+    return ("(-" if negative else "(") + style.over.join([text, *under]) + ")"

@@ -3,6 +3,8 @@
 from linkwise.report.absorption import absorption_of as absorption_of
 from linkwise.report.absorption import write_absorption as write_absorption
 from linkwise.report.absorption import write_absorption_map as write_absorption_map
+from linkwise.report.design import design_of as design_of
+from linkwise.report.design import write_design as write_design
 from linkwise.report.discovery import discovery_of as discovery_of
 from linkwise.report.discovery import write_discovery as write_discovery
 from linkwise.report.estimate import result_of as result_of

@@ -1,0 +1,718 @@
+"""Which coefficients and masses make sinks absorb best: `absorb` minimised over bounds, within budgets.
+
+Sinks have thresholds of activation and chaotic transients, so that no quantity is a smooth function of a design: the search
+samples the bounds by a Halton sequence and lets a population of the best evolve (differential evolution), again and again
+while evaluations are left. Each generation is one ensemble of simulations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Unpack, final
+
+import numpy as np
+import scipy
+
+from linkwise.absorption.absorb import compare
+from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
+from linkwise.absorption.harvesters import with_harvesters
+from linkwise.absorption.map import comparison_at, parameter_unit
+from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
+from linkwise.absorption.result import Absorption, Rows, closure_verdict
+from linkwise.arrays import Bools, Floats
+from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
+from linkwise.errors import (
+    LinkwiseError,
+    SimulationError,
+    StructureError,
+    expect,
+    options_given,
+    require_known,
+)
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior, read_posterior
+from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled, TimeFunction
+from linkwise.model.structure import Structure
+from linkwise.model.structure_file import read_structure
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.verdict import Verdict
+
+ADDED_MASS = "added_mass"
+"""The mass of all sinks in kg: a budget, and one side of the trade-off."""
+OVER_LEVELS = ("worst", "mean")
+_SHORT = {"energy": "remaining", "share": "sinks_share"}  # names of quantities that users type
+_PER_PARAMETER = 100  # evaluations by default
+_SCREENED = 0.4  # of a search: points of a Halton sequence, of which the best evolve
+_POPULATION = 5  # members for each parameter
+_LEAST = 8
+_MUTATION, _CROSSOVER = (0.2, 0.7), 0.9  # a small one: evaluations are few, and landscapes rough
+_ALIKE = 1e-6  # of the mean: members of a population that differ less have converged
+_CAPS, _OF_TRADE_OFF = (0.2, 0.4, 0.6, 0.8), 0.4  # of the span of added masses, and of the evaluations
+_LOGARITHMIC = 10.0  # ratio of bounds from which a parameter is searched by its logarithm
+_INFEASIBLE = 1e30  # above every quantity
+_NEAR, _FEW = 0.02, 5  # of the spans: tolerances of what is built; designs from which a median is told
+_ROWS = 10  # of a trade-off in a table
+_AT_BOUND = 0.02  # of the span
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class DesignOptions:
+    """How `design` searches, and what counts as good.
+
+    Parameters
+    ----------
+    evaluations : int, optional
+        Designs that are simulated, each at every level and for every draw; by default 100 for each varied parameter.
+    levels : sequence of float
+        Factors of the excitation at which each design is judged; 1 by default.
+    over_levels : {"worst", "mean"}
+        Which value counts over the levels; the worst by default.
+    quantile : float, optional
+        The part of the draws from an identified structure that must be as good as stated, such as 0.9; by default the mean
+        over the draws counts.
+    draws : int
+        Draws from an identified structure; 10 by default.
+    limits : mapping of str to float, optional
+        Largest values by quantity: added_mass in kg, stroke:LINK in m, or any other.
+    maximise : bool
+        Whether the largest value of the quantity is the best.
+    seed : int
+        Seed of the search and of the draws; 0 by default.
+    workers : int, optional
+        Threads; one for each processor by default.
+
+    Raises
+    ------
+    LinkwiseError, SimulationError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> from linkwise.absorption import DesignOptions
+    >>> DesignOptions(levels=(0.5, 1.0, 2.0), limits={"added_mass": 0.02}).over_levels
+    'worst'
+    """
+
+    evaluations: int | None = field(default=None, metadata={"typed": "N"})
+    levels: Sequence[float] = (1.0,)
+    over_levels: str = field(
+        default="worst", metadata={"typed": "WAY", "choices": {name: name for name in OVER_LEVELS}}
+    )
+    quantile: float | None = field(default=None, metadata={"typed": "PART"})
+    draws: int = field(default=10, metadata={"typed": "N"})
+    limits: Mapping[str, float] | None = field(
+        default=None, metadata={"typed": "QUANTITY=VALUE", "example": "added_mass=0.02"}
+    )
+    maximise: bool = False
+    seed: int = field(default=0, metadata={"typed": "N"})
+    workers: int | None = field(default=None, metadata={"typed": "N"})
+
+    def __post_init__(self) -> None:
+        for name, least in (("evaluations", _LEAST), ("draws", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int) and value >= least):
+                raise LinkwiseError(
+                    f"{name} must be a whole number from {least}, got {value!r}", arguments=(name,)
+                )
+        if self.quantile is not None and not 0.0 < self.quantile < 1.0:
+            raise LinkwiseError(
+                f"quantile must be between 0 and 1, got {self.quantile!r}", arguments=("quantile",)
+            )
+        if not len(self.levels) or not all(np.isfinite(level) and level > 0.0 for level in self.levels):
+            raise SimulationError(f"levels must be positive factors of the excitation, got {self.levels!r}")
+        require_known("way to count levels", self.over_levels, OVER_LEVELS)
+        for name, value in (self.limits or {}).items():
+            if not (isinstance(value, int | float) and 0.0 < value < np.inf):
+                raise LinkwiseError(
+                    f"the limit of {name} must be a positive number, got {value!r}", arguments=("limits",)
+                )
+
+
+@dataclass(frozen=True)
+class DesignAxis:
+    """A varied parameter: a coefficient or a mass, between `low` and `high` in its SI unit.
+
+    A search is by the logarithm where the bounds are of one sign and a factor of ten apart.
+
+    Attributes
+    ----------
+    name, unit : str
+        As "nes1.alpha" and "N/m".
+    low, high : float
+        The bounds.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.absorption.DesignAxis("nes1.beta", "N/m^3", 1e5, 1e7).logarithmic
+    True
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the search is by the logarithm."""
+        ends = sorted((abs(self.low), abs(self.high)))
+        return self.low * self.high > 0.0 and ends[1] >= _LOGARITHMIC * ends[0]
+
+
+def _values(axis: DesignAxis, ways: Floats) -> Floats:
+    """The values at parts 0..1 of the way between the bounds."""
+    if axis.logarithmic:
+        return np.asarray(axis.low * (axis.high / axis.low) ** ways)
+    return np.asarray(axis.low + ways * (axis.high - axis.low))
+
+
+def _way(axis: DesignAxis, value: float) -> float:
+    """The part of the way between the bounds at which a value lies."""
+    if axis.logarithmic:
+        ratio = value / axis.low
+        return float(np.log(ratio) / np.log(axis.high / axis.low)) if ratio > 0.0 else -1.0
+    return (value - axis.low) / (axis.high - axis.low)
+
+
+@dataclass(frozen=True, eq=False)
+class Design(JudgedView):
+    """The result of `design`; printed, the best design and the trade-off of mass against what was minimised.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure with the best values.
+    axes : tuple of DesignAxis
+        The P varied parameters.
+    quantity : AbsorptionQuantity
+        What was minimised, or maximised.
+    options : DesignOptions
+        How.
+    best : dict of str to float
+        The best values by parameter.
+    objective : float
+        The quantity there.
+    given : float or None
+        The same for the structure as it was given; None where it has no values within the bounds.
+    points : (E, P) ndarray
+        The designs that were evaluated, in their order.
+    objectives : (E,) ndarray
+        The quantity of each; NaN where it has none.
+    added_mass : (E,) ndarray
+        The mass of the sinks of each in kg.
+    allowed : (E,) ndarray of bool
+        Whether each keeps the limits.
+    simulations : int
+        Simulations made: evaluations times levels times draws.
+    diverged : int
+        How many of them diverged.
+    closure : float
+        The largest error of an energy balance, as a part of the energy supplied.
+    absorption : Absorption
+        What `absorb` says of the best structure under the excitation as given.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> few = lw.absorption.DesignOptions(evaluations=24)
+    >>> over = {"m2.mass": (0.002, 0.05)}
+    >>> found = lw.design(lw.bnes_chain(2), over, "rms", few, duration=0.5, release={"v:m1": 1.0})
+    >>> found.trade_off[-1] == (found.best["m2.mass"], found.objective)
+    True
+    """
+
+    structure: Structure
+    axes: tuple[DesignAxis, ...]
+    quantity: AbsorptionQuantity
+    options: DesignOptions
+    best: dict[str, float]
+    objective: float
+    given: float | None
+    points: Floats
+    objectives: Floats
+    added_mass: Floats
+    allowed: Bools
+    simulations: int
+    diverged: int
+    closure: float
+    absorption: Absorption
+
+    @property
+    def evaluations(self) -> int:
+        """Designs that were evaluated, E."""
+        return len(self.points)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the energy balance of every run closes, and what `absorb` says of the best."""
+        return tuple(dict.fromkeys((*self.absorption.verdicts, closure_verdict(self.closure))))
+
+    @property
+    def trade_off(self) -> tuple[tuple[float, float], ...]:
+        """Added mass in kg and quantity of the designs that no lighter one beats, lightest first."""
+        sign = -1.0 if self.options.maximise else 1.0
+        front: list[tuple[float, float]] = []
+        usable = self.allowed & np.isfinite(self.objectives)
+        for number in np.lexsort((sign * self.objectives, self.added_mass)):
+            if usable[number] and (not front or sign * self.objectives[number] < sign * front[-1][1]):
+                front.append((float(self.added_mass[number]), float(self.objectives[number])))
+        return tuple(front)
+
+    @property
+    def nearby(self) -> tuple[int, float, float] | None:
+        """How many designs were tried near the best, and the median and the worst of them; None of fewer than five.
+
+        Near is within 2 % of the bounds, by every parameter.
+        """
+        ways = [
+            np.array([_way(axis, value) for value in self.points[:, k].tolist()])
+            - _way(axis, self.best[axis.name])
+            for k, axis in enumerate(self.axes)
+        ]
+        near = (np.abs(ways).max(axis=0) <= _NEAR) & np.isfinite(self.objectives)
+        if (count := int(near.sum())) < _FEW:
+            return None
+        values = self.objectives[near]
+        return count, float(np.median(values)), float(values.min() if self.options.maximise else values.max())
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences on what the search cannot show."""
+        lines = []
+        ends = [
+            axis for axis in self.axes if not _AT_BOUND < _way(axis, self.best[axis.name]) < 1.0 - _AT_BOUND
+        ]
+        if ends:
+            lines.append(
+                f"The best lies at a bound of {', '.join(axis.name for axis in ends)}: widen it to see further."
+            )
+        if self.nearby is not None:
+            count, *values = self.nearby
+            median, worst = map(self.quantity.text, values)
+            lines.append(
+                f"{count} designs within {_NEAR:.0%} of the bounds around the best have {median} in the median and {worst} at "
+                "worst: what tolerances cost."
+            )
+        horizon = self.absorption.with_sinks.horizon
+        if horizon is not None:
+            lines.append(
+                f"The motion of the best is chaotic past {horizon:.3g} s: from there on it is one run of many. Several levels "
+                "or the draws of an identified structure find a design that does not depend on chance."
+            )
+        if self.diverged:
+            lines.append(
+                f"{self.diverged} of {self.simulations} simulations diverged, and count as the worst."
+            )
+        return tuple(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            The content of design.json: "best" by parameter, "objective", "trade_off" and "evaluations"; SI units.
+        """
+        return {
+            "method": "design",
+            **self._judgement(),
+            "quantity": self.quantity.name,
+            "unit": self.quantity.unit,
+            "maximised": self.options.maximise,
+            "best": self.best,
+            "objective": self.objective,
+            "as_given": self.given,
+            "trade_off": [{ADDED_MASS: mass, "objective": value} for mass, value in self.trade_off],
+            "nearby": None
+            if self.nearby is None
+            else dict(zip(("count", "median", "worst"), self.nearby, strict=True)),
+            "evaluations": self.evaluations,
+            "simulations": self.simulations,
+            "diverged": self.diverged,
+            "levels": list(self.options.levels),
+            "seed": self.options.seed,
+            "findings": list(self.findings),
+        }
+
+    def __str__(self) -> str:
+        return "\n".join([
+            *map(paragraph, design_headline(self)), "",
+            *align_columns([(*row, "") for row in design_rows(self)]), "",
+            *align_columns([(*row, "") for row in trade_off_rows(self)]),
+            *map(remark_lines, self.findings),
+        ])  # fmt: skip
+
+
+def design_headline(design: Design) -> tuple[str, ...]:
+    """The best value, and what was searched, in sentences."""
+    given = "" if design.given is None else f"; as given {design.quantity.text(design.given)}"
+    word = "largest" if design.options.maximise else "least"
+    factors = ", ".join(f"{level:g}" for level in design.options.levels)
+    levels = "" if factors == "1" else f", {design.options.over_levels} of the levels {factors}"
+    return (
+        f"{design.quantity.title}: {design.quantity.text(design.objective)} at the best design{given}{levels}.",
+        f"It is the {word} of {design.evaluations} designs ({design.simulations} simulations of "
+        f"{design.absorption.time[-1]:g} s).",
+    )
+
+
+def design_rows(design: Design) -> Rows:
+    """The best value of each parameter, and its bounds."""
+    return [
+        ("parameter", "best", "from", "to", "unit"),
+        *(
+            (axis.name, f"{design.best[axis.name]:.6g}", f"{axis.low:g}", f"{axis.high:g}", axis.unit)
+            for axis in design.axes
+        ),
+    ]
+
+
+def trade_off_rows(design: Design) -> Rows:
+    """Added mass and quantity along the trade-off."""
+    front = design.trade_off
+    shown = [*front[: -1 : max(1, len(front) // _ROWS)], front[-1]]
+    rows = [(f"{mass:.4g} kg", design.quantity.text(value)) for mass, value in shown]
+    return [("mass of the sinks", design.quantity.title), *rows]
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Losses (E,) of designs, least is best and inf the worst; by what part they exceed limits; masses in kg; their runs."""
+
+    loss: Floats
+    excess: Floats
+    mass: Floats
+    diverged: int
+    closure: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What designs are judged by: variants of a structure at each level, for each of `drawn` sets of coefficients."""
+
+    axes: tuple[DesignAxis, ...]
+    levels: tuple[Variants, ...]
+    drawn: tuple[Mapping[str, float], ...]
+    quantity: str
+    options: DesignOptions
+    mass_varies: bool
+
+    def judge(self, points: Floats, progress: Progress) -> _Judged:
+        """Judge designs (E, P)."""
+        sign = -1.0 if self.options.maximise else 1.0
+        limits = self.options.limits or {}
+        named = [dict(zip([axis.name for axis in self.axes], row, strict=True)) for row in points.tolist()]
+        losses, excesses, masses = [], [np.zeros((len(named), len(self.drawn)))], np.zeros(len(named))
+        diverged, closure = 0, 0.0
+        for number, variants in enumerate(self.levels):
+            comparisons = [variants.at({**draw, **values}) for values in named for draw in self.drawn]
+            masses = np.array([_added_mass(own) for own in comparisons]).reshape(len(named), -1).max(axis=1)
+            share = part(progress, number / len(self.levels), (number + 1) / len(self.levels))
+            ensemble = run_ensemble(comparisons, workers=self.options.workers, progress=share)
+            diverged += int(np.sum(~ensemble.completed))
+            closure = max(closure, float(np.nanmax(ensemble.column("closure"), initial=0.0)))
+            loss = sign * ensemble.column(self.quantity)
+            losses.append(np.where(np.isnan(loss), np.inf, loss).reshape(len(named), -1))
+            for name, most in limits.items():
+                if name != ADDED_MASS:
+                    excess = np.maximum(ensemble.column(name) / most - 1.0, 0.0)
+                    excesses.append(np.where(np.isnan(excess), np.inf, excess).reshape(len(named), -1))
+        worst = np.max(excesses, axis=(0, 2))
+        if ADDED_MASS in limits:
+            worst = np.maximum(worst, masses / limits[ADDED_MASS] - 1.0)
+        return _Judged(self._counted(np.array(losses)), worst, masses, diverged, closure)
+
+    def _counted(self, losses: Floats) -> Floats:
+        """(E,) the loss that counts, of those (levels, E, draws)."""
+        if self.options.quantile is None:
+            over_draws = losses.mean(axis=2)
+        else:
+            over_draws = np.quantile(losses, self.options.quantile, axis=2, method="higher")
+        return np.asarray(
+            over_draws.max(axis=0) if self.options.over_levels == "worst" else over_draws.mean(axis=0)
+        )
+
+
+def _added_mass(comparison: Comparison) -> float:
+    carried = {sink.mass for sink in comparison.sinks}
+    names = comparison.structure.mass_names
+    return sum(
+        float(value)
+        for name, value in zip(names, comparison.structure.mass_values, strict=True)
+        if name in carried
+    )
+
+
+class _Search:
+    """The designs evaluated so far, each once, and the search for better ones in the unit cube of parameters."""
+
+    def __init__(self, problem: _Problem, budget: int, progress: Progress) -> None:
+        self.problem, self.budget, self.progress = problem, budget, progress
+        self.rng = np.random.default_rng(problem.options.seed)
+        self.sequence = scipy.stats.qmc.Halton(len(problem.axes), rng=self.rng)
+        self.number: dict[bytes, int] = {}
+        self.ways = np.empty((0, len(problem.axes)))
+        self.loss, self.excess, self.mass = np.empty(0), np.empty(0), np.empty(0)
+        self.diverged, self.closure = 0, 0.0
+
+    @property
+    def values(self) -> Floats:
+        """(E, P) the designs."""
+        return np.stack([_values(axis, self.ways[:, k]) for k, axis in enumerate(self.problem.axes)], axis=1)
+
+    def merit(self, cap: float = np.inf) -> Floats:
+        """(E,) what is minimised: the loss, and beyond limits and the `cap` of the mass in kg what is in excess."""
+        excess = np.maximum(self.excess, np.maximum(self.mass / cap - 1.0, 0.0))
+        wrong = np.minimum(np.where(np.isinf(self.loss), np.maximum(excess, 1e3), excess), 1e6)
+        return np.where(
+            wrong > 0.0, _INFEASIBLE * (1.0 + wrong), np.where(np.isinf(self.loss), 0.0, self.loss)
+        )
+
+    def evaluate(self, ways: Floats) -> list[int]:
+        """The numbers of designs (E, P), those that are new evaluated together, as far as the budget goes."""
+        new = {row.tobytes(): row for row in ways if row.tobytes() not in self.number}
+        rows = list(new.values())[: max(0, self.budget - len(self.ways))]
+        if rows:
+            first = len(self.ways)
+            self.ways = np.concatenate([self.ways, rows])
+            share = part(self.progress, first / self.budget, len(self.ways) / self.budget)
+            judged = self.problem.judge(self.values[first:], share)
+            self.loss = np.concatenate([self.loss, judged.loss])
+            self.excess = np.concatenate([self.excess, judged.excess])
+            self.mass = np.concatenate([self.mass, judged.mass])
+            self.diverged += judged.diverged
+            self.closure = max(self.closure, judged.closure)
+            self.number.update({row.tobytes(): first + k for k, row in enumerate(rows)})
+        worst = int(np.argmax(self.merit()))  # of a design that the budget leaves out
+        return [self.number.get(row.tobytes(), worst) for row in ways]
+
+    def judged(self, ways: Floats, cap: float) -> Floats:
+        """(E,) the merit of designs."""
+        numbers = self.evaluate(ways)
+        return self.merit(cap)[numbers]
+
+    def screen(self, count: int) -> None:
+        """Evaluate the next points of the sequence."""
+        self.evaluate(self.sequence.random(count))
+
+    def evolve(self, until: int, cap: float = np.inf) -> None:
+        """Let the best designs so far evolve until the population has converged or there are `until` designs."""
+        size = max(_LEAST, _POPULATION * len(self.problem.axes))
+        population = self.ways[np.argsort(self.merit(cap), kind="stable")[:size]]
+        if (generations := -(-(until - len(self.ways)) // size)) < 1 or len(population) < 5:
+            return
+        scipy.optimize.differential_evolution(
+            lambda ways: self.judged(np.atleast_2d(ways.T), cap),
+            [(0.0, 1.0)] * len(self.problem.axes),
+            init=population, maxiter=generations, mutation=_MUTATION, recombination=_CROSSOVER, tol=_ALIKE,
+            rng=self.rng, polish=False, vectorized=True, updating="deferred",
+        )  # fmt: skip
+
+    def run(self) -> None:
+        """Spend the budget: screen and evolve, again if that converges early; then under smaller masses, if these vary."""
+        varied = self.problem.mass_varies
+        main = round(self.budget * (1.0 - _OF_TRADE_OFF)) if varied else self.budget
+        while (left := main - len(self.ways)) > 0:
+            self.screen(min(left, max(_LEAST, round(_SCREENED * left))))
+            self.evolve(main)
+        if varied:
+            low, best = float(self.mass.min()), float(self.mass[np.argmin(self.merit())])
+            for k, share in enumerate(_CAPS, start=1):
+                self.evolve(main + round(k * (self.budget - main) / len(_CAPS)), low + share * (best - low))
+
+
+def design(
+    structure: Structure | Estimate | Posterior | str | Path,
+    over: Mapping[str, tuple[float, float]],
+    minimise: str = "remaining",
+    options: DesignOptions | None = None,
+    *,
+    progress: Progress = silent,
+    **keywords: Unpack[AbsorptionKeywords],
+) -> Design:
+    """Find the coefficients and masses at which sinks absorb best.
+
+    Parameters
+    ----------
+    structure : Structure, Estimate, Posterior, str or Path
+        The structure with its sinks, or its file; of an identified one, or its folder, draws are judged.
+    over : mapping of str to (float, float)
+        Bounds by coefficient ("nes1.alpha") or mass ("m2.mass"), in SI units.
+    minimise : str
+        The quantity: "peak" or "rms" in m of the primary masses, "remaining" (the part of the energy that is left at the
+        end), "sinks_share", "settled", "power:LINK", "stroke:LINK" or another one of `absorption_map`.
+    options : DesignOptions, optional
+        How the search is made: evaluations, levels, limits, seed, whether to maximise.
+    progress : Progress
+        Called with a `ProgressReport` as simulations end.
+    **keywords
+        What is simulated, as in `absorb`: `duration`, `rate`, `sinks`, `release`, `impulses`, `forces`, `base` and others.
+
+    Returns
+    -------
+    Design
+        The best design, its structure, the trade-off of mass, and all designs that were evaluated.
+
+    Raises
+    ------
+    StructureError
+        If a parameter does not exist or its bounds are not in order, and as `absorb`.
+    LinkwiseError
+        If no design has a value of the quantity within the limits.
+    SimulationError
+        If there is no such quantity, and as `absorb`.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from linkwise.absorption import DesignOptions
+    >>> few = DesignOptions(evaluations=24)
+    >>> over = {"nes1.alpha": (-300.0, -20.0)}
+    >>> found = lw.design(lw.bnes_chain(2), over, "remaining", few, duration=1.0, release={"v:m1": 1.0})
+    >>> found.evaluations, found.objective < found.given
+    (24, True)
+    """
+    expect("design(structure, over): structure", structure, Structure, Estimate, Posterior, str, Path)
+    expect("design(structure, over): over", over, Mapping)
+    options = options or DesignOptions()
+    subject, drawn = _subject(structure, options, over)
+    problem, comparison = _problem(
+        subject, drawn, over, minimise, options, options_given(AbsorptionOptions.of, None, keywords)
+    )
+    budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
+    search = _Search(problem, budget, part(progress, 0.0, 0.95))
+    progress(ProgressReport(0.0, f"{budget} designs"))
+    start = _given(subject, problem.axes)
+    if start is not None:
+        search.evaluate(start[None])
+    search.run()
+    merit = search.merit()
+    best = int(np.argmin(merit))
+    if merit[best] >= _INFEASIBLE:
+        kept = "keeps the limits and has" if options.limits else "has"
+        raise LinkwiseError(
+            f"none of {len(merit)} designs {kept} a value of {problem.quantity}: widen the bounds"
+            f"{', raise the limits' if options.limits else ''} or simulate for longer"
+        )
+    sign = -1.0 if options.maximise else 1.0
+    values = dict(zip(over, search.values[best].tolist(), strict=True))
+    quantity = next(own for own in quantities_of(comparison) if own.name == problem.quantity)
+    objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
+    absorption = compare(
+        Variants.of(comparison.structure, comparison, list(over)).at(values), part(progress, 0.95, 1.0)
+    )
+    return Design(
+        structure=subject.with_values(values),
+        axes=problem.axes,
+        quantity=quantity,
+        options=options,
+        best=values,
+        objective=float(objectives[best]),
+        given=None if start is None or np.isnan(objectives[0]) else float(objectives[0]),
+        points=search.values,
+        objectives=objectives,
+        added_mass=search.mass,
+        allowed=search.excess <= 0.0,
+        simulations=len(merit) * len(options.levels) * len(drawn),
+        diverged=search.diverged,
+        closure=search.closure,
+        absorption=absorption,
+    )
+
+
+def _subject(
+    given: Structure | Estimate | Posterior | str | Path, options: DesignOptions, over: Mapping[str, Any]
+) -> tuple[Structure, tuple[Mapping[str, float], ...]]:
+    """The structure, and the coefficients beside the varied ones that its draws have."""
+    if isinstance(given, str | Path):
+        given = read_posterior(given) if Path(given).is_dir() else read_structure(given)
+    if isinstance(given, Structure):
+        return given, ({},)
+    posterior = given if isinstance(given, Posterior) else Posterior.of(given)
+    if set(posterior.names) <= set(over):
+        return posterior.structure, ({},)
+    rows = posterior.draws(options.draws, options.seed).tolist()
+    draws = [dict(zip(map(str, posterior.names), row, strict=True)) for row in rows]
+    return posterior.structure, tuple(
+        {name: draw[name] for name in draw if name not in over} for draw in draws
+    )
+
+
+def _problem(
+    structure: Structure,
+    drawn: tuple[Mapping[str, float], ...],
+    over: Mapping[str, tuple[float, float]],
+    minimise: str,
+    options: DesignOptions,
+    simulated: AbsorptionOptions,
+) -> tuple[_Problem, Comparison]:
+    """The problem, and the comparison in the middle of the bounds under the excitation as given."""
+    equipped = with_harvesters(structure, simulated.harvesters or {})
+    axes = tuple(_axis(equipped, name, bounds) for name, bounds in over.items())
+    if not axes:
+        raise StructureError("nothing is varied: name at least one coefficient or mass with its bounds")
+    middle = {axis.name: float(_values(axis, np.array(0.5))) for axis in axes}
+    comparison = comparison_at(structure, middle, simulated)
+    known = [quantity.name for quantity in quantities_of(comparison)]
+    powers = [name for name in known if name.startswith("power:")]
+    name = powers[0] if minimise == "power" and len(powers) == 1 else _SHORT.get(minimise, minimise)
+    require_known("quantity", name, known, SimulationError)
+    for limit in options.limits or ():
+        require_known("quantity", limit, [ADDED_MASS, *known], SimulationError)
+    varied = list(dict.fromkeys([*over, *drawn[0]]))
+    fixed = replace(comparison.options, duration=float(comparison.times[-1]))
+    levels = []
+    for factor in options.levels:
+        scaled = replace(fixed, excitation=_scaled(fixed.excitation, float(factor)))
+        at_level = comparison if factor == 1.0 else comparison_at(structure, middle, scaled)
+        levels.append(Variants.of(equipped, replace(at_level, times=comparison.times), varied))
+    # errors of a bound come before the work
+    ends = [
+        levels[0].at({axis.name: bound(axis) for axis in axes})
+        for bound in (attrgetter("low"), attrgetter("high"))
+    ]
+    mass_varies = _added_mass(ends[0]) != _added_mass(ends[1])
+    return _Problem(axes, tuple(levels), drawn, name, options, mass_varies), comparison
+
+
+def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> DesignAxis:
+    if ":" in name:
+        raise StructureError(
+            "a design varies coefficients and masses; a release belongs to the excitation", name
+        )
+    unit = parameter_unit(structure, name)
+    low, high = (float(bound) for bound in bounds)
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise StructureError(
+            f"the bounds must be two finite numbers in order, got {low:g} and {high:g}", name
+        )
+    return DesignAxis(name, unit, low, high)
+
+
+def _given(structure: Structure, axes: Sequence[DesignAxis]) -> Floats | None:
+    """The structure as it is in the unit cube of parameters; None if it is not in there."""
+    values = [structure.coefficient(axis.name).value for axis in axes]
+    ways = [-1.0 if value is None else _way(axis, value) for value, axis in zip(values, axes, strict=True)]
+    return np.array(ways) if all(0.0 <= way <= 1.0 for way in ways) else None
+
+
+def _scaled(excitation: Excitation, factor: float) -> Excitation:
+    """The excitation times a factor."""
+
+    def scaled(signal: InputSignal) -> InputSignal:
+        if isinstance(signal, Sampled):
+            return replace(signal, values=factor * signal.values)
+        return TimeFunction(f"{factor!r}*({signal.text})")
+
+    return Excitation(
+        {name: factor * value for name, value in excitation.release.items()},
+        tuple(Impulse(own.mass, factor * own.momentum, own.time) for own in excitation.impulses),
+        {mass: scaled(force) for mass, force in excitation.forces.items()},
+        None if excitation.base is None else scaled(excitation.base),
+    )

@@ -1,0 +1,96 @@
+"""`linkwise design`: the coefficients and masses at which sinks absorb best."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+import linkwise as lw
+from linkwise.cli.console import deliver, progress
+from linkwise.cli.excitation_options import ExcitationOptions, drive_options
+from linkwise.cli.method_options import method_options
+from linkwise.cli.options import folder_option, json_option, number, pairs, unstarted_is_usage
+from linkwise.cli.reading_options import read_told
+from linkwise.output import DESIGN
+
+EXAMPLE = "nes1.alpha=-300:-20"
+
+
+def _bounds(text: str) -> tuple[float, float]:
+    """`LOW:HIGH`."""
+    low, colon, high = text.partition(":")
+    if not colon or ":" in high:
+        raise click.UsageError(f"--vary: {text!r} is not LOW:HIGH, as in {EXAMPLE}.")
+    return number(low, "--vary", EXAMPLE), number(high, "--vary", EXAMPLE)
+
+
+@click.command()
+@click.argument("structure", type=click.Path(path_type=Path))
+@click.option(
+    "--vary",
+    metavar="PARAMETER=LOW:HIGH",
+    multiple=True,
+    required=True,
+    help="A coefficient (nes1.alpha) or a mass (m2.mass), and its bounds in SI units. Repeatable.",
+)
+@click.option(
+    "--minimise",
+    metavar="QUANTITY",
+    help="peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, ... "
+    "(default remaining).",
+)
+@click.option("--maximise", metavar="QUANTITY", help="Instead: sinks_share, power:LINK, rms_reduction, ...")
+@click.option(
+    "--levels",
+    metavar="FACTOR,FACTOR,...",
+    default="1",
+    show_default=True,
+    help="Factors of the excitation at which each design is judged.",
+)
+@method_options(lw.absorption.DesignOptions, "search")
+@method_options(lw.absorption.AbsorptionOptions, "options")
+@drive_options
+@folder_option(DESIGN)
+@json_option("design.json")
+def design(
+    structure: Path,
+    vary: tuple[str, ...],
+    minimise: str | None,
+    maximise: str | None,
+    levels: str,
+    drive: ExcitationOptions,
+    output: Path | None,
+    as_json: bool,
+    **given: Any,
+) -> int:
+    """Find the coefficients and masses at which the sinks of STRUCTURE absorb best.
+
+    STRUCTURE is a structure file, or the folder of an answer of identify, of which draws are judged: their mean, or with
+    --quantile 0.9 what nine in ten keep. Values beyond a --limit are not allowed; at several levels the worst one counts.
+
+    \b
+    Examples:
+      linkwise design chain.toml --vary nes1.alpha=-300:-20 --vary nes1.beta=1e5:1e7 --release v:m1=1.0 -o best
+      linkwise design chain.toml --vary m2.mass=0.002:0.05 --vary nes1.beta=1e5:1e7 --minimise rms \\
+        --release v:m1=1.0 --levels 0.5,1,2 --limit stroke:nes1=0.04 -o best
+      linkwise design answer --vary nes1.c=0.005:0.2 --maximise sinks_share --quantile 0.9 --release v:m1=1.0
+    """
+    if minimise and maximise:
+        raise click.UsageError("--minimise and --maximise exclude each other: name one quantity.")
+    over = {name: _bounds(text) for name, text in pairs(vary, "--vary", EXAMPLE).items()}
+    factors = tuple(number(text, "--levels", "0.5,1,2") for text in levels.split(","))
+    subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
+    with progress("simulating") as step, unstarted_is_usage():
+        search = lw.absorption.DesignOptions(**given["search"], levels=factors, maximise=maximise is not None)
+        result = lw.design(
+            subject,
+            over,
+            minimise or maximise or "remaining",
+            search,
+            progress=step,
+            **given["options"],
+            **drive.keywords(),
+        )
+    return deliver("design", result, lw.report.design_of(result), output, as_json=as_json, answer=structure)

@@ -1,0 +1,466 @@
+"""The equations of motion for other programs, z' = f(t, z, u; p), with their Jacobians, as assignments of expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from pkgutil import resolve_name
+
+from linkwise.errors import OutputError, expect
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.export.answer import ExportedAnswer, ExportFormat, identifiers
+from linkwise.expression import (
+    Expression,
+    Number,
+    Symbol,
+    add,
+    differentiate,
+    kinks,
+    multiply,
+    power,
+    substitute,
+    symbols,
+    to_text,
+)
+from linkwise.expression.common import with_common_subexpressions
+from linkwise.expression.program import cached_program
+from linkwise.expression.tree import ZERO, CodeStyle, to_code
+from linkwise.model.law import as_link_states
+from linkwise.model.link import BASE, Link
+from linkwise.model.names import MASS
+from linkwise.model.structure import Structure, refuse_rig
+from linkwise.model.topology import Weights
+from linkwise.output import atomic_file
+
+Place = tuple[int, ...]
+"""Where an entry stands in what is computed, from 0: (row,) or (row, column)."""
+
+
+@dataclass(frozen=True)
+class Assignments:
+    """What a function of exported equations computes: `entries` of an array, 0 elsewhere, after `values` that these need.
+
+    Names of values are those of the symbols; `notes` says of some what they are.
+    """
+
+    values: Mapping[str, Expression]
+    entries: Mapping[Place, Expression]
+    notes: Mapping[str, str]
+
+    @classmethod
+    def of(
+        cls, values: Mapping[str, Expression], entries: Mapping[Place, Expression], notes: Mapping[str, str]
+    ) -> Assignments:
+        """With only the values that the entries need, and every common subexpression computed once."""
+        wanted = [name for entry in entries.values() for name in symbols(entry)]
+        needed = set(wanted)
+        while wanted:
+            if (name := wanted.pop()) in values:
+                wanted += [inner for inner in symbols(values[name]) if inner not in needed]
+                needed.update(symbols(values[name]))
+        places = {f"entry:{number}": place for number, place in enumerate(entries)}
+        kept = {name: value for name, value in values.items() if name in needed}
+        kept |= zip(places, entries.values(), strict=True)
+        shared = with_common_subexpressions(kept)
+        return cls(
+            {name: value for name, value in shared.items() if name not in places},
+            {place: shared[name] for name, place in places.items()},
+            notes,
+        )
+
+    @cached_property
+    def inputs(self) -> frozenset[str]:
+        """The names that are needed and not assigned."""
+        trees = (*self.values.values(), *self.entries.values())
+        return frozenset(name for tree in trees for name in symbols(tree)) - set(self.values)
+
+    def evaluated(self, given: Mapping[str, float]) -> dict[Place, float]:
+        """The entries for numbers by name."""
+        numbers = dict(given)
+
+        def number(tree: Expression) -> float:
+            names = symbols(tree)
+            return float(cached_program((tree,), names)(*(numbers[name] for name in names))[0])
+
+        for name, tree in self.values.items():
+            numbers[name] = number(tree)
+        return {place: number(tree) for place, tree in self.entries.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class EquationsOfMotion:
+    """The equations of a structure of numbers: z holds displacements, velocities and states of links, u the inputs.
+
+    Names of states and inputs are those of channels, such as ``"x:m1"`` and ``"force:m1"``; a moving base is two inputs, its
+    displacement and its velocity. Names of parameters are those of coefficients, such as ``"nes1.alpha"``.
+    """
+
+    answer: ExportedAnswer
+
+    def __post_init__(self) -> None:
+        refuse_rig(self.structure, "an export of equations of motion")
+
+    @property
+    def structure(self) -> Structure:
+        """The structure, every coefficient of which is a number."""
+        return self.answer.structure
+
+    @cached_property
+    def states(self) -> dict[str, str]:
+        """The SI unit of each state (D,), by name."""
+        structure = self.structure
+        units = {f"x:{mass.name}": mass.unit for mass in structure.masses}
+        units |= {f"v:{mass.name}": f"{mass.unit}/s" for mass in structure.masses}
+        for number, name in structure.topology.states:
+            link = structure.links[number]
+            units[f"state:{link.name}.{name}"] = link.law.state_units[name]
+        return units
+
+    @cached_property
+    def initial(self) -> list[float]:
+        """The states (D,) at which a simulation begins without a release."""
+        links = self.structure.links
+        inside = [
+            as_link_states(links[number].states)[name].initial or 0.0
+            for number, name in self.structure.topology.states
+        ]
+        return [0.0] * (2 * self.structure.size) + inside
+
+    @cached_property
+    def inputs(self) -> dict[str, str]:
+        """The SI unit of each input (U,), by name."""
+        structure = self.structure
+        units = {
+            f"force:{place}": "N m" if place in structure.rotations else "N" for place in structure.places
+        }
+        return units | ({f"x:{BASE}": "m", f"v:{BASE}": "m/s"} if structure.base_incidence.any() else {})
+
+    @cached_property
+    def parameters(self) -> dict[str, float]:
+        """The value of each mass and coefficient (P,), those once that are shared."""
+        every = {f"{entry.owner}.{entry.name}": entry.value for entry in self.answer.coefficients}
+        left_out = {f"{name}.{MASS}" for name in self._modes} | set(self._sharing)
+        return {name: value for name, value in every.items() if name not in left_out}
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """The SI unit of each parameter, by name; "" where there is none."""
+        every = {f"{entry.owner}.{entry.name}": entry.unit for entry in self.answer.coefficients}
+        return {name: "" if every[name] == "?" else every[name] for name in self.parameters}
+
+    @cached_property
+    def shown(self) -> dict[str, Expression]:
+        """Displacement and velocity of each mass and point (Y,), by name, in states."""
+        topology = self.structure.topology
+        weights = {place: topology.weights(topology.index[place]) for place in self.structure.places}
+        return {
+            f"{kind}:{place}": self._moved(kind, parts) for kind in "xv" for place, parts in weights.items()
+        }
+
+    @cached_property
+    def rates(self) -> Assignments:
+        """The rates of the states (D,)."""
+        structure, links = self.structure, self.structure.links
+        forces = self._onto_masses([Symbol(f"f:{link.name}") for link in links])
+        for name, parts in self._driven.items():
+            for mass, part in parts:
+                forces[mass].append(multiply(Number(part), Symbol(name)))
+        rates: list[Expression] = [Symbol(f"v:{mass}") for mass in structure.mass_names]
+        rates += [
+            multiply(add(*parts), power(mass, -1)) for parts, mass in zip(forces, self._masses, strict=True)
+        ]
+        rates += [Symbol(f"rate of {name}") for name in list(self.states)[2 * structure.size :]]
+        return Assignments.of(self._values, {(row,): rate for row, rate in enumerate(rates)}, self._notes)
+
+    @cached_property
+    def jacobian(self) -> Assignments:
+        """Its derivatives by the states (D, D)."""
+        structure, columns = self.structure, self.structure.topology.columns
+        size = structure.size
+        entries: dict[Place, list[Expression]] = {}
+        for mass in range(size):
+            entries[mass, size + mass] = [Number(1.0)]
+        for row, scale, number, of in self._depending:
+            for by, shift in (("d", 0), ("v", size)):
+                for mass, part in columns[number]:
+                    slope = multiply(Number(part), scale, self._slope(of, by))
+                    entries.setdefault((row, shift + mass), []).append(slope)
+            for column, (owner, state) in enumerate(structure.topology.states, start=2 * size):
+                if owner == number:
+                    slope = multiply(scale, self._slope(of, f"state:{structure.links[owner].name}.{state}"))
+                    entries.setdefault((row, column), []).append(slope)
+        return self._summed(entries)
+
+    @cached_property
+    def input_jacobian(self) -> Assignments:
+        """Its derivatives by the inputs (D, U)."""
+        entries: dict[Place, list[Expression]] = {}
+        for column, parts in enumerate(self._driven.values()):
+            for mass, part in parts:
+                slope = multiply(Number(part), power(self._masses[mass], -1))
+                entries[self.structure.size + mass, column] = [slope]
+        for row, scale, number, of in self._depending:
+            if base := float(self.structure.base_incidence[number]):
+                for by, column in (("d", len(self._driven)), ("v", len(self._driven) + 1)):
+                    slope = multiply(Number(base), scale, self._slope(of, by))
+                    entries.setdefault((row, column), []).append(slope)
+        return self._summed(entries)
+
+    def _summed(self, entries: Mapping[Place, Sequence[Expression]]) -> Assignments:
+        sums = {place: add(*parts) for place, parts in sorted(entries.items())}
+        values = self._values | {name: slope for name, slope in self._slopes.items() if slope != ZERO}
+        return Assignments.of(
+            values, {place: tree for place, tree in sums.items() if tree != ZERO}, self._notes
+        )
+
+    @property
+    def _modes(self) -> frozenset[str]:
+        return self.structure.modes
+
+    @cached_property
+    def _sharing(self) -> dict[str, str]:
+        """The coefficient that one is equal to, by name."""
+        own = {f"{mass.name}.{MASS}": mass.mass for mass in self.structure.masses}
+        own |= {
+            f"{link.name}.{key}": value
+            for link in self.structure.links
+            for key, value in link.coefficients.items()
+        }
+        return {name: value.same_as for name, value in own.items() if value.same_as is not None}
+
+    def _leader(self, name: str) -> str:
+        while name in self._sharing:
+            name = self._sharing[name]
+        return name
+
+    @cached_property
+    def _masses(self) -> list[Expression]:
+        """The symbol of each mass (n,); of a mode the number 1."""
+        return [
+            Number(1.0) if name in self._modes else Symbol(self._leader(f"{name}.{MASS}"))
+            for name in self.structure.mass_names
+        ]
+
+    @cached_property
+    def _driven(self) -> dict[str, Weights]:
+        """The parts of the masses in each applied force, by name of the input."""
+        topology = self.structure.topology
+        return {f"force:{place}": topology.weights(topology.index[place]) for place in self.structure.places}
+
+    @cached_property
+    def _values(self) -> dict[str, Expression]:
+        """Elongation, rate of elongation, force and rates of states of each link, by name."""
+        values = {}
+        for number, link in enumerate(self.structure.links):
+            base = float(self.structure.base_incidence[number])
+            for kind, name in (("x", f"d:{link.name}"), ("v", f"dv:{link.name}")):
+                moved = self._moved(kind, self.structure.topology.columns[number])
+                values[name] = add(moved, multiply(Number(base), Symbol(f"{kind}:{BASE}")))
+            values |= {name: substitute(tree, self._renamed(link)) for name, tree in _laws(link).items()}
+        return values
+
+    @cached_property
+    def _slopes(self) -> dict[str, Expression]:
+        """The derivatives of forces and rates of each link by its elongation, rate and states, by name."""
+        return {
+            f"slope:{by}:{of}": substitute(differentiate(tree, variable), self._renamed(link))
+            for link in self.structure.links
+            for of, tree in _laws(link).items()
+            for by, variable in (
+                ("d", "d"),
+                ("v", "v"),
+                *((f"state:{link.name}.{state}", state) for state in link.law.states),
+            )
+        }
+
+    def _slope(self, of: str, by: str) -> Expression:
+        name = f"slope:{by}:{of}"
+        return Symbol(name) if self._slopes[name] != ZERO else ZERO
+
+    @property
+    def _depending(self) -> Iterator[tuple[int, Expression, int, str]]:
+        """The rows of z' that depend on links: row, factor, number of the link, and the name of its force or rate."""
+        structure = self.structure
+        for number, link in enumerate(structure.links):
+            for mass, part in structure.topology.columns[number]:
+                scale = multiply(Number(-part), power(self._masses[mass], -1))
+                yield structure.size + mass, scale, number, f"f:{link.name}"
+        for row, (number, name) in enumerate(structure.topology.states, start=2 * structure.size):
+            yield row, Number(1.0), number, f"rate of state:{structure.links[number].name}.{name}"
+
+    def _onto_masses(self, forces: Sequence[Expression]) -> list[list[Expression]]:
+        """The forces of links on each mass."""
+        onto: list[list[Expression]] = [[] for _ in self.structure.masses]
+        for force, column in zip(forces, self.structure.topology.columns, strict=True):
+            for mass, part in column:
+                onto[mass].append(multiply(Number(-part), force))
+        return onto
+
+    def _moved(self, kind: str, weights: Weights) -> Expression:
+        names = self.structure.mass_names
+        return add(*(multiply(Number(part), Symbol(f"{kind}:{names[mass]}")) for mass, part in weights))
+
+    def _renamed(self, link: Link) -> dict[str, Expression]:
+        """What the symbols of the laws of a link are called in those of the structure."""
+        names = {"d": f"d:{link.name}", "v": f"dv:{link.name}"}
+        names |= {state: f"state:{link.name}.{state}" for state in link.law.states}
+        names |= {key: self._leader(f"{link.name}.{key}") for key in link.law.coefficients}
+        return {key: Symbol(name) for key, name in names.items()}
+
+    @cached_property
+    def _notes(self) -> dict[str, str]:
+        """The law of each force and rate, and where it is not smooth."""
+        notes = {}
+        for link in self.structure.links:
+            for name, tree in _laws(link).items():
+                corners = " and ".join(f"{to_text(kink)} = 0" for kink in kinks(tree))
+                kinked = f" (kinks: not smooth where {corners})" if corners else ""
+                notes[name] = f"{link.name}: {to_text(tree)}{kinked}"
+        return notes
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What there is to know beside the equations: trust, and laws that are not smooth."""
+        kinked = [link.name for link in self.structure.links if any(map(kinks, _laws(link).values()))]
+        notes = [self.answer.warning] if self.answer.warning else []
+        if kinked:
+            notes.append(
+                f"Not smooth: the laws of {', '.join(kinked)} have kinks, which are marked; keep steps short there, or let "
+                "events of the solver stop it at them."
+            )
+        return tuple(notes)
+
+    def identifiers(self, reserved: Sequence[str]) -> dict[str, str]:
+        """A name for every symbol, in a language with these reserved words."""
+        blocks = (self.rates, self.jacobian, self.input_jacobian)
+        # a kind in front of every name, so that none is that of a macro or function of some library
+        kinds = {
+            name: f"{kind}_{name}"
+            for kind, names in (("p", self.parameters), ("u", self.inputs))
+            for name in names
+        }
+        values = dict.fromkeys(name for block in blocks for name in block.values)
+        chosen = identifiers([kinds.get(name, name) for name in (*self.states, *kinds, *values)], reserved)
+        return {name: chosen[kinds.get(name, name)] for name in (*self.states, *kinds, *values)}
+
+
+def _laws(link: Link) -> dict[str, Expression]:
+    """The force of a link and the rates of its states, by the names that they have in equations."""
+    rates = {f"rate of state:{link.name}.{name}": tree for name, tree in link.law.named_rates}
+    return {f"f:{link.name}": link.law.expression, **rates}
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How a language writes an assignment, an entry of an array, and a comment on a line of its own."""
+
+    style: CodeStyle
+    value: str
+    entry: Callable[[str, Place], str]
+    comment: Callable[[str], str]
+    end: str = ""
+
+    def lines(
+        self,
+        assignments: Assignments,
+        arrays: Mapping[str, Sequence[str]],
+        names: Mapping[str, str],
+        result: str,
+    ) -> list[str]:
+        """The statements that read what is needed of `arrays`, name of the array to names of its entries, into `result`."""
+        lines = [
+            self._assigned(names[entry], self.entry(array, (number,)))
+            for array, entries in arrays.items()
+            for number, entry in enumerate(entries)
+            if entry in assignments.inputs
+        ]
+        for name, value in assignments.values.items():
+            if name in assignments.notes:
+                lines.append(self.comment(assignments.notes[name]))
+            lines.append(self._assigned(names[name], to_code(value, self.style, names)))
+        for place, value in assignments.entries.items():
+            lines.append(f"{self.entry(result, place)} = {to_code(value, self.style, names)}{self.end}")
+        return lines
+
+    def _assigned(self, name: str, value: str) -> str:
+        return f"{self.value.format(name)} = {value}{self.end}"
+
+
+EQUATIONS = {
+    ".py": ExportFormat(
+        "a Python module for NumPy: rhs(t, z, u) and jacobian(t, z, u), as solve_ivp takes them",
+        "linkwise.export.python:write_equations",
+    ),
+    ".m": ExportFormat(
+        "a function for MATLAB and Octave, as ode45 and Simulink take it",
+        "linkwise.export.matlab:write_equations",
+    ),
+    ".c": ExportFormat("functions in C99 without dependencies", "linkwise.export.c:write_equations"),
+    ".fmu": ExportFormat(
+        "a unit for co-simulation (FMI 2.0), with C sources and a binary of this machine where it has a C compiler",
+        "linkwise.export.fmu:write_equations",
+    ),
+}
+
+
+def export_equations(answer: Structure | Estimate | Posterior | str | Path, path: str | Path) -> Path:
+    """Write the equations of motion z' = f(t, z, u) of a structure, and their Jacobians, for another program.
+
+    States z are the displacements of all masses and modes, their velocities, and the states of links with memory; inputs u are
+    the forces on masses and points of hosts, then displacement and velocity of the base where a link has it as an end.
+
+    Parameters
+    ----------
+    answer : Structure, Estimate, Posterior, str or Path
+        As of `export_answer`.
+    path : str or Path
+        The file, in the language of its suffix: ``.py``, a module for NumPy with ``rhs`` and ``jacobian`` for ``solve_ivp``;
+        ``.m``, a function for ``ode45`` and Simulink; ``.c``, functions in C99; ``.fmu``, a unit for co-simulation.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    StructureError
+        If a coefficient has no value, or there is no mass.
+    OutputError
+        If the suffix is another one, the name of the file is not one that its language takes, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from linkwise.export import export_equations
+    >>> from pathlib import Path
+    >>> from runpy import run_path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     module = run_path(str(export_equations(lw.bnes_chain(2), f"{folder}/chain.py")))
+    >>> module["STATES"], module["INPUTS"]
+    (['x:m1', 'x:m2', 'v:m1', 'v:m2'], ['force:m1', 'force:m2'])
+    >>> module["rhs"](0.0, [0.001, 0.0, 0.0, 0.0], [2.0, 0.0]).tolist()
+    [0.0, 0.0, -27.901, -9.9]
+    """
+    expect("export_equations(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
+    expect("export_equations(answer, path): path", path, str, Path)
+    path = Path(path)
+    write = equations_writer(path)
+    equations = EquationsOfMotion(ExportedAnswer.of(answer))
+    with atomic_file(path) as partial:
+        write(equations, partial, path.stem)
+    return path
+
+
+def equations_writer(path: Path) -> Callable[[EquationsOfMotion, Path, str], None]:
+    """What writes equations into a file of this suffix; OutputError for another one."""
+    suffix = path.suffix.lower()
+    if suffix not in EQUATIONS:
+        kind, choices = path.suffix or "a file without suffix", ", ".join(EQUATIONS)
+        raise OutputError(f"{path}: equations cannot be exported to {kind}; choose from {choices}")
+    write: Callable[[EquationsOfMotion, Path, str], None] = resolve_name(EQUATIONS[suffix].writer)
+    return write
