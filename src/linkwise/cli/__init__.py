@@ -32,6 +32,7 @@ HELP = {
     "identify": "Identify the unknown coefficients of a structure from a record.",
     "inspect": "Check records without a model: what their channels hold.",
     "limit": "Compute how well a planned test can determine the unknowns.",
+    "respond": "Compute steady motion under a harmonic excitation over frequency.",
     "simulate": "Simulate a structure and write the record of its sensors.",
     "structure": "Write or show a structure file.",
     "study": "Run a Monte Carlo study.",

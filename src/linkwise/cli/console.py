@@ -45,6 +45,7 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
         "discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
         "estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
         "inspection": "linkwise.report.inspection:INSPECTION_FOLDER",
+        "response": "linkwise.report.response:RESPONSE_FOLDER",
         "validation": "linkwise.report.validation:VALIDATION_FOLDER",
     },
 )

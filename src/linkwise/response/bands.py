@@ -1,0 +1,84 @@
+"""Bands of amplitudes: the steady motions of draws from the posterior at the frequencies of a branch.
+
+Each draw starts from the motion of the identified structure, moved as at the point before, and is corrected with the
+Jacobian of the identified structure (the chord method). Where a fold has moved, a draw has no motion at a frequency and is
+left out there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import lu_factor, lu_solve
+
+from linkwise.arrays import Floats
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.response.options import ResponseOptions
+from linkwise.response.result import Branch
+from linkwise.response.search import Curve
+from linkwise.response.shooting import Shooting, amplitudes
+
+_COVERED = 0.95
+_SAMPLES = 64  # of a turn
+_CORRECTIONS = 8
+_CONVERGED = 1e-5  # of the size of the motion
+_LEAST = 0.5  # of the draws must have a motion
+
+
+def banded(
+    posterior: Posterior,
+    curves: Sequence[Curve],
+    branches: Sequence[Branch],
+    rows: Floats,
+    options: ResponseOptions,
+) -> list[Branch]:
+    """The branches of curves with bands; without where shapes of hosts are uncertain, on which the equations depend."""
+    drawn = [
+        posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
+        for values in posterior.draws(options.draws, options.seed)
+    ]
+    if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
+        return list(branches)
+    tail = 50.0 * (1.0 - _COVERED)
+    with_bands = []
+    for curve, branch in zip(curves, branches, strict=True):
+        factors = [lu_factor(point.jacobian[:, :-1]) for point, _ in curve.points]
+        values = np.array(
+            [_drawn(replace(curve.shooting, structure=one), curve, factors, rows) for one in drawn]
+        )
+        enough = np.isfinite(values).mean(axis=0) >= _LEAST
+        values[:, ~enough] = 0.0
+        bounds = np.nanpercentile(values, [tail, 100.0 - tail], axis=0)
+        bounds[:, ~enough] = np.nan
+        with_bands.append(replace(branch, lower=bounds[0], upper=bounds[1]))
+    return with_bands
+
+
+def _drawn(
+    shooting: Shooting, curve: Curve, factors: Sequence[tuple[Floats, Floats]], rows: Floats
+) -> Floats:
+    """(P, C) the amplitudes of one draw at the points of a curve, NaN where it has no motion near."""
+    values = np.full((len(curve.points), len(rows)), np.nan)
+    moved = np.zeros(rows.shape[1])
+    for number, ((point, _), factor) in enumerate(zip(curve.points, factors, strict=True)):
+        unknowns = point.unknowns.copy()
+        unknowns[:-1] += moved
+        last = np.inf
+        for _ in range(_CORRECTIONS):
+            motion = shooting.motion(unknowns, _SAMPLES)
+            missing = motion[-1] - motion[0]
+            if not np.isfinite(missing).all():
+                break
+            step = lu_solve(factor, missing, check_finite=False)
+            size = float(np.abs(step / point.sizes[:-1]).max())
+            if size < _CONVERGED:
+                values[number] = amplitudes(motion, rows, shooting.turns)[0]
+                break
+            if size > last:
+                break
+            unknowns[:-1] -= step
+            last = size
+        moved = unknowns[:-1] - point.unknowns[:-1] if np.isfinite(values[number]).all() else 0.0 * moved
+    return values

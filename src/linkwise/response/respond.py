@@ -1,0 +1,223 @@
+"""Steady motion under a harmonic excitation over its frequency: all branches, their stability, and where they jump."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Unpack
+
+import numpy as np
+
+from linkwise.analysis.rest_positions import equilibria
+from linkwise.arrays import Floats
+from linkwise.errors import SimulationError, StructureError, expect, options_given
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.model.structure import Structure, refuse_rig
+from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.channel import Channel
+from linkwise.response.answered import Answer, AskedStructure
+from linkwise.response.bands import banded
+from linkwise.response.continuation import Point
+from linkwise.response.options import ResponseKeywords, ResponseOptions
+from linkwise.response.result import Branch, Irregular, Response, ResponseLevel
+from linkwise.response.search import (
+    Curve,
+    IrregularMotion,
+    LevelSearch,
+    multipliers,
+    random_starts,
+    with_peak,
+)
+from linkwise.response.shooting import Shooting, amplitudes, phase_integrator
+
+_FREQUENCIES = 12  # at which motions are looked for
+_MOST_WELLS = 6  # in which motions begin
+
+
+def respond(
+    answer: Answer,
+    options: ResponseOptions | None = None,
+    *,
+    progress: Progress = silent,
+    **keywords: Unpack[ResponseKeywords],
+) -> Response:
+    """Compute the steady motion of a structure under a harmonic force, or a harmonic motion of its base, over frequency.
+
+    Periodic motions are found by shooting and followed by pseudo-arclength, so that unstable ones between folds are there too.
+    Further branches, such as isolated ones and those of other wells, are looked for from rest in every well, from states at
+    random and from the motions of the level before. That finds what attracts; that nothing else exists is not proven.
+
+    Parameters
+    ----------
+    answer : Structure, Estimate, Posterior, str or Path
+        The structure, every coefficient a number or a start, or an answer of `identify` or its folder; the amplitudes of an
+        answer have bands.
+    options : ResponseOptions, optional
+        What to compute.
+    progress : Progress
+        Called with a `ProgressReport` as frequencies are done.
+    **keywords
+        In place of `options`: its fields `hz` (required), `force` or `base` (one is required), `levels`, `show`, `starts`,
+        `seed` and `draws`.
+
+    Returns
+    -------
+    Response
+        Branches at each level, with amplitude, phase, stability and bifurcations.
+
+    Raises
+    ------
+    SimulationError
+        If the options do not fit the structure, or no periodic motion is found.
+    StructureError
+        If a coefficient has no value, or a law is not smooth.
+    TypeError
+        If `answer` has another type.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> response = lw.respond(lw.bnes_chain(2), force={"m1": 1.0}, hz=(20.0, 30.0), starts=0)
+    >>> response.channels
+    ('x:m1', 'x:m2')
+    """
+    expect("respond(answer): answer", answer, Structure, Estimate, Posterior, str, Path)
+    started = time.perf_counter()
+    asked = AskedStructure.of(answer)
+    structure, chosen = asked.structure, options_given(ResponseOptions.of, options, keywords)
+    refuse_rig(structure, "steady motion")
+    chosen.drive.check(structure)
+    shown = _Shown(asked, chosen.channels(structure))
+    integrator = phase_integrator(structure, chosen.drive)
+    low, high = (2.0 * np.pi * hz for hz in chosen.hz)
+    levels: list[ResponseLevel] = []
+    before: Sequence[Curve] = ()
+    for number, size in enumerate(chosen.sizes):
+        shooting = Shooting(structure, chosen.drive, size, (low, high), integrator)
+        within = part(progress, number / len(chosen.sizes), (number + 1) / len(chosen.sizes))
+        search = _searched(shooting, chosen, before, within)
+        before = [shown.with_peaks(curve) for curve in search.curves]
+        branches = [shown.branch(curve) for curve in before]
+        if asked.posterior is not None:
+            branches = banded(asked.posterior, before, branches, shown.rows, chosen)
+        levels.append(ResponseLevel(size, tuple(branches), shown.irregular(search.irregular)))
+    if not any(level.branches or level.irregular for level in levels):
+        raise SimulationError(
+            "no steady motion was found: every motion from rest diverges; a link with negative stiffness or damping needs a "
+            "term that limits the motion, or its sign is wrong"
+        )
+    draws = 0 if asked.posterior is None else chosen.draws
+    seconds = time.perf_counter() - started
+    return Response(structure, chosen.drive, shown.channels, tuple(levels), draws, seconds)
+
+
+def _searched(
+    shooting: Shooting, options: ResponseOptions, before: Sequence[Curve], progress: Progress
+) -> LevelSearch:
+    """All curves at one level; `before` are those of the level before."""
+    search, rng = LevelSearch(shooting), np.random.default_rng(options.seed)
+    wells = _wells(shooting.structure)
+    omegas = np.geomspace(*shooting.bounds, _FREQUENCIES)
+    dimension = shooting.structure.topology.dimension
+    at_rest = [np.concatenate([well, np.zeros(dimension - len(well))]) for well in wells]
+    for omega in (omegas[0], omegas[-1]):  # forced vibration far from resonance
+        for start in at_rest:
+            search.take(np.append(start, omega))
+    for number, omega in enumerate(omegas):
+        progress(ProgressReport(number / len(omegas), f"looking for motions at {omega / (2 * np.pi):.4g} Hz"))
+        for curve in before:
+            for guess in curve.at(omega):
+                search.take(guess, curve.shooting.turns)
+        for start in at_rest:
+            search.settle(start, omega)
+        reach = _reach(search, wells)
+        states = dimension - 2 * len(wells[0])
+        for start in random_starts(wells, reach, omega, states, rng, options.starts):
+            search.take(np.append(start, omega))
+            search.settle(start, omega)
+    return search
+
+
+def _wells(structure: Structure) -> Floats:
+    """(W, n) the rest positions in which motions begin, or 0 where none is stable."""
+    try:
+        points = equilibria(structure).stable[:_MOST_WELLS]
+    except StructureError:  # states that do not rest at zero
+        points = ()
+    return np.array([point.x for point in points]) if points else np.zeros((1, structure.size))
+
+
+def _reach(search: LevelSearch, wells: Floats) -> float:
+    """How far in m random starts are from rest: as far as motions that were found, or other wells."""
+    sizes = [point.sizes[0] for curve in search.curves for point, _ in curve.points]
+    return max(float(np.ptp(wells, axis=0).max()), max(sizes, default=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Motions as the channels that are shown."""
+
+    asked: AskedStructure
+    channels: tuple[Channel, ...]
+
+    @cached_property
+    def rows(self) -> Floats:
+        """(C, N) the channels as combinations of states."""
+        structure = self.asked.structure
+        rows = np.zeros((len(self.channels), structure.topology.dimension))
+        for row, channel in zip(rows, self.channels, strict=True):
+            first = channel.order * structure.size
+            row[first : first + structure.size] = structure.topology.row(channel.place)
+        return rows
+
+    def branch(self, curve: Curve) -> Branch:
+        """The branch of a curve."""
+        shooting, points = curve.shooting, [point for point, _ in curve.points]
+        motions = [shooting.motion(point.unknowns) for point in points]
+        shown = [amplitudes(motion, self.rows, shooting.turns) for motion in motions]
+        ranges = zip(motions, points, strict=True) if self.asked.ranges else ()
+        return Branch(
+            hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
+            amplitude=np.array([amplitude for amplitude, _ in shown]),
+            first_harmonic=np.array([harmonic for _, harmonic in shown]),
+            multipliers=np.array([multipliers(point) for point in points]),
+            bifurcations=tuple(name for _, name in curve.points),
+            starts=np.array([point.unknowns[:-1] for point in points]),
+            turns=shooting.turns,
+            outside=tuple(self._outside(shooting, motion, point.parameter) for motion, point in ranges),
+        )
+
+    def _outside(self, shooting: Shooting, motion: Floats, omega: float) -> str:
+        structure = self.asked.structure
+        base, _ = shooting.base(omega, np.linspace(0.0, shooting.period, len(motion)))
+        return self.asked.farthest(structure.elongations(motion[:, : structure.size], base))
+
+    def with_peaks(self, curve: Curve) -> Curve:
+        """The curve with points at the peak of each channel."""
+        for row in self.rows:
+            curve = with_peak(curve, partial(self._amplitude, curve.shooting, row[None]))
+        return curve
+
+    @staticmethod
+    def _amplitude(shooting: Shooting, row: Floats, point: Point) -> float:
+        return float(amplitudes(shooting.motion(point.unknowns), row, shooting.turns)[0][0])
+
+    def irregular(self, motions: Sequence[IrregularMotion]) -> tuple[Irregular, ...]:
+        """Irregular motions in the channels, those of a kind at one frequency together."""
+        found: dict[tuple[float, bool], list[IrregularMotion]] = {}
+        for motion in motions:
+            found.setdefault((motion.omega, motion.chaotic), []).append(motion)
+        return tuple(
+            Irregular(
+                omega / (2.0 * np.pi),
+                "chaotic" if chaotic else "quasi-periodic",
+                max(motion.exponent for motion in alike),
+                np.min([(motion.states @ self.rows.T).min(axis=0) for motion in alike], axis=0),
+                np.max([(motion.states @ self.rows.T).max(axis=0) for motion in alike], axis=0),
+            )
+            for (omega, chaotic), alike in found.items()
+        )
