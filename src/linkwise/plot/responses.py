@@ -14,6 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError, require_known
 from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, strips
 from linkwise.records.channel_units import unit_in
+from linkwise.response.backbone import Backbone
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 
 _MOST = 6  # channels in a figure
@@ -125,6 +126,69 @@ def _explain(axes: Axes, result: Response) -> None:
                 [], [], "x", color="black", markersize=4.5, label="half of the range where not periodic"
             )
             return
+
+
+def backbone(
+    result: Backbone, channel: str | None = None, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the amplitude of a nonlinear mode over its frequency, dashed where a link leaves the range of the record.
+
+    Parameters
+    ----------
+    result : Backbone
+        An answer of `linkwise.backbone`.
+    channel : str, optional
+        A channel of it, such as "x:m1". By default the first.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, and half of peak to peak.
+
+    Raises
+    ------
+    StructureError
+        If the backbone does not have the channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> curve = lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3)
+    >>> lw.plot.backbone(curve, "x:m2").get_xlabel()
+    'frequency, Hz'
+    """
+    name = channel or result.channels[0]
+    require_known("channel", name, result.channels, StructureError)
+    values = result.amplitude[:, result.channels.index(name)]
+    factor, unit = scale(float(values.max()), unit_in(result.structure, name))
+    outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
+    with axes_for(ax, legend=legend) as axes:
+        inside = np.where(outside, np.nan, values)
+        axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
+        if outside.any():
+            beyond = np.where(outside, values, np.nan)
+            axes.plot(
+                result.hz, factor * beyond, "--", color="black", label="outside the range of the record"
+            )
+        axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
+        axes.set_ylim(bottom=0.0)
+    return axes
+
+
+def backbone_figure(result: Backbone) -> Figure:
+    """The channels, each in a strip of its own; of more than 6 the first."""
+    title = f"{result.structure.name} without damping, mode {result.mode}: half of peak to peak"
+    draw = partial(_backbone_strip, result)
+    title += not_shown(result.channels, _MOST, "channels")
+    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
+
+
+def _backbone_strip(result: Backbone, channel: str, *, ax: Axes) -> Axes:
+    return backbone(result, channel, legend=False, ax=ax)
 
 
 def response_figure(result: Response) -> Figure:

@@ -1,4 +1,4 @@
-"""The result folder of `respond`: response.json, branches as a table, figures and a page."""
+"""The result folders of `respond` and `backbone`: numbers, curves as tables, figures and a page."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from markupsafe import Markup
 from linkwise import __version__
 from linkwise.display import csv_cell
 from linkwise.model.structure_file import write_structure
-from linkwise.output import RESPONSE
+from linkwise.output import BACKBONE, RESPONSE
 from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
 from linkwise.response.result import Response, headline, peak_rows
 
 if TYPE_CHECKING:
@@ -153,3 +154,97 @@ def write_response(result: Response, folder: str | Path, *, progress: Progress =
     ['branches.csv', 'report.html', 'response.json', 'response.png', 'structure.toml']
     """
     return RESPONSE_FOLDER.write(result, folder, progress=progress)
+
+
+def backbone_of(result: Backbone) -> dict[str, Any]:
+    """Return the content of backbone.json as plain data.
+
+    Parameters
+    ----------
+    result : Backbone
+        A result of `backbone`.
+
+    Returns
+    -------
+    dict
+        The result as plain data, and the version of linkwise.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.report.backbone_of(lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3))["mode"]
+    1
+    """
+    return {**result.to_dict(), "version": __version__}
+
+
+def _curve(reported: Reported[Backbone]) -> Section:
+    """Amplitudes over the frequency of a mode."""
+    figure = partial(response_figures.backbone_figure, reported.result)
+    return Section("Amplitude over frequency", rows=backbone_rows(reported.result), figure=figure)
+
+
+def _write_backbone_data(reported: Reported[Backbone], folder: Path) -> None:
+    """The structure, and backbone.csv: frequency in Hz, energy in J and amplitudes."""
+    result = reported.result
+    write_structure(result.structure, folder / "structure.toml")
+    with (folder / "backbone.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([csv_cell(name) for name in ("hz", "energy", *result.channels)])
+        table = np.column_stack([result.hz, result.energy, result.amplitude])
+        writer.writerows([f"{value:.10g}" for value in row] for row in table.tolist())
+
+
+BACKBONE_SECTIONS: Registry[Build[Backbone]] = Registry("section", {"backbone": _curve})
+"""The sections of a backbone, in order."""
+
+BACKBONE_FOLDER: ResultFolder[Backbone] = ResultFolder(
+    mark=BACKBONE,
+    document=lambda result, _: backbone_of(result),
+    data=_write_backbone_data,
+    sections=partial(sections_of, BACKBONE_SECTIONS),
+    page=lambda reported, sections, pictures: section_page(
+        reported.result,
+        sections,
+        pictures,
+        verdict=backbone_headline(reported.result),
+        findings=reported.result.findings,
+        structure=reported.result.structure,
+    ),
+)
+"""What `backbone` hands over."""
+
+
+def write_backbone(result: Backbone, folder: str | Path, *, progress: Progress = silent) -> Path:
+    """Write a backbone into a folder: backbone.json, backbone.csv, the structure, a figure and report.html.
+
+    Parameters
+    ----------
+    result : Backbone
+        What `backbone` returned.
+    folder : path-like
+        The folder. An earlier result of `backbone` in it is replaced when the new one is complete.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> result = lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.report.write_backbone(result, f"{folder}/backbone")
+    ...     sorted(path.name for path in written.iterdir())
+    ['backbone.csv', 'backbone.json', 'backbone.png', 'report.html', 'structure.toml']
+    """
+    return BACKBONE_FOLDER.write(result, folder, progress=progress)

@@ -1,5 +1,7 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
+from linkwise.response.backbone import Backbone as Backbone
+from linkwise.response.backbone import backbone as backbone
 from linkwise.response.drive import Drive as Drive
 from linkwise.response.options import ResponseOptions as ResponseOptions
 from linkwise.response.respond import respond as respond

@@ -138,14 +138,15 @@ class ResponseOptions:
             return Drive(FORCE, next(iter(self.force)))
         return Drive(next(iter(self.base or {})), "base")
 
-    def channels(self, structure: Structure) -> tuple[Channel, ...]:
-        """The channels that are shown of a structure; SimulationError for what is none."""
-        channels = tuple(map(Channel.parse, self.show or [f"x:{place}" for place in structure.places]))
-        for channel in channels:
-            check_place(channel, structure, "what is shown")
-            if channel.kind not in ("x", "v") or channel.relative:
-                raise SimulationError(
-                    f"{channel} is not shown: a response has displacements and velocities, such as x:{structure.places[0]}",
-                    arguments=("show",),
-                )
-        return channels
+
+def shown_channels(structure: Structure, show: Sequence[str]) -> tuple[Channel, ...]:
+    """The channels that are shown of a structure, by default all displacements; SimulationError for what is none."""
+    channels = tuple(map(Channel.parse, show or [f"x:{place}" for place in structure.places]))
+    for channel in channels:
+        if channel.kind not in ("x", "v") or channel.relative:
+            raise SimulationError(
+                f"{channel} is not shown: periodic motion has displacements and velocities, such as x:{structure.places[0]}",
+                arguments=("show",),
+            )
+        check_place(channel, structure, "what is shown")
+    return channels

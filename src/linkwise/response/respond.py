@@ -22,7 +22,7 @@ from linkwise.records.channel import Channel
 from linkwise.response.answered import Answer, AskedStructure
 from linkwise.response.bands import banded
 from linkwise.response.continuation import Point
-from linkwise.response.options import ResponseKeywords, ResponseOptions
+from linkwise.response.options import ResponseKeywords, ResponseOptions, shown_channels
 from linkwise.response.result import Branch, Irregular, Response, ResponseLevel
 from linkwise.response.search import (
     Curve,
@@ -32,7 +32,7 @@ from linkwise.response.search import (
     random_starts,
     with_peak,
 )
-from linkwise.response.shooting import Shooting, amplitudes, phase_integrator
+from linkwise.response.shooting import Shooting, amplitudes, channel_rows, phase_integrator
 
 _FREQUENCIES = 12  # at which motions are looked for
 _MOST_WELLS = 6  # in which motions begin
@@ -91,7 +91,7 @@ def respond(
     structure, chosen = asked.structure, options_given(ResponseOptions.of, options, keywords)
     refuse_rig(structure, "steady motion")
     chosen.drive.check(structure)
-    shown = _Shown(asked, chosen.channels(structure))
+    shown = _Shown(asked, shown_channels(structure, chosen.show))
     integrator = phase_integrator(structure, chosen.drive)
     low, high = (2.0 * np.pi * hz for hz in chosen.hz)
     levels: list[ResponseLevel] = []
@@ -167,12 +167,7 @@ class _Shown:
     @cached_property
     def rows(self) -> Floats:
         """(C, N) the channels as combinations of states."""
-        structure = self.asked.structure
-        rows = np.zeros((len(self.channels), structure.topology.dimension))
-        for row, channel in zip(rows, self.channels, strict=True):
-            first = channel.order * structure.size
-            row[first : first + structure.size] = structure.topology.row(channel.place)
-        return rows
+        return channel_rows(self.asked.structure, self.channels)
 
     def branch(self, curve: Curve) -> Branch:
         """The branch of a curve."""

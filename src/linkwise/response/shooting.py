@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,6 +13,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Number
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.response.drive import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
@@ -47,6 +49,12 @@ def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator:
     if drive.kind == FORCE and np.any(structure.base_incidence):
         inputs.append((BASE_INPUT, Number(0.0)))
     motion = MotionFormulas(SystemShape(*structure.shape_key, tuple(inputs)))
+    require_smooth(structure, motion)
+    return PhaseIntegrator(motion)
+
+
+def require_smooth(structure: Structure, motion: MotionFormulas) -> None:
+    """Raise StructureError for laws with kinks."""
     if motion.kinks:
         number = motion.link_of(0)
         link = structure.links[0 if number is None else number]
@@ -55,7 +63,15 @@ def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator:
             "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
             f'link "{link.name}"',
         )
-    return PhaseIntegrator(motion)
+
+
+def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
+    """(C, N) displacements and velocities of places as combinations of states."""
+    rows = np.zeros((len(channels), structure.topology.dimension))
+    for row, channel in zip(rows, channels, strict=True):
+        first = channel.order * structure.size
+        row[first : first + structure.size] = structure.topology.row(channel.place)
+    return rows
 
 
 @dataclass(frozen=True, eq=False)
