@@ -14,7 +14,7 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (13, 2338),
     "analysis": (4, 529),
-    "cli": (20, 1689),
+    "cli": (21, 1719),
     "discovery": (17, 4709),
     "estimates": (7, 1299),
     "export": (8, 1071),
@@ -26,12 +26,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (7, 846),
     "model": (20, 3231),
     "paper": (3, 396),
-    "plot": (14, 2255),
+    "plot": (14, 2275),
     "records": (9, 1418),
-    "report": (10, 1282),
-    "response": (11, 1109),  # continuation, shooting, search of branches, bands and their result
-    "response": (11, 1109),  # continuation, shooting, search of branches, bands and their result
-    "root": (12, 939),
+    "report": (10, 1310),
+    "response": (13, 1464),  # continuation, shooting, search of branches, bands and their result
+    "response": (13, 1464),  # continuation, shooting, search of branches, bands and their result
+    "response": (13, 1464),  # continuation, shooting, search of branches, bands and their result
+    "root": (12, 940),
     "signals": (6, 854),
     "simulation": (9, 1422),
     "sindy": (10, 1210),

@@ -82,3 +82,13 @@ def test_a_backbone_is_printed_and_written(chain_file: Path) -> None:
 )
 def test_what_does_not_fit_is_wrong_usage(chain_file: Path, line: str, message: str) -> None:
     assert message in refusal(line.replace("FILE", str(chain_file)))
+
+
+def test_basins_are_printed_and_written(chain_file: Path) -> None:
+    folder = chain_file.parent / "basins"
+    line = f"basins {chain_file} --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 4"
+    result = document(f"{line} -o {folder}")
+    assert [rest["share"] for rest in result["rests"]] == [0.5, 0.5]
+    assert np.array(result["ends"]).shape == (4, 4)
+    assert {path.name for path in folder.iterdir()} >= {"basins.json", "basins.csv", "structure.toml"}
+    assert "is not FROM:TO" in refusal(f"basins {chain_file} --plane x:m2=1,v:m2=-1:1")

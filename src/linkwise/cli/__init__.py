@@ -28,6 +28,7 @@ HELP = {
     "absorb": "Compare the vibration of a structure with and without its sinks.",
     "design": "Find the coefficients and masses at which sinks absorb best.",
     "backbone": "Follow free vibration from a linear mode to large amplitudes.",
+    "basins": "Find at which rest position free motion ends, from a plane of states.",
     "discover": "Discover which masses are linked, and by which laws, from records.",
     "export": "Write an answer for other programs.",
     "identify": "Identify the unknown coefficients of a structure from a record.",

@@ -43,6 +43,7 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
         "map": "linkwise.report.absorption:MAP_FOLDER",
         "design": "linkwise.report.design:DESIGN_FOLDER",
         "backbone": "linkwise.report.response:BACKBONE_FOLDER",
+        "basins": "linkwise.report.response:BASINS_FOLDER",
         "discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
         "estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
         "inspection": "linkwise.report.inspection:INSPECTION_FOLDER",

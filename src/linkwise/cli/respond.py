@@ -53,6 +53,9 @@ class HarmonicOptions:
         Seed of these states and of draws (default 0).
     draws : int | None
         Draws from an identified structure, for bands (default 100).
+    harmonics : int | None
+        Use harmonic balance with so many harmonics (default: 25 where a law has kinks or flat parts, as friction has,
+        else shooting).
     """
 
     force: tuple[str, ...] = typed("MASS=N", multiple=True)
@@ -64,10 +67,12 @@ class HarmonicOptions:
     starts: int | None = typed("N", type=click.IntRange(min=0))
     seed: int | None = typed("N", type=click.IntRange(min=0))
     draws: int | None = typed("N", type=click.IntRange(min=2))
+    harmonics: int | None = typed("N", type=click.IntRange(min=1))
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.respond`."""
-        counts = {"starts": self.starts, "seed": self.seed, "draws": self.draws}
+        names = ("starts", "seed", "draws", "harmonics")
+        counts = {name: getattr(self, name) for name in names}
         force, base = pairs(self.force, "--force", _FORCE), pairs(self.base, "--base", _BASE)
         return {
             "hz": (self.start, self.stop),

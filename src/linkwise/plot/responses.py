@@ -8,17 +8,19 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError, require_known
-from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, strips
+from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, single, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
+from linkwise.response.basins import Basins
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 
 _MOST = 6  # channels in a figure
-_BAND = 0.2  # opacity
+_BAND, _PLANE = 0.2, 0.6  # opacity
 _MARKERS = {FOLD: "o", "period doubling": "s", "Neimark-Sacker": "D", "branch point": "^"}
 
 
@@ -189,6 +191,54 @@ def backbone_figure(result: Backbone) -> Figure:
 
 def _backbone_strip(result: Backbone, channel: str, *, ax: Axes) -> Axes:
     return backbone(result, channel, legend=False, ax=ax)
+
+
+def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw the plane of initial states, a colour for each rest position where motion ends; white where that is not decided.
+
+    Parameters
+    ----------
+    result : Basins
+        An answer of `linkwise.response.basins`.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> plane = {"x:m2": (-0.02, 0.02), "v:m2": (-0.5, 0.5)}
+    >>> lw.plot.basins(lw.response.basins(lw.bnes_chain(2), plane, points=4)).get_xlabel()
+    'x:m2, mm'
+    """
+    scales = [
+        scale(float(np.abs(values).max()), unit_in(result.structure, name))
+        for name, values in zip(result.plane, result.values, strict=True)
+    ]
+    shades = [to_rgb(colour) for colour in _colours(len(result.rests))]
+    with axes_for(ax, legend=legend) as axes:
+        grids = [factor * values for (factor, _), values in zip(scales, result.values, strict=True)]
+        colours = np.ones((*result.ends.shape, 3))
+        for number, shade in enumerate(shades):
+            colours[result.ends == number] = shade
+            label_text = f"rest {number + 1}: {100 * result.shares[number]:.3g} %"
+            axes.plot([], [], "s", color=shade, alpha=_PLANE, label=label_text)
+        axes.pcolormesh(*grids, colours.transpose(1, 0, 2), shading="nearest", alpha=_PLANE)
+        names = [f"{label(name)}, {unit}" for name, (_, unit) in zip(result.plane, scales, strict=True)]
+        axes.set(xlabel=names[0], ylabel=names[1])
+        axes.grid(visible=False)
+    return axes
+
+
+def basins_figure(result: Basins) -> Figure:
+    """The plane with its legend."""
+    return single(partial(basins, result))
 
 
 def response_figure(result: Response) -> Figure:

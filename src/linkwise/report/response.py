@@ -1,4 +1,4 @@
-"""The result folders of `respond` and `backbone`: numbers, curves as tables, figures and a page."""
+"""The result folders of `respond`, `backbone` and `basins`: numbers, curves as tables, figures and a page."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from markupsafe import Markup
 from linkwise import __version__
 from linkwise.display import csv_cell
 from linkwise.model.structure_file import write_structure
-from linkwise.output import BACKBONE, RESPONSE
+from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
+from linkwise.response.basins import Basins, basins_headline, basins_rows
 from linkwise.response.result import Response, headline, peak_rows
 
 if TYPE_CHECKING:
@@ -213,6 +214,43 @@ BACKBONE_FOLDER: ResultFolder[Backbone] = ResultFolder(
     ),
 )
 """What `backbone` hands over."""
+
+
+def _write_basins_data(reported: Reported[Basins], folder: Path) -> None:
+    """The structure, and basins.csv: the initial values and the number of the rest position, from 1, 0 where not decided."""
+    result = reported.result
+    write_structure(result.structure, folder / "structure.toml")
+    with (folder / "basins.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*map(csv_cell, result.plane), "rest"])
+        for first, row in zip(result.values[0].tolist(), result.ends.tolist(), strict=True):
+            for second, end in zip(result.values[1].tolist(), row, strict=True):
+                writer.writerow([f"{first:.10g}", f"{second:.10g}", end + 1])
+
+
+def _plane(reported: Reported[Basins]) -> Section:
+    """The plane of initial states."""
+    figure = partial(response_figures.basins_figure, reported.result)
+    return Section("Where motion ends", rows=basins_rows(reported.result), figure=figure)
+
+
+BASINS_SECTIONS: Registry[Build[Basins]] = Registry("section", {"basins": _plane})
+"""The sections of basins, in order."""
+
+BASINS_FOLDER: ResultFolder[Basins] = ResultFolder(
+    mark=BASINS,
+    document=lambda result, _: {**result.to_dict(), "version": __version__},
+    data=_write_basins_data,
+    sections=partial(sections_of, BASINS_SECTIONS),
+    page=lambda reported, sections, pictures: section_page(
+        reported.result,
+        sections,
+        pictures,
+        verdict=basins_headline(reported.result),
+        structure=reported.result.structure,
+    ),
+)
+"""What `basins` hands over."""
 
 
 def write_backbone(result: Backbone, folder: str | Path, *, progress: Progress = silent) -> Path:

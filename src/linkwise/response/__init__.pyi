@@ -2,6 +2,8 @@
 
 from linkwise.response.backbone import Backbone as Backbone
 from linkwise.response.backbone import backbone as backbone
+from linkwise.response.basins import Basins as Basins
+from linkwise.response.basins import basins as basins
 from linkwise.response.drive import Drive as Drive
 from linkwise.response.options import ResponseOptions as ResponseOptions
 from linkwise.response.respond import respond as respond

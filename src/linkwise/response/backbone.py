@@ -156,14 +156,14 @@ class Backbone(JudgedView):
         sentences = []
         if not self.reached:
             sentences.append(
-                f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for: it came back to a small vibration, as "
-                "in another well, or bends too sharply to be followed."
+                f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for: it came back to a small "
+                "vibration, as in another well, or bends too sharply to be followed."
             )
         first = next((number for number, link in enumerate(self.outside) if link), None)
         if first is not None:
             sentences.append(
-                f"From {self.energy[first]:.3g} J on, link {self.outside[first]} moves farther than the record did: its law is "
-                "extrapolated there."
+                f"From {self.energy[first]:.3g} J on, link {self.outside[first]} moves farther than the record did: its law "
+                "is extrapolated there."
             )
         return tuple(sentences)
 

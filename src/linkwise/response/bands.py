@@ -17,8 +17,8 @@ from linkwise.arrays import Floats
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
-from linkwise.response.search import Curve
-from linkwise.response.shooting import Shooting, amplitudes
+from linkwise.response.search import Curve, PeriodicEquations
+from linkwise.response.shooting import amplitudes
 
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn
@@ -45,9 +45,7 @@ def banded(
     with_bands = []
     for curve, branch in zip(curves, branches, strict=True):
         factors = [lu_factor(point.jacobian[:, :-1]) for point, _ in curve.points]
-        values = np.array(
-            [_drawn(replace(curve.shooting, structure=one), curve, factors, rows) for one in drawn]
-        )
+        values = np.array([_drawn(curve.equations.of(one), curve, factors, rows) for one in drawn])
         enough = np.isfinite(values).mean(axis=0) >= _LEAST
         values[:, ~enough] = 0.0
         bounds = np.nanpercentile(values, [tail, 100.0 - tail], axis=0)
@@ -57,24 +55,23 @@ def banded(
 
 
 def _drawn(
-    shooting: Shooting, curve: Curve, factors: Sequence[tuple[Floats, Floats]], rows: Floats
+    equations: PeriodicEquations, curve: Curve, factors: Sequence[tuple[Floats, Floats]], rows: Floats
 ) -> Floats:
     """(P, C) the amplitudes of one draw at the points of a curve, NaN where it has no motion near."""
     values = np.full((len(curve.points), len(rows)), np.nan)
-    moved = np.zeros(rows.shape[1])
+    moved = np.zeros(len(curve.points[0][0].unknowns) - 1)
     for number, ((point, _), factor) in enumerate(zip(curve.points, factors, strict=True)):
         unknowns = point.unknowns.copy()
         unknowns[:-1] += moved
         last = np.inf
         for _ in range(_CORRECTIONS):
-            motion = shooting.motion(unknowns, _SAMPLES)
-            missing = motion[-1] - motion[0]
+            missing, motion = equations.missing(unknowns, _SAMPLES)
             if not np.isfinite(missing).all():
                 break
             step = lu_solve(factor, missing, check_finite=False)
             size = float(np.abs(step / point.sizes[:-1]).max())
             if size < _CONVERGED:
-                values[number] = amplitudes(motion, rows, shooting.turns)[0]
+                values[number] = amplitudes(motion, rows, equations.turns)[0]
                 break
             if size > last:
                 break

@@ -19,7 +19,8 @@ _CONVERGED = 1e-8  # of the sizes: a correction after which the next would be ro
 _MOST_CORRECTIONS = 12
 _FEW, _MANY = 3, 6  # corrections after which steps grow or shrink
 _GROWTH = 1.6
-_BEND = 0.96  # cosine between tangents at the ends of a step, at least
+_BEND, _TURN = 0.96, 0.5  # cosine between tangents at the ends of a step, at least, and about a corner
+_CORNER = 1e-2  # step, relative to the longest, from which on a bend is one
 _MOST_TRIALS = 40  # of the place of a bifurcation
 _SHORTEST = 1e-7  # step, relative to the longest
 
@@ -82,6 +83,8 @@ def solve(equations: Equations, guess: Floats, normal: Floats | None = None) -> 
         except np.linalg.LinAlgError:
             return None
         unknowns = unknowns - step * sizes
+        if np.linalg.norm(step) > 1.0 and normal[-1] == 1.0:  # from rest, whose size says nothing
+            sizes = equations.sizes(unknowns)
         if np.linalg.norm(step) < _CONVERGED:
             point = Point(unknowns, jacobian, normal, equations.sizes(unknowns), corrections)
             return turned(point, normal) if np.isfinite(point.sizes).all() else None
@@ -90,8 +93,12 @@ def solve(equations: Equations, guess: Floats, normal: Floats | None = None) -> 
 
 def turned(point: Point, along: Floats) -> Point:
     """The point with its unit tangent, in the direction of `along` (n + 1,)."""
-    tangent = np.linalg.svd(point.jacobian * point.sizes)[2][-1]
-    return point._replace(tangent=tangent if tangent @ along >= 0.0 else -tangent)
+    bordered = np.vstack([point.jacobian * point.sizes, along])
+    try:
+        tangent = np.linalg.solve(bordered, np.eye(len(along))[-1])
+    except np.linalg.LinAlgError:  # across `along`
+        tangent = np.linalg.svd(bordered[:-1])[2][-1]
+    return point._replace(tangent=tangent / np.linalg.norm(tangent))
 
 
 def follow(equations: Equations, start: Point, steps: Steps) -> tuple[list[Point], bool]:
@@ -104,7 +111,7 @@ def follow(equations: Equations, start: Point, steps: Steps) -> tuple[list[Point
     while len(points) < steps.most and length > _SHORTEST * steps.longest:
         guess = point.unknowns + length * point.tangent * point.sizes
         found = solve(equations, guess, point.tangent)
-        if found is None or not _near(point, found, length):
+        if found is None or not _near(point, found, length, corner=length < _CORNER * steps.longest):
             length *= 0.5
             continue
         if not steps.bounds[0] <= found.parameter <= steps.bounds[1]:
@@ -123,12 +130,12 @@ def follow(equations: Equations, start: Point, steps: Steps) -> tuple[list[Point
     return points, False
 
 
-def _near(point: Point, found: Point, length: float) -> bool:
-    """Whether a step was short enough for the bend of the curve."""
+def _near(point: Point, found: Point, length: float, *, corner: bool) -> bool:
+    """Whether a step was short enough for the bend of the curve; one about a `corner`, as kinks make, may bend more."""
     apart = np.linalg.norm((found.unknowns - point.unknowns) / point.sizes)
     scaled = found.tangent * found.sizes / point.sizes
     bend = scaled @ point.tangent / np.linalg.norm(scaled)
-    return bool(apart < 1.5 * length and bend > _BEND)
+    return bool(apart < 1.5 * length and bend > (_TURN if corner else _BEND))
 
 
 def _at_bound(

@@ -51,6 +51,11 @@ class Drive:
         return {FORCE: "N", "x": "m", "v": "m/s", "a": "m/s2"}[self.kind]
 
     @property
+    def order(self) -> int:
+        """Which derivative of the displacement of the base is harmonic; 0 for a force."""
+        return _ORDERS.get(self.kind, 0)
+
+    @property
     def expression(self) -> Expression:
         """The force, or the displacement of the base, over t, with symbols size and omega."""
         return parse(_DISPLACEMENTS[self.kind], ("t",))
@@ -59,8 +64,8 @@ class Drive:
         """(M,) displacement in m and velocity in m/s of the base at `phases` (M,)."""
         if self.kind == FORCE:
             return np.zeros(len(phases)), np.zeros(len(phases))
-        size = size / omega ** _ORDERS[self.kind]
-        turned = phases - 0.5 * np.pi * _ORDERS[self.kind]
+        size = size / omega**self.order
+        turned = phases - 0.5 * np.pi * self.order
         return size * np.cos(turned), -size * omega * np.sin(turned)
 
     def check(self, structure: Structure) -> None:

@@ -26,6 +26,7 @@ class ResponseKeywords(TypedDict, total=False):
     starts: int
     seed: int
     draws: int
+    harmonics: int
 
 
 @final
@@ -52,6 +53,9 @@ class ResponseOptions:
         Seed of these states, and of draws.
     draws : int
         Draws from the posterior of an answer, from which bands are made.
+    harmonics : int
+        Use harmonic balance with so many harmonics. By default, 0, it is used with 25 where a law has kinks or flat parts, as
+        friction has, and shooting everywhere else.
 
     Raises
     ------
@@ -73,6 +77,7 @@ class ResponseOptions:
     starts: int = 3
     seed: int = 0
     draws: int = 100
+    harmonics: int = 0
 
     def __post_init__(self) -> None:
         given = [(FORCE, self.force), ("base", self.base)]
@@ -100,7 +105,7 @@ class ResponseOptions:
                 raise SimulationError(
                     f"the amplitude of the excitation must be positive, got {size!r}", arguments=("levels",)
                 )
-        for name, least in (("starts", 0), ("seed", 0), ("draws", 2)):
+        for name, least in (("starts", 0), ("seed", 0), ("draws", 2), ("harmonics", 0)):
             expect(f"ResponseOptions: {name}", getattr(self, name), int)
             if getattr(self, name) < least:
                 raise SimulationError(

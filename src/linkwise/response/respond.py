@@ -22,19 +22,21 @@ from linkwise.records.channel import Channel
 from linkwise.response.answered import Answer, AskedStructure
 from linkwise.response.bands import banded
 from linkwise.response.continuation import Point
+from linkwise.response.harmonic_balance import HarmonicBalance
 from linkwise.response.options import ResponseKeywords, ResponseOptions, shown_channels
 from linkwise.response.result import Branch, Irregular, Response, ResponseLevel
 from linkwise.response.search import (
     Curve,
     IrregularMotion,
     LevelSearch,
-    multipliers,
+    PeriodicEquations,
     random_starts,
     with_peak,
 )
 from linkwise.response.shooting import Shooting, amplitudes, channel_rows, phase_integrator
 
 _FREQUENCIES = 12  # at which motions are looked for
+_HARMONICS = 25  # of harmonic balance, where laws have kinks
 _MOST_WELLS = 6  # in which motions begin
 
 
@@ -92,14 +94,18 @@ def respond(
     refuse_rig(structure, "steady motion")
     chosen.drive.check(structure)
     shown = _Shown(asked, shown_channels(structure, chosen.show))
-    integrator = phase_integrator(structure, chosen.drive)
+    integrator = None if chosen.harmonics else phase_integrator(structure, chosen.drive)
     low, high = (2.0 * np.pi * hz for hz in chosen.hz)
     levels: list[ResponseLevel] = []
     before: Sequence[Curve] = ()
     for number, size in enumerate(chosen.sizes):
-        shooting = Shooting(structure, chosen.drive, size, (low, high), integrator)
+        driven = (structure, chosen.drive, size, (low, high))
         within = part(progress, number / len(chosen.sizes), (number + 1) / len(chosen.sizes))
-        search = _searched(shooting, chosen, before, within)
+        if integrator is None:
+            balance = HarmonicBalance(*driven, chosen.harmonics or _HARMONICS)
+            search = _balanced(balance, before, within)
+        else:
+            search = _searched(Shooting(*driven, integrator), chosen, before, within)
         before = [shown.with_peaks(curve) for curve in search.curves]
         branches = [shown.branch(curve) for curve in before]
         if asked.posterior is not None:
@@ -131,14 +137,27 @@ def _searched(
         progress(ProgressReport(number / len(omegas), f"looking for motions at {omega / (2 * np.pi):.4g} Hz"))
         for curve in before:
             for guess in curve.at(omega):
-                search.take(guess, curve.shooting.turns)
+                search.take(guess, curve.equations.turns)
         for start in at_rest:
-            search.settle(start, omega)
+            search.settle(shooting, start, omega)
         reach = _reach(search, wells)
         states = dimension - 2 * len(wells[0])
         for start in random_starts(wells, reach, omega, states, rng, options.starts):
             search.take(np.append(start, omega))
-            search.settle(start, omega)
+            search.settle(shooting, start, omega)
+    return search
+
+
+def _balanced(balance: HarmonicBalance, before: Sequence[Curve], progress: Progress) -> LevelSearch:
+    """All curves at one level by harmonic balance, from rest in every well and from those of the level before."""
+    search, wells = LevelSearch(balance), _wells(balance.structure)
+    omegas = np.geomspace(*balance.bounds, _FREQUENCIES)
+    for number, omega in enumerate(omegas):
+        progress(ProgressReport(number / len(omegas), f"looking for motions at {omega / (2 * np.pi):.4g} Hz"))
+        for well in wells:
+            search.take(balance.grown(well, omega))
+        for guess in (guess for curve in before for guess in curve.at(omega)):
+            search.take(guess)
     return search
 
 
@@ -171,35 +190,36 @@ class _Shown:
 
     def branch(self, curve: Curve) -> Branch:
         """The branch of a curve."""
-        shooting, points = curve.shooting, [point for point, _ in curve.points]
-        motions = [shooting.motion(point.unknowns) for point in points]
-        shown = [amplitudes(motion, self.rows, shooting.turns) for motion in motions]
+        equations, points = curve.equations, [point for point, _ in curve.points]
+        motions = [equations.motion(point.unknowns) for point in points]
+        shown = [amplitudes(motion, self.rows, equations.turns) for motion in motions]
         ranges = zip(motions, points, strict=True) if self.asked.ranges else ()
         return Branch(
             hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
             amplitude=np.array([amplitude for amplitude, _ in shown]),
             first_harmonic=np.array([harmonic for _, harmonic in shown]),
-            multipliers=np.array([multipliers(point) for point in points]),
+            multipliers=np.array([equations.multipliers(point) for point in points]),
             bifurcations=tuple(name for _, name in curve.points),
-            starts=np.array([point.unknowns[:-1] for point in points]),
-            turns=shooting.turns,
-            outside=tuple(self._outside(shooting, motion, point.parameter) for motion, point in ranges),
+            starts=np.array([motion[0] for motion in motions]),
+            turns=equations.turns,
+            outside=tuple(self._outside(equations, motion, point.parameter) for motion, point in ranges),
         )
 
-    def _outside(self, shooting: Shooting, motion: Floats, omega: float) -> str:
+    def _outside(self, equations: PeriodicEquations, motion: Floats, omega: float) -> str:
         structure = self.asked.structure
-        base, _ = shooting.base(omega, np.linspace(0.0, shooting.period, len(motion)))
+        phases: Floats = np.linspace(0.0, 2.0 * np.pi * equations.turns, len(motion))
+        base, _ = equations.base(omega, phases)
         return self.asked.farthest(structure.elongations(motion[:, : structure.size], base))
 
     def with_peaks(self, curve: Curve) -> Curve:
         """The curve with points at the peak of each channel."""
         for row in self.rows:
-            curve = with_peak(curve, partial(self._amplitude, curve.shooting, row[None]))
+            curve = with_peak(curve, partial(self._amplitude, curve.equations, row[None]))
         return curve
 
     @staticmethod
-    def _amplitude(shooting: Shooting, row: Floats, point: Point) -> float:
-        return float(amplitudes(shooting.motion(point.unknowns), row, shooting.turns)[0][0])
+    def _amplitude(equations: PeriodicEquations, row: Floats, point: Point) -> float:
+        return float(amplitudes(equations.motion(point.unknowns), row, equations.turns)[0][0])
 
     def irregular(self, motions: Sequence[IrregularMotion]) -> tuple[Irregular, ...]:
         """Irregular motions in the channels, those of a kind at one frequency together."""

@@ -10,14 +10,25 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.response.continuation import Point, Steps, between, follow, solve, turned, with_located
+from linkwise.model.structure import Structure
+from linkwise.response.continuation import (
+    Equations,
+    Point,
+    Steps,
+    between,
+    follow,
+    solve,
+    turned,
+    with_located,
+)
 from linkwise.response.result import FOLD
-from linkwise.response.shooting import Shooting, monodromy
+from linkwise.response.shooting import SAMPLES, Shooting
 
 DOUBLING, TORUS, BRANCHING = "period doubling", "Neimark-Sacker", "branch point"
 _LONGEST = 0.08  # step along a curve
@@ -34,21 +45,55 @@ _REGULAR = 3e-3  # growth in a turn: a motion whose neighbours come nearer faste
 _CHAOTIC = 1e-2  # the same of one whose neighbours part
 
 
+class PeriodicEquations(Equations, Protocol):
+    """The equations of periodic motion of a driven structure, by whatever method; unknowns end with omega."""
+
+    @property
+    def turns(self) -> int:
+        """The number of turns of the excitation in a period."""
+        ...
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lowest and highest omega in rad/s."""
+        ...
+
+    def of(self, structure: Structure) -> PeriodicEquations:
+        """Those of another structure of the same shape."""
+        ...
+
+    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
+        """(turns*samples + 1, N) the motion over a period."""
+        ...
+
+    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
+        """The residual (n,), and the motion."""
+        ...
+
+    def multipliers(self, point: Point) -> NDArray[np.complex128]:
+        """The Floquet multipliers (N,) of a motion."""
+        ...
+
+    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
+        """Displacement in m and velocity in m/s of the base at `phases`."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """A curve of periodic motions: its points, each with the name of a bifurcation or "", and whether it is closed."""
 
-    shooting: Shooting
+    equations: PeriodicEquations
     points: tuple[tuple[Point, str], ...]
     closed: bool
 
-    def contains(self, motion: Point, shooting: Shooting) -> bool:
+    def contains(self, motion: Point) -> bool:
         """Whether a motion is on the curve, begun at any turn of its period."""
-        if shooting.turns != self.shooting.turns:
-            return False
         starts = [motion.unknowns[:-1]]
-        if shooting.turns > 1:
-            starts += list(shooting.after(motion.unknowns[:-1], motion.parameter, shooting.turns - 1))
+        if isinstance(self.equations, Shooting) and self.equations.turns > 1:
+            starts += list(
+                self.equations.after(motion.unknowns[:-1], motion.parameter, self.equations.turns - 1)
+            )
         return any(self._passes(np.append(start, motion.parameter), motion.sizes) for start in starts)
 
     def at(self, omega: float) -> Iterator[Floats]:
@@ -72,7 +117,7 @@ class Curve:
             guess = first.unknowns + part / length * (last.unknowns - first.unknowns)
             if np.linalg.norm((guess - unknowns) / first.sizes) > 3.0 * _LONGEST:
                 continue
-            on_curve = solve(self.shooting, guess, first.tangent)
+            on_curve = solve(self.equations, guess, first.tangent)
             if on_curve is not None and np.abs((on_curve.unknowns - unknowns) / sizes).max() < _ON_CURVE:
                 return True
         return False
@@ -91,71 +136,80 @@ class IrregularMotion:
 
 @dataclass(eq=False)
 class LevelSearch:
-    """The curves and irregular motions that were found at the level of a `shooting`, and looks for more."""
+    """The curves and irregular motions that were found at one level, and looks for more."""
 
-    shooting: Shooting
+    equations: PeriodicEquations
     curves: list[Curve] = field(default_factory=list)
     irregular: list[IrregularMotion] = field(default_factory=list)
 
     def take(self, unknowns: Floats, turns: int = 1) -> Point | None:
         """The periodic motion near unknowns, whose curve is followed unless it is known; None where there is none."""
-        shooting = self.shooting.with_turns(turns)
-        motion = solve(shooting, unknowns)
-        if motion is None or np.abs(multipliers(motion)).max() > _WILD:
+        equations = self.equations
+        if isinstance(equations, Shooting):
+            equations = equations.with_turns(turns)
+        motion = solve(equations, unknowns)
+        if motion is None or np.abs(equations.multipliers(motion)).max() > _WILD:
             return None
-        if turns > 1 and self._repeats_sooner(motion, turns):
-            return self.take(motion.unknowns, 1)
-        if len(self.curves) < _MOST_CURVES and not any(
-            curve.contains(motion, shooting) for curve in self.curves
-        ):
-            self.curves.append(whole_curve(shooting, motion))
+        if isinstance(equations, Shooting) and _repeats_sooner(equations, motion):
+            return self.take(motion.unknowns)
+        alike = [curve for curve in self.curves if curve.equations.turns == turns]
+        if len(self.curves) < _MOST_CURVES and not any(curve.contains(motion) for curve in alike):
+            self.curves.append(whole_curve(equations, motion))
         return motion
 
-    def _repeats_sooner(self, motion: Point, turns: int) -> bool:
-        states = self.shooting.after(motion.unknowns[:-1], motion.parameter, turns - 1)
-        return bool((np.abs((states - motion.unknowns[:-1]) / motion.sizes[:-1]).max(axis=1) < _SAME).any())
-
-    def settle(self, start: Floats, omega: float) -> None:
+    def settle(self, shooting: Shooting, start: Floats, omega: float) -> None:
         """Simulate from a start (N,) until the motion repeats; follow the curve it is on, or keep what does not repeat."""
         state = start
         for _ in range(_BLOCKS):
-            states = self.shooting.after(state, omega, _BLOCK)
+            states = shooting.after(state, omega, _BLOCK)
             if not np.isfinite(states).all():
                 return
             state = states[-1]
-            if (turns := self._period(states, omega)) and self._attracts(state, omega, turns):
+            turns = _turns(states, shooting.sizes(np.append(state, omega))[:-1])
+            if turns and self._attracts(shooting.with_turns(turns), state, omega):
                 return
-        motion = irregular_motion(self.shooting, state, omega)
+        motion = irregular_motion(shooting, state, omega)
         if motion is not None:
             self.irregular.append(motion)
 
-    def _period(self, states: Floats, omega: float) -> int:
-        """The turns after which a motion comes back near to itself; 0 if it does not."""
-        sizes = self.shooting.sizes(np.append(states[-1], omega))[:-1]
-        for turns in _PERIODS:
-            apart = np.abs((states[turns:] - states[:-turns]) / sizes).max(axis=1)
-            if apart[-2 * max(_PERIODS) :].max() < _REPEATS:
-                return turns
-        return 0
-
-    def _attracts(self, state: Floats, omega: float, turns: int) -> bool:
+    def _attracts(self, shooting: Shooting, state: Floats, omega: float) -> bool:
         """Whether there is a stable periodic motion near a state."""
-        motion = self.take(np.append(state, omega), turns)
-        return motion is not None and bool(np.abs(multipliers(motion)).max() < 1.0)
+        motion = self.take(np.append(state, omega), shooting.turns)
+        return motion is not None and bool(np.abs(shooting.multipliers(motion)).max() < 1.0)
 
 
-def whole_curve(shooting: Shooting, start: Point) -> Curve:
+def _turns(states: Floats, sizes: Floats) -> int:
+    """The turns after which a motion with `states` (M, N) after each comes back near to itself; 0 if it does not."""
+    for turns in _PERIODS:
+        apart = np.abs((states[turns:] - states[:-turns]) / sizes).max(axis=1)
+        if apart[-2 * max(_PERIODS) :].max() < _REPEATS:
+            return turns
+    return 0
+
+
+def _repeats_sooner(shooting: Shooting, motion: Point) -> bool:
+    if shooting.turns == 1:
+        return False
+    states = shooting.after(motion.unknowns[:-1], motion.parameter, shooting.turns - 1)
+    return bool((np.abs((states - motion.unknowns[:-1]) / motion.sizes[:-1]).max(axis=1) < _SAME).any())
+
+
+def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
     """The curve through a motion, followed both ways, with its bifurcations."""
-    steps = Steps(shooting.bounds, longest=_LONGEST, most=_MOST_POINTS, stop=_is_wild)
+
+    def is_wild(point: Point) -> bool:
+        return bool(np.abs(equations.multipliers(point)).max() > _WILD**2)
+
+    steps = Steps(equations.bounds, longest=_LONGEST, most=_MOST_POINTS, stop=is_wild)
     rising = np.eye(len(start.unknowns))[-1]
-    forward, closed = follow(shooting, turned(start, rising), steps)
+    forward, closed = follow(equations, turned(start, rising), steps)
     backward: list[Point] = []
     if not closed:
-        backward, _ = follow(shooting, turned(start, -rising), steps)
+        backward, _ = follow(equations, turned(start, -rising), steps)
     back = [point._replace(tangent=-point.tangent) for point in reversed(backward)]
     points = [*back, turned(start, rising), *forward]
-    marked = with_located(shooting, points, _TESTS)
-    return Curve(shooting, tuple(_confirmed(marked)), closed)
+    marked = with_located(equations, points, _tests(equations))
+    return Curve(equations, tuple(_confirmed(equations, marked)), closed)
 
 
 def with_peak(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
@@ -175,7 +229,7 @@ def with_peak(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
         part = 1.0 + way / lengths[0] if way < 0.0 else way / lengths[1]
         if not _PEAK < part < 1.0 - _PEAK:
             break
-        found = between(curve.shooting, points[first][0], points[first + 1][0], part)
+        found = between(curve.equations, points[first][0], points[first + 1][0], part)
         if found is None:
             break
         points.insert(first + 1, (found, ""))
@@ -191,40 +245,31 @@ def _vertex(lengths: Sequence[float], values: Sequence[float]) -> float:
     return -0.5 * (rise * right + fall * left) / (left + right) / bend if bend < 0.0 else 0.0
 
 
-def multipliers(point: Point) -> NDArray[np.complex128]:
-    """The Floquet multipliers (N,) of a periodic motion."""
-    return np.asarray(np.linalg.eigvals(monodromy(point.jacobian)), dtype=complex)
+def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], float]]]:
+    """Functions of a motion that vanish at bifurcations, by name."""
+
+    def at_doubling(point: Point) -> float:
+        return float(np.prod(equations.multipliers(point) + 1.0).real)
+
+    def at_torus(point: Point) -> float:
+        values = equations.multipliers(point)
+        pairs = np.triu_indices(len(values), 1)
+        return float(np.prod(values[pairs[0]] * values[pairs[1]] - 1.0).real)
+
+    def at_branching(point: Point) -> float:
+        """Zero with a multiplier of 1 that is no fold's."""
+        return float(np.prod(equations.multipliers(point) - 1.0).real / (point.tangent[-1] or np.nan))
+
+    tests = [(FOLD, lambda point: float(point.tangent[-1])), (DOUBLING, at_doubling), (TORUS, at_torus)]
+    # near a fold the multipliers of harmonic balance are not exact enough to tell
+    return [*tests, (BRANCHING, at_branching)] if isinstance(equations, Shooting) else tests
 
 
-def _is_wild(point: Point) -> bool:
-    return bool(np.abs(multipliers(point)).max() > _WILD**2)
-
-
-def _at_fold(point: Point) -> float:
-    return float(point.tangent[-1])
-
-
-def _at_doubling(point: Point) -> float:
-    return float(np.prod(multipliers(point) + 1.0).real)
-
-
-def _at_torus(point: Point) -> float:
-    values = multipliers(point)
-    pairs = np.triu_indices(len(values), 1)
-    return float(np.prod(values[pairs[0]] * values[pairs[1]] - 1.0).real)
-
-
-def _at_branching(point: Point) -> float:
-    """Zero with a multiplier of 1 that is no fold's."""
-    return float(np.prod(multipliers(point) - 1.0).real / (point.tangent[-1] or np.nan))
-
-
-_TESTS = ((FOLD, _at_fold), (DOUBLING, _at_doubling), (TORUS, _at_torus), (BRANCHING, _at_branching))
-
-
-def _confirmed(marked: Sequence[tuple[Point, str]]) -> Iterator[tuple[Point, str]]:
+def _confirmed(
+    equations: PeriodicEquations, marked: Sequence[tuple[Point, str]]
+) -> Iterator[tuple[Point, str]]:
     """The points without those where nothing gains or loses stability, though a test vanishes, as between real multipliers."""
-    counts = [int((np.abs(multipliers(point)) > 1.0).sum()) for point, _ in marked]
+    counts = [int((np.abs(equations.multipliers(point)) > 1.0).sum()) for point, _ in marked]
     for number, (point, name) in enumerate(marked):
         if not name or name == FOLD or counts[number - 1] != counts[min(number + 1, len(marked) - 1)]:
             yield point, name

@@ -14,6 +14,7 @@ from linkwise.errors import StructureError
 from linkwise.expression import Number
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
+from linkwise.response.continuation import Point
 from linkwise.response.drive import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
@@ -42,15 +43,14 @@ def run_time_parameters(structure: Structure, layout: ParameterLayout) -> Floats
     return parameters
 
 
-def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator:
-    """The compiled equations of a driven structure. Raises StructureError for laws with kinks."""
+def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
+    """The compiled equations of a driven structure; None for laws with kinks."""
     topology = structure.topology
     inputs = [(topology.weights(topology.index[drive.place]), drive.expression)]
     if drive.kind == FORCE and np.any(structure.base_incidence):
         inputs.append((BASE_INPUT, Number(0.0)))
     motion = MotionFormulas(SystemShape(*structure.shape_key, tuple(inputs)))
-    require_smooth(structure, motion)
-    return PhaseIntegrator(motion)
+    return None if motion.kinks else PhaseIntegrator(motion)
 
 
 def require_smooth(structure: Structure, motion: MotionFormulas) -> None:
@@ -59,7 +59,7 @@ def require_smooth(structure: Structure, motion: MotionFormulas) -> None:
         number = motion.link_of(0)
         link = structure.links[0 if number is None else number]
         raise StructureError(
-            f"the law {link.law.text} is not smooth (abs, sign, max, min, or flat parts of exp and tanh); steady motion is "
+            f"the law {link.law.text} is not smooth (abs, sign, max, min, or flat parts of exp and tanh); free vibration is "
             "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
             f'link "{link.name}"',
         )
@@ -97,6 +97,10 @@ class Shooting:
         parameters[layout.inputs[0].start + names.index("size")] = self.size
         object.__setattr__(self, "parameters", parameters)
 
+    def of(self, structure: Structure) -> Shooting:
+        """Those of another structure of the same shape."""
+        return replace(self, structure=structure)
+
     def with_turns(self, turns: int) -> Shooting:
         """The same with another period."""
         return replace(self, turns=turns)
@@ -123,8 +127,7 @@ class Shooting:
         sizes[:count] = max(half[:count].max(), _LEAST)
         sizes[count : 2 * count] = max(half[count : 2 * count].max(), _LEAST * abs(unknowns[-1]))
         sizes[2 * count : -1] = np.maximum(half[2 * count :], _LEAST)
-        low, high = self.bounds
-        sizes[-1] = min(_FREQUENCY * abs(unknowns[-1]), (high - low) / _RANGE)
+        sizes[-1] = frequency_size(float(unknowns[-1]), self.bounds)
         return sizes
 
     def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
@@ -132,6 +135,17 @@ class Shooting:
         self.integrator.set_parameters(self.parameters)
         phases: Floats = np.linspace(0.0, self.period, self.turns * samples + 1)
         return self.integrator.motion(unknowns[:-1], float(unknowns[-1]), phases)
+
+    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
+        """What is missing to a return (N,), and the motion."""
+        motion = self.motion(unknowns, samples)
+        return motion[-1] - motion[0], motion
+
+    def multipliers(self, point: Point) -> NDArray[np.complex128]:
+        """The Floquet multipliers (N,) of a motion."""
+        return np.asarray(
+            np.linalg.eigvals(point.jacobian[:, :-1] + np.eye(len(point.jacobian))), dtype=complex
+        )
 
     def after(self, start: Floats, omega: float, turns: int) -> Floats:
         """(turns, N) the states after each of a number of turns from a start (N,)."""
@@ -143,9 +157,9 @@ class Shooting:
         return self.drive.base(self.size, omega, phases)
 
 
-def monodromy(jacobian: Floats) -> Floats:
-    """(N, N) what becomes of a small change of the start in a period, from the Jacobian of shooting."""
-    return jacobian[:, :-1] + np.eye(len(jacobian))
+def frequency_size(omega: float, bounds: tuple[float, float]) -> float:
+    """The size of omega: a part of it, and of its range."""
+    return min(_FREQUENCY * abs(omega), (bounds[1] - bounds[0]) / _RANGE)
 
 
 def amplitudes(motion: Floats, rows: Floats, turns: int) -> tuple[Floats, NDArray[np.complex128]]:
