@@ -16,7 +16,7 @@ from linkwise.errors import StructureError, require_known
 from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, single, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
-from linkwise.response.basins import Basins
+from linkwise.response.rest_basins import Basins
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 
 _MOST = 6  # channels in a figure
@@ -214,7 +214,7 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
     --------
     >>> import linkwise as lw
     >>> plane = {"x:m2": (-0.02, 0.02), "v:m2": (-0.5, 0.5)}
-    >>> lw.plot.basins(lw.response.basins(lw.bnes_chain(2), plane, points=4)).get_xlabel()
+    >>> basins(lw.response.basins(lw.bnes_chain(2), plane, points=4)).get_xlabel()
     'x:m2, mm'
     """
     scales = [

@@ -19,7 +19,7 @@ from linkwise.progress import Progress, silent
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
-from linkwise.response.basins import Basins, basins_headline, basins_rows
+from linkwise.response.rest_basins import Basins, basins_headline, basins_rows
 from linkwise.response.result import Response, headline, peak_rows
 
 if TYPE_CHECKING:

@@ -132,7 +132,7 @@ class Backbone(JudgedView):
     >>> spring = lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + k3*d**3"), coefficients)
     >>> curve = lw.backbone(lw.Structure("duffing", (lw.Mass("m1", 1.0),), (spring,)), 1, to_amplitude={"x:m1": 0.05})
     >>> curve.hz[[0, -1]].round(3).tolist(), curve.energy[-1].round(6).item()
-    ([3.183, 3.838], 0.65625)
+    ([3.183, 3.849], 0.65625)
     """
 
     structure: Structure
@@ -147,8 +147,8 @@ class Backbone(JudgedView):
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """None: a backbone is as good as the structure that it is of."""
-        return ()
+        """Whether the curve reached the end that was asked for."""
+        return (Verdict.MOTIONS_FOLLOWED if self.reached else Verdict.MOTIONS_CUT_SHORT,)
 
     @property
     def findings(self) -> tuple[str, ...]:

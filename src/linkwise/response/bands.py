@@ -2,7 +2,7 @@
 
 Each draw starts from the motion of the identified structure, moved as at the point before, and is corrected with the
 Jacobian of the identified structure (the chord method). Where a fold has moved, a draw has no motion at a frequency and is
-left out there.
+left out there. A long branch has its band at some points, and between them by interpolation of its parts of the amplitude.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from scipy.linalg import lu_factor, lu_solve
 
 from linkwise.arrays import Floats
 from linkwise.estimates.uncertainty import Posterior
+from linkwise.model.structure import Structure
+from linkwise.response.continuation import Point
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
 from linkwise.response.search import Curve, PeriodicEquations
@@ -22,6 +24,7 @@ from linkwise.response.shooting import amplitudes
 
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn
+_STATIONS = 40  # points of a branch at which draws are made
 _CORRECTIONS = 8
 _CONVERGED = 1e-5  # of the size of the motion
 _LEAST = 0.5  # of the draws must have a motion
@@ -41,26 +44,39 @@ def banded(
     ]
     if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
         return list(branches)
+    return [_with_band(curve, branch, drawn, rows) for curve, branch in zip(curves, branches, strict=True)]
+
+
+def _with_band(curve: Curve, branch: Branch, drawn: Sequence[Structure], rows: Floats) -> Branch:
+    """The branch with the band of structures that were drawn: at some of its points, by interpolation between."""
+    count = len(curve.points)
+    peaks = branch.amplitude.argmax(axis=0)
+    at = np.unique(np.concatenate([np.linspace(0, count - 1, _STATIONS).round().astype(int), peaks]))
+    points = [curve.points[number][0] for number in at.tolist()]
+    factors = [lu_factor(point.jacobian[:, :-1]) for point in points]
+    values = np.array([_drawn(curve.equations.of(one), points, factors, rows) for one in drawn])
+    values /= branch.amplitude[at]
+    enough = np.isfinite(values).mean(axis=0) >= _LEAST
+    values[:, ~enough] = 1.0
     tail = 50.0 * (1.0 - _COVERED)
-    with_bands = []
-    for curve, branch in zip(curves, branches, strict=True):
-        factors = [lu_factor(point.jacobian[:, :-1]) for point, _ in curve.points]
-        values = np.array([_drawn(curve.equations.of(one), curve, factors, rows) for one in drawn])
-        enough = np.isfinite(values).mean(axis=0) >= _LEAST
-        values[:, ~enough] = 0.0
-        bounds = np.nanpercentile(values, [tail, 100.0 - tail], axis=0)
-        bounds[:, ~enough] = np.nan
-        with_bands.append(replace(branch, lower=bounds[0], upper=bounds[1]))
-    return with_bands
+    bounds = np.nanpercentile(values, [tail, 100.0 - tail], axis=0)
+    bounds[:, ~enough] = np.nan
+    lower, upper = (
+        np.column_stack([np.interp(np.arange(count), at, column) for column in bound.T]) for bound in bounds
+    )
+    return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
 
 
 def _drawn(
-    equations: PeriodicEquations, curve: Curve, factors: Sequence[tuple[Floats, Floats]], rows: Floats
+    equations: PeriodicEquations,
+    points: Sequence[Point],
+    factors: Sequence[tuple[Floats, Floats]],
+    rows: Floats,
 ) -> Floats:
-    """(P, C) the amplitudes of one draw at the points of a curve, NaN where it has no motion near."""
-    values = np.full((len(curve.points), len(rows)), np.nan)
-    moved = np.zeros(len(curve.points[0][0].unknowns) - 1)
-    for number, ((point, _), factor) in enumerate(zip(curve.points, factors, strict=True)):
+    """(P, C) the amplitudes of one draw at points of a curve, NaN where it has no motion near."""
+    values = np.full((len(points), len(rows)), np.nan)
+    moved = np.zeros(len(points[0].unknowns) - 1)
+    for number, (point, factor) in enumerate(zip(points, factors, strict=True)):
         unknowns = point.unknowns.copy()
         unknowns[:-1] += moved
         last = np.inf

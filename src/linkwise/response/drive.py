@@ -61,7 +61,22 @@ class Drive:
         return parse(_DISPLACEMENTS[self.kind], ("t",))
 
     def base(self, size: float, omega: float, phases: Floats) -> tuple[Floats, Floats]:
-        """(M,) displacement in m and velocity in m/s of the base at `phases` (M,)."""
+        """Give the motion of the base.
+
+        Parameters
+        ----------
+        size : float
+            Amplitude of what is harmonic, in its unit.
+        omega : float
+            Angular frequency in rad/s.
+        phases : array of shape (M,)
+            Phases of the excitation in rad.
+
+        Returns
+        -------
+        tuple of two arrays of shape (M,)
+            Displacement in m and velocity in m/s; zero under a force.
+        """
         if self.kind == FORCE:
             return np.zeros(len(phases)), np.zeros(len(phases))
         size = size / omega**self.order
@@ -69,7 +84,18 @@ class Drive:
         return size * np.cos(turned), -size * omega * np.sin(turned)
 
     def check(self, structure: Structure) -> None:
-        """Raise SimulationError for a drive that does not fit the structure."""
+        """Check that a structure can be driven so.
+
+        Parameters
+        ----------
+        structure : Structure
+            The structure.
+
+        Raises
+        ------
+        SimulationError
+            If it has no such place.
+        """
         if self.kind == FORCE:
             places = (*structure.places, *structure.modes.intersection(structure.mass_names))
             if self.place not in places:

@@ -125,6 +125,11 @@ class ResponseOptions:
         -------
         ResponseOptions
             The options.
+
+        Raises
+        ------
+        SimulationError
+            If an option is invalid, or frequencies are missing.
         """
         if "hz" not in keywords:
             raise SimulationError("frequencies are needed: hz=(lowest, highest)", arguments=("hz",))

@@ -181,8 +181,8 @@ class Response(JudgedView):
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """None: a response is as good as the structure that it is of."""
-        return ()
+        """That motions were followed through the frequencies; the structure may be less sure."""
+        return (Verdict.MOTIONS_FOLLOWED,)
 
     @property
     def findings(self) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from linkwise.simulation.integrator.periods import PhaseIntegrator
 from linkwise.verdict import Verdict
 
 _TURNS = 10  # periods of the slowest mode between two looks at the energy
+_FEW = 0.01  # of all motions: such as begin on top of a barrier
 _LOOKS = 400  # after which a motion is not decided
 
 
@@ -67,8 +68,9 @@ class Basins(JudgedView):
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """None: basins are as good as the structure that they are of."""
-        return ()
+        """Whether all motions but few came to rest."""
+        few = float(np.mean(self.ends < 0)) <= _FEW
+        return (Verdict.MOTIONS_FOLLOWED if few else Verdict.MOTIONS_CUT_SHORT,)
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data.
