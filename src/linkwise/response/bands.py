@@ -1,8 +1,9 @@
 """Bands of amplitudes: the steady motions of draws from the posterior at the frequencies of a branch.
 
 Each draw starts from the motion of the identified structure, moved as at the point before, and is corrected with the
-Jacobian of the identified structure (the chord method). Where a fold has moved, a draw has no motion at a frequency and is
-left out there. A long branch has its band at some points, and between them by interpolation of its parts of the amplitude.
+Jacobian of the identified structure (the chord method), or by Newton's method where it has moved too far. Where a fold
+has moved, a draw has no motion at a frequency and is left out there. A long branch has its band at some points, and
+between them by interpolation of its parts of the amplitude.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.linalg import lu_factor, lu_solve
 from linkwise.arrays import Floats
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.model.structure import Structure
-from linkwise.response.continuation import Point
+from linkwise.response.continuation import Point, solve
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
 from linkwise.response.search import Curve, PeriodicEquations
@@ -79,19 +80,38 @@ def _drawn(
     for number, (point, factor) in enumerate(zip(points, factors, strict=True)):
         unknowns = point.unknowns.copy()
         unknowns[:-1] += moved
-        last = np.inf
-        for _ in range(_CORRECTIONS):
-            missing, motion = equations.missing(unknowns, _SAMPLES)
-            if not np.isfinite(missing).all():
-                break
-            step = lu_solve(factor, missing, check_finite=False)
-            size = float(np.abs(step / point.sizes[:-1]).max())
-            if size < _CONVERGED:
-                values[number] = amplitudes(motion, rows, equations.turns)[0]
-                break
-            if size > last:
-                break
-            unknowns[:-1] -= step
-            last = size
-        moved = unknowns[:-1] - point.unknowns[:-1] if np.isfinite(values[number]).all() else 0.0 * moved
+        solved = _by_chords(equations, point, factor, unknowns)
+        if solved is None:
+            solved = _on_same_side(equations, point, unknowns)
+        if solved is not None:
+            motion = equations.motion(solved, _SAMPLES)
+            values[number] = amplitudes(motion, rows, equations.turns)[0]
+        moved = 0.0 * moved if solved is None else solved[:-1] - point.unknowns[:-1]
     return values
+
+
+def _by_chords(
+    equations: PeriodicEquations, point: Point, factor: tuple[Floats, Floats], unknowns: Floats
+) -> Floats | None:
+    """The solution near unknowns by the chord method, with the factors of the Jacobian at a point; None where it fails."""
+    unknowns, last = unknowns.copy(), np.inf
+    for _ in range(_CORRECTIONS):
+        missing, _ = equations.missing(unknowns, _SAMPLES)
+        step = lu_solve(factor, missing, check_finite=False)
+        size = float(np.abs(step / point.sizes[:-1]).max())
+        if size < _CONVERGED:
+            return unknowns
+        if not size < last:
+            return None
+        unknowns[:-1] -= step
+        last = size
+    return None
+
+
+def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
+    """The same by Newton's method, if the solution is on the side of all folds that the point is on."""
+    found = solve(equations, unknowns)
+    if found is None:
+        return None
+    signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
+    return found.unknowns if signs[0] == signs[1] else None

@@ -213,8 +213,13 @@ def with_located(
     marked: list[tuple[Point, str]] = [(point, "") for point in points[:1]]
     values = [[test(point) for point in points] for _, test in tests]
     for number, (first, last) in enumerate(pairwise(points)):
+        near = ""
         for (name, test), row in zip(tests, values, strict=True):
             if row[number] * row[number + 1] < 0.0:
-                marked.append((locate(equations, first, last, test) or last, name))
-        marked.append((last, ""))
+                located = locate(equations, first, last, test)
+                if located is None or np.array_equal(located.unknowns, last.unknowns):
+                    near = near or name  # as exactly as it can be told
+                else:
+                    marked.append((located, name))
+        marked.append((last, near))
     return marked

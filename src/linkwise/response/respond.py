@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Floats
@@ -176,12 +177,23 @@ def _reach(search: LevelSearch, wells: Floats) -> float:
     return max(float(np.ptp(wells, axis=0).max()), max(sizes, default=0.0))
 
 
+class _ShownMotion(NamedTuple):
+    """Amplitudes (C,) and first harmonics (C,) of a motion, its start (N,), and the link that leaves its range, or ""."""
+
+    point: Point
+    amplitude: Floats
+    harmonic: NDArray[np.complex128]
+    start: Floats
+    outside: str
+
+
 @dataclass(frozen=True, eq=False)
 class _Shown:
     """Motions as the channels that are shown."""
 
     asked: AskedStructure
     channels: tuple[Channel, ...]
+    _kept: dict[int, _ShownMotion] = field(default_factory=dict)
 
     @cached_property
     def rows(self) -> Floats:
@@ -191,19 +203,26 @@ class _Shown:
     def branch(self, curve: Curve) -> Branch:
         """The branch of a curve."""
         equations, points = curve.equations, [point for point, _ in curve.points]
-        motions = [equations.motion(point.unknowns) for point in points]
-        shown = [amplitudes(motion, self.rows, equations.turns) for motion in motions]
-        ranges = zip(motions, points, strict=True) if self.asked.ranges else ()
+        shown = [self._of(equations, point) for point in points]
         return Branch(
             hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
-            amplitude=np.array([amplitude for amplitude, _ in shown]),
-            first_harmonic=np.array([harmonic for _, harmonic in shown]),
+            amplitude=np.array([motion.amplitude for motion in shown]),
+            first_harmonic=np.array([motion.harmonic for motion in shown]),
             multipliers=np.array([equations.multipliers(point) for point in points]),
             bifurcations=tuple(name for _, name in curve.points),
-            starts=np.array([motion[0] for motion in motions]),
+            starts=np.array([motion.start for motion in shown]),
             turns=equations.turns,
-            outside=tuple(self._outside(equations, motion, point.parameter) for motion, point in ranges),
+            outside=tuple(motion.outside for motion in shown) if self.asked.ranges else (),
         )
+
+    def _of(self, equations: PeriodicEquations, point: Point) -> _ShownMotion:
+        """The motion at a point of a curve, which is kept: peaks are looked for in it, channel by channel."""
+        if id(point) not in self._kept:
+            motion = equations.motion(point.unknowns)
+            outside = self._outside(equations, motion, point.parameter) if self.asked.ranges else ""
+            shown = amplitudes(motion, self.rows, equations.turns)
+            self._kept[id(point)] = _ShownMotion(point, *shown, motion[0], outside)
+        return self._kept[id(point)]
 
     def _outside(self, equations: PeriodicEquations, motion: Floats, omega: float) -> str:
         structure = self.asked.structure
@@ -213,13 +232,12 @@ class _Shown:
 
     def with_peaks(self, curve: Curve) -> Curve:
         """The curve with points at the peak of each channel."""
-        for row in self.rows:
-            curve = with_peak(curve, partial(self._amplitude, curve.equations, row[None]))
+        for column in range(len(self.rows)):
+            curve = with_peak(curve, partial(self._amplitude, curve.equations, column))
         return curve
 
-    @staticmethod
-    def _amplitude(equations: PeriodicEquations, row: Floats, point: Point) -> float:
-        return float(amplitudes(equations.motion(point.unknowns), row, equations.turns)[0][0])
+    def _amplitude(self, equations: PeriodicEquations, column: int, point: Point) -> float:
+        return float(self._of(equations, point).amplitude[column])
 
     def irregular(self, motions: Sequence[IrregularMotion]) -> tuple[Irregular, ...]:
         """Irregular motions in the channels, those of a kind at one frequency together."""

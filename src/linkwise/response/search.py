@@ -224,6 +224,8 @@ def with_peak(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
         lengths = [
             float(np.linalg.norm((b.unknowns - a.unknowns) / three[1].sizes)) for a, b in pairwise(three)
         ]
+        if min(lengths) == 0.0:
+            break
         way = _vertex(lengths, values[top - 1 : top + 2])
         first = top - 1 if way < 0.0 else top
         part = 1.0 + way / lengths[0] if way < 0.0 else way / lengths[1]
@@ -268,11 +270,11 @@ def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], fl
 def _confirmed(
     equations: PeriodicEquations, marked: Sequence[tuple[Point, str]]
 ) -> Iterator[tuple[Point, str]]:
-    """The points without those where nothing gains or loses stability, though a test vanishes, as between real multipliers."""
+    """The points, those without a name where nothing gains or loses stability, though a test vanishes."""
     counts = [int((np.abs(equations.multipliers(point)) > 1.0).sum()) for point, _ in marked]
     for number, (point, name) in enumerate(marked):
-        if not name or name == FOLD or counts[number - 1] != counts[min(number + 1, len(marked) - 1)]:
-            yield point, name
+        changes = counts[number - 1] != counts[min(number + 1, len(marked) - 1)]
+        yield point, name if name == FOLD or changes else ""
 
 
 def irregular_motion(shooting: Shooting, state: Floats, omega: float) -> IrregularMotion | None:
