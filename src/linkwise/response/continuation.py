@@ -76,7 +76,7 @@ def solve(equations: Equations, guess: Floats, normal: Floats | None = None) -> 
     for corrections in range(1, _MOST_CORRECTIONS + 1):
         residual, jacobian = equations(unknowns)
         right = np.append(residual, normal @ ((unknowns - guess) / sizes))
-        if not np.isfinite(right).all():
+        if not (np.isfinite(right).all() and np.isfinite(jacobian).all()):
             return None
         try:
             step = np.linalg.solve(np.vstack([jacobian * sizes, normal]), right)

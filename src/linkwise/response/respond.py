@@ -122,6 +122,7 @@ def respond(
     return Response(structure, chosen.drive, shown.channels, tuple(levels), draws, seconds)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of motions from states at random that diverge
 def _searched(
     shooting: Shooting, options: ResponseOptions, before: Sequence[Curve], progress: Progress
 ) -> LevelSearch:
