@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (14, 2275),
     "records": (9, 1418),
     "report": (10, 1310),
-    "response": (13, 1509),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1510),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 946),
     "signals": (6, 854),
     "simulation": (9, 1422),

@@ -93,6 +93,23 @@ def test_motion_of_the_base_is_what_it_is_said_to_be(kind: str, order: int) -> N
     np.testing.assert_allclose(branch.first_harmonic[:, 0], exact, rtol=1e-9)
 
 
+def test_a_link_with_memory_and_a_mode_of_a_host_respond_as_their_transfer_functions() -> None:
+    rates = {"V": "(-theta*v - V/R)/C"}
+    law = ("piezo", "m1-ground", "k*d + c*v - theta*V")
+    piezo = structure({"m1": 1.0}, link(*law, rates, k=K, c=2.0, theta=0.05, R=1e3, C=1e-4))
+    host = lw.Host("beam", (lw.model.HostMode(3.0, 0.02, {"tip": 2.0}),))
+    beam = structure({}, link("spring", "beam.tip-ground", "k*d", k=10.0), hosts=[host])
+    own = 2 * np.pi * 3.0
+    for subject, place in ((piezo, "m1"), (beam, "beam.tip")):
+        response = lw.respond(subject, force={place: 0.3}, hz=(2.0, 4.0), starts=0)
+        s = 2j * np.pi * (branch := response.levels[0].branches[0]).hz
+        if place == "m1":
+            exact = 0.3 / (s**2 + 2.0 * s + K + 0.05**2 * s / (1e-4 * s + 1e-3))
+        else:
+            exact = 4.0 * 0.3 / (s**2 + 0.04 * own * s + own**2 + 4.0 * 10.0)
+        np.testing.assert_allclose(branch.first_harmonic[:, 0], exact, rtol=1e-9)
+
+
 def test_a_published_chain_has_its_folds_and_peak() -> None:
     """Example 02 of NLvib (Krack and Gross 2019)."""
     chain = structure(

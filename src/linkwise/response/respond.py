@@ -38,6 +38,7 @@ from linkwise.response.shooting import Shooting, amplitudes, channel_rows, phase
 
 _FREQUENCIES = 12  # at which motions are looked for
 _HARMONICS = 25  # of harmonic balance, where laws have kinks
+_GROWN = 4  # frequencies at which harmonic balance follows motions from a small excitation on
 _MOST_WELLS = 6  # in which motions begin
 
 
@@ -153,7 +154,7 @@ def _searched(
 def _balanced(balance: HarmonicBalance, before: Sequence[Curve], progress: Progress) -> LevelSearch:
     """All curves at one level by harmonic balance, from rest in every well and from those of the level before."""
     search, wells = LevelSearch(balance), _wells(balance.structure)
-    omegas = np.geomspace(*balance.bounds, _FREQUENCIES)
+    omegas = np.geomspace(*balance.bounds, _GROWN)
     for number, omega in enumerate(omegas):
         progress(ProgressReport(number / len(omegas), f"looking for motions at {omega / (2 * np.pi):.4g} Hz"))
         for well in wells:
