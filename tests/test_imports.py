@@ -13,7 +13,7 @@ from sources import FILES, SOURCE, tree
 
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
     "root", "expression", "model", "records", "files", "signals", "modal", "inspection", "analysis", "simulation",
-    "estimates", "sindy", "weak", "likelihood", "identification", "discovery", "absorption", "study", "export",
+    "estimates", "sindy", "weak", "likelihood", "identification", "discovery", "absorption", "response", "study", "export",
     "plot", "paper", "report", "cli",
 )  # fmt: skip
 DOORS = {

@@ -12,6 +12,7 @@ from linkwise import model as model
 from linkwise import plot as plot
 from linkwise import records as records
 from linkwise import report as report
+from linkwise import response as response
 from linkwise import sindy as sindy
 from linkwise import study as study
 from linkwise.absorption.absorb import absorb as absorb
@@ -53,6 +54,8 @@ from linkwise.model.structure_file import parse_structure as parse_structure
 from linkwise.model.structure_file import read_structure as read_structure
 from linkwise.model.structure_file import write_structure as write_structure
 from linkwise.records.record import Record as Record
+from linkwise.response.backbone import backbone as backbone
+from linkwise.response.respond import respond as respond
 from linkwise.simulation.simulate import simulate as simulate
 from linkwise.sindy.estimate import PhysicsInformedSindy as PhysicsInformedSindy
 from linkwise.study.definition import Study as Study

@@ -22,6 +22,9 @@ from linkwise.errors import OutputError
 RESULT = "result.json"
 ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
 DESIGN = "design.json"  # the same of a folder that `design` wrote
+BACKBONE = "backbone.json"  # the same of a folder that `backbone` wrote
+BASINS = "basins.json"  # the same of a folder that `basins` wrote
+RESPONSE = "response.json"  # the same of a folder that `respond` wrote
 VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
 INSPECTION = "inspection.json"  # the same of a folder that `inspect` wrote
 

@@ -205,6 +205,11 @@ class Verdict(Enum):
         "over these levels. Look at the distortion under a periodic force."
     )
 
+    MOTIONS_FOLLOWED = "Every motion was followed to the end that was asked for."
+    MOTIONS_CUT_SHORT = (
+        "Some motions were not followed to the end that was asked for: what is shown of the others is exact."
+    )
+
     STUDY_COMPLETE = "Every case of the study was run and has an answer."
     STUDY_INCOMPLETE = (
         "Some cases were not run yet, so that the statistics may change. Run the study again: it resumes where it was "
@@ -241,6 +246,8 @@ _ADMISSIBLE = frozenset(
         Verdict.NO_INTERVALS,
         Verdict.MODEL_ERROR_NEEDED,
         Verdict.ENERGY_BALANCE_CLOSED,
+        Verdict.MOTIONS_FOLLOWED,
+        Verdict.MOTIONS_CUT_SHORT,
         Verdict.PREDICTION_AGREES,
         Verdict.UNKNOWNS_DETERMINED,
         Verdict.NOTHING_WRONG_SEEN,

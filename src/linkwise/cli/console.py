@@ -42,9 +42,12 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
         "absorption": "linkwise.report.absorption:ABSORPTION_FOLDER",
         "map": "linkwise.report.absorption:MAP_FOLDER",
         "design": "linkwise.report.design:DESIGN_FOLDER",
+        "backbone": "linkwise.report.response:BACKBONE_FOLDER",
+        "basins": "linkwise.report.response:BASINS_FOLDER",
         "discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
         "estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
         "inspection": "linkwise.report.inspection:INSPECTION_FOLDER",
+        "response": "linkwise.report.response:RESPONSE_FOLDER",
         "validation": "linkwise.report.validation:VALIDATION_FOLDER",
     },
 )

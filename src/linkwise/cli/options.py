@@ -235,6 +235,11 @@ FLAGS = {
     "burn": "--burn S",
     "segment": "--segment S",
     "draws": "--draws N",
+    "hz": "--from HZ --to HZ",
+    "excitation": "--force MASS=N or --base x|v|a=SIZE",
+    "levels": "--levels SIZE,SIZE",
+    "show": "--show x:m1",
+    "starts": "--starts N",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
 

@@ -28,6 +28,8 @@ from linkwise.plot.records import displacement as displacement
 from linkwise.plot.records import histories as histories
 from linkwise.plot.records import spectrogram as spectrogram
 from linkwise.plot.records import spectrum as spectrum
+from linkwise.plot.responses import backbone as backbone
+from linkwise.plot.responses import response as response
 from linkwise.plot.studies import study as study
 from linkwise.plot.studies import success_map as success_map
 from linkwise.plot.style import save as save

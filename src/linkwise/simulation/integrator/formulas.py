@@ -54,7 +54,7 @@ class SystemShape(NamedTuple):
 
     `masses` is their number; `links` has for each link its weights, its law and the rates of its states, with masses numbered
     as in `Structure.topology`; `inputs` has for each driven place the weights of the masses, `BASE_INPUT` for the base, and an
-    expression of t or, for a piecewise polynomial, its order.
+    expression of t, whose other symbols are run-time parameters, or, for a piecewise polynomial, its order.
     """
 
     masses: int
@@ -77,8 +77,8 @@ class ParameterLayout:
 
     In this order: `values`, the coefficients link by link in the order of the law; `branches`, the sign of every kink;
     `unwatched`, an offset for every kink whose crossings are not to be detected; `pieces`, for every piecewise input its start
-    and its coefficients, lowest power first; `inverse_masses`, 1/(m s) of every mass. The last are used by every integrator,
-    as heyoka requires of the last parameter.
+    and its coefficients, lowest power first, and for every expression its symbols; `inverse_masses`, 1/(m s) of every mass.
+    The last are used by every integrator, as heyoka requires of the last parameter.
     """
 
     def __init__(self, shape: SystemShape, kinks: int) -> None:
@@ -89,7 +89,7 @@ class ParameterLayout:
         self.inputs: list[slice] = []
         end = self.unwatched.stop
         for _, kind in shape.inputs:
-            width = kind + 2 if isinstance(kind, int) else 0
+            width = kind + 2 if isinstance(kind, int) else len(input_symbols(kind))
             self.inputs.append(slice(end, end + width))
             end += width
         self.pieces = slice(self.unwatched.stop, end)
@@ -102,6 +102,11 @@ def coefficient_names(link: LinkShape) -> tuple[str, ...]:
     trees = (link.law, *(rate for _, rate in link.rates))
     names = dict.fromkeys(name for tree in trees for name in symbols(tree))
     return tuple(name for name in names if name not in (*VARIABLES, *link.states))
+
+
+def input_symbols(tree: Expression) -> tuple[str, ...]:
+    """The symbols of an input other than t, in order of appearance."""
+    return tuple(name for name in symbols(tree) if name != "t")
 
 
 def flat_ends(tree: Expression) -> list[Expression]:
@@ -279,12 +284,13 @@ class MotionFormulas:
     def _input(self, number: int) -> tuple[Formula, Formula]:
         """An input and its derivative as functions of time."""
         _, kind = self.shape.inputs[number]
-        if isinstance(kind, Expression):
-            clock = {"t": heyoka.time}
-            return self._translated(kind, clock, _INPUT), self._translated(
-                differentiate(kind, "t"), clock, _INPUT
-            )
         start = self.layout.inputs[number].start
+        if isinstance(kind, Expression):
+            names = {name: heyoka.par[start + k] for k, name in enumerate(input_symbols(kind))}
+            names["t"] = heyoka.time
+            return self._translated(kind, names, _INPUT), self._translated(
+                differentiate(kind, "t"), names, _INPUT
+            )
         elapsed = heyoka.time - heyoka.par[start]
         value = heyoka.par[start + 1 + kind]
         slope = kind * value

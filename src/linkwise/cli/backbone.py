@@ -1,0 +1,81 @@
+"""`linkwise backbone`: free vibration of a structure over amplitude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+import linkwise as lw
+from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.options import (
+    POSITIVE,
+    comma_separated,
+    folder_option,
+    grouped,
+    json_option,
+    number,
+    pairs,
+    typed,
+    unstarted_is_usage,
+)
+from linkwise.estimates.estimate import stated_grade
+from linkwise.output import BACKBONE
+
+_AMPLITUDE = "x:m1=0.01"
+
+
+@dataclass(frozen=True)
+class ModeOptions:
+    """Which mode, and how far it is followed.
+
+    Parameters
+    ----------
+    mode : int
+        Number of the linear mode by ascending frequency, from 1.
+    to_amplitude : tuple[str, ...]
+        End where half of peak to peak of a channel is so large (default: where the frequency has changed by a third).
+    to_energy : float | None
+        End at this energy.
+    show : tuple[str, ...]
+        Displacements and velocities that are shown (default: the displacements of all masses and points).
+    """
+
+    mode: int = typed("K", type=click.IntRange(min=1), required=True)
+    to_amplitude: tuple[str, ...] = typed("CHANNEL=SIZE", multiple=True)
+    to_energy: float | None = typed("J", type=POSITIVE)
+    show: tuple[str, ...] = typed("CHANNEL", multiple=True, callback=comma_separated)
+
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.backbone`."""
+        ends = pairs(self.to_amplitude, "--to-amplitude", _AMPLITUDE)
+        if len(ends) > 1:
+            raise click.UsageError("--to-amplitude is given for two channels; give one.")
+        sizes = {name: number(size, "--to-amplitude", _AMPLITUDE) for name, size in ends.items()}
+        return {"to_amplitude": sizes or None, "to_energy": self.to_energy, "show": self.show}
+
+
+@click.command()
+@click.argument("structure", type=click.Path(path_type=Path))
+@grouped(ModeOptions, "chosen")
+@folder_option(BACKBONE)
+@json_option("backbone.json")
+def backbone(structure: Path, chosen: ModeOptions, output: Path | None, as_json: bool) -> int:
+    """Follow free vibration of STRUCTURE without its damping from a linear mode to large amplitudes.
+
+    The result holds frequency, energy and amplitudes along the curve. STRUCTURE is a structure file, or the folder of an
+    answer of identify.
+
+    \b
+    Examples:
+      linkwise backbone chain.toml --mode 1 --to-amplitude x:m1=0.01 -o mode1
+      linkwise backbone answer --mode 2 --to-energy 0.05
+    """
+    with progress("following the mode"), unstarted_is_usage():
+        result = lw.backbone(structure, chosen.mode, **chosen.keywords())
+    if remark := stated_grade(structure)[1]:
+        tell(f"note: {structure}: {remark}")
+    document = lw.report.backbone_of(result)
+    return deliver("backbone", result, document, output, as_json=as_json, answer=structure)

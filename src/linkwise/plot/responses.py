@@ -1,0 +1,252 @@
+"""Steady motion over frequency: branches at every level, unstable parts, bands, and what is not periodic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from linkwise.arrays import Floats
+from linkwise.errors import StructureError, require_known
+from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, single, strips
+from linkwise.records.channel_units import unit_in
+from linkwise.response.backbone import Backbone
+from linkwise.response.rest_basins import Basins
+from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
+
+_MOST = 6  # channels in a figure
+_BAND, _PLANE = 0.2, 0.6  # opacity
+_MARKERS = {FOLD: "o", "period doubling": "s", "Neimark-Sacker": "D", "branch point": "^"}
+
+
+def response(
+    result: Response, channel: str | None = None, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the amplitude of a channel over frequency: a colour for each level, unstable motion thin and dotted.
+
+    Where a link leaves the range that the record visited a curve is dashed. Bars are ranges of motions that do not repeat.
+
+    Parameters
+    ----------
+    result : Response
+        An answer of `linkwise.respond`.
+    channel : str, optional
+        A channel of it, such as "x:m1". By default the first.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, and half of peak to peak.
+
+    Raises
+    ------
+    StructureError
+        If the response does not have the channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> spring = lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": 400.0, "c": 2.0})
+    >>> oscillator = lw.Structure("oscillator", (lw.Mass("m1", 1.0),), (spring,))
+    >>> answer = lw.respond(oscillator, force={"m1": 1.0}, hz=(1.0, 5.0), starts=0)
+    >>> lw.plot.response(answer).get_ylabel()
+    'x:m1\\nmm'
+    """
+    name = channel or result.channels[0]
+    require_known("channel", name, result.channels, StructureError)
+    column = result.channels.index(name)
+    largest = max(
+        [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
+        + [np.ptp([m.lower[column], m.upper[column]]) / 2 for level in result.levels for m in level.irregular]
+    )
+    factor, unit = scale(float(largest), unit_in(result.structure, name))
+    with axes_for(ax, legend=legend) as axes:
+        for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
+            _draw_level(axes, level, column, factor, colour)
+            axes.plot([], [], color=colour, label=f"{level.size:g} {result.drive.unit}")
+        _explain(axes, result)
+        axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
+        axes.set_ylim(bottom=0.0)
+    return axes
+
+
+def _colours(count: int) -> list[str]:
+    return [SERIES[number % len(SERIES)] for number in range(count)]
+
+
+def _draw_level(axes: Axes, level: ResponseLevel, column: int, factor: float, colour: str) -> None:
+    for branch in level.branches:
+        values = factor * branch.amplitude[:, column]
+        for part, stable, outside in _parts(branch):
+            line = "--" if outside else "-" if stable else ":"
+            axes.plot(branch.hz[part], values[part], line, color=colour, linewidth=1.6 if stable else 0.8)
+            if branch.lower is not None and branch.upper is not None:
+                ends = factor * branch.lower[part, column], factor * branch.upper[part, column]
+                axes.fill_between(branch.hz[part], *ends, color=colour, alpha=_BAND, linewidth=0)
+        for name, marker in _MARKERS.items():
+            at = [number for number, own in enumerate(branch.bifurcations) if own == name]
+            axes.plot(
+                branch.hz[at], values[at], marker, color=colour, markersize=3.5, markerfacecolor="white"
+            )
+    for motion in level.irregular:
+        half = 0.5 * factor * (motion.upper[column] - motion.lower[column])
+        axes.plot([motion.hz], [half], "x", color=colour, markersize=4.5, markeredgewidth=0.9)
+
+
+def _parts(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
+    """Stretches of a branch, one point in common, and whether they are stable and outside the range of the record."""
+    outside = np.array([bool(link) for link in branch.outside] or np.zeros(len(branch.hz), dtype=bool))
+    kinds: Floats = branch.stable + 2.0 * outside
+    edges = [0, *(np.flatnonzero(np.diff(kinds)) + 1).tolist(), len(kinds)]
+    for first, last in pairwise(edges):
+        yield slice(first, min(last + 1, len(kinds))), bool(branch.stable[first]), bool(outside[first])
+
+
+def _explain(axes: Axes, result: Response) -> None:
+    """Entries of the legend for kinds of lines and marks that are there."""
+    branches = [branch for level in result.levels for branch in level.branches]
+    if any(not branch.stable.all() for branch in branches):
+        axes.plot([], [], ":", color="black", linewidth=0.8, label="unstable")
+    if any(any(branch.outside) for branch in branches):
+        axes.plot([], [], "--", color="black", label="outside the range of the record")
+    names = {name for branch in branches for name in branch.bifurcations}
+    for name, marker in _MARKERS.items():
+        if name in names:
+            axes.plot([], [], marker, color="black", markersize=3.5, markerfacecolor="white", label=name)
+    for kind in ("chaotic", "quasi-periodic"):
+        if any(motion.kind == kind for level in result.levels for motion in level.irregular):
+            axes.plot(
+                [], [], "x", color="black", markersize=4.5, label="half of the range where not periodic"
+            )
+            return
+
+
+def backbone(
+    result: Backbone, channel: str | None = None, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the amplitude of a nonlinear mode over its frequency, dashed where a link leaves the range of the record.
+
+    Parameters
+    ----------
+    result : Backbone
+        An answer of `linkwise.backbone`.
+    channel : str, optional
+        A channel of it, such as "x:m1". By default the first.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: frequency in Hz, and half of peak to peak.
+
+    Raises
+    ------
+    StructureError
+        If the backbone does not have the channel.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> curve = lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3)
+    >>> lw.plot.backbone(curve, "x:m2").get_xlabel()
+    'frequency, Hz'
+    """
+    name = channel or result.channels[0]
+    require_known("channel", name, result.channels, StructureError)
+    values = result.amplitude[:, result.channels.index(name)]
+    factor, unit = scale(float(values.max()), unit_in(result.structure, name))
+    outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
+    with axes_for(ax, legend=legend) as axes:
+        inside = np.where(outside, np.nan, values)
+        axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
+        if outside.any():
+            beyond = np.where(outside, values, np.nan)
+            axes.plot(
+                result.hz, factor * beyond, "--", color="black", label="outside the range of the record"
+            )
+        axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
+        axes.set_ylim(bottom=0.0)
+    return axes
+
+
+def backbone_figure(result: Backbone) -> Figure:
+    """The channels, each in a strip of its own; of more than 6 the first."""
+    title = f"{result.structure.name} without damping, mode {result.mode}: half of peak to peak"
+    draw = partial(_backbone_strip, result)
+    title += not_shown(result.channels, _MOST, "channels")
+    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
+
+
+def _backbone_strip(result: Backbone, channel: str, *, ax: Axes) -> Axes:
+    return backbone(result, channel, legend=False, ax=ax)
+
+
+def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw the plane of initial states, a colour for each rest position where motion ends; white where that is not decided.
+
+    Parameters
+    ----------
+    result : Basins
+        An answer of `linkwise.response.basins`.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on. By default those of a new figure, which is ``ax.figure`` of the returned axes.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> plane = {"x:m2": (-0.02, 0.02), "v:m2": (-0.5, 0.5)}
+    >>> basins(lw.response.basins(lw.bnes_chain(2), plane, points=4)).get_xlabel()
+    'x:m2, mm'
+    """
+    scales = [
+        scale(float(np.abs(values).max()), unit_in(result.structure, name))
+        for name, values in zip(result.plane, result.values, strict=True)
+    ]
+    shades = [to_rgb(colour) for colour in _colours(len(result.rests))]
+    with axes_for(ax, legend=legend) as axes:
+        grids = [factor * values for (factor, _), values in zip(scales, result.values, strict=True)]
+        colours = np.ones((*result.ends.shape, 3))
+        for number, shade in enumerate(shades):
+            colours[result.ends == number] = shade
+            label_text = f"rest {number + 1}: {100 * result.shares[number]:.3g} %"
+            axes.plot([], [], "s", color=shade, alpha=_PLANE, label=label_text)
+        axes.pcolormesh(*grids, colours.transpose(1, 0, 2), shading="nearest", alpha=_PLANE)
+        names = [f"{label(name)}, {unit}" for name, (_, unit) in zip(result.plane, scales, strict=True)]
+        axes.set(xlabel=names[0], ylabel=names[1])
+        axes.grid(visible=False)
+    return axes
+
+
+def basins_figure(result: Basins) -> Figure:
+    """The plane with its legend."""
+    return single(partial(basins, result))
+
+
+def response_figure(result: Response) -> Figure:
+    """The channels, each in a strip of its own; of more than 6 the first."""
+    title = f"{result.structure.name}: half of peak to peak" + not_shown(result.channels, _MOST, "channels")
+    draw = partial(_strip, result)
+    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
+
+
+def _strip(result: Response, channel: str, *, ax: Axes) -> Axes:
+    return response(result, channel, legend=False, ax=ax)

@@ -1,0 +1,370 @@
+"""Nonlinear modes: free vibration of the undamped structure, from a linear mode to large amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from linkwise.analysis.linear_modes import Modes, modes
+from linkwise.arrays import Floats
+from linkwise.display import JudgedView, align_columns
+from linkwise.errors import SimulationError, expect
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.expression import Number
+from linkwise.model.link import refuse_memory
+from linkwise.model.structure import Structure, refuse_rig
+from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
+from linkwise.response.answered import Answer, AskedStructure
+from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
+from linkwise.response.options import shown_channels
+from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, require_smooth, run_time_parameters
+from linkwise.simulation.energy import potential_energy
+from linkwise.simulation.integrator.formulas import BASE_INPUT, MotionFormulas, SystemShape
+from linkwise.simulation.integrator.periods import PhaseIntegrator
+from linkwise.verdict import Verdict
+
+_SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a mode should be linear
+_REACHED = 1e-6  # of what is to be reached
+_LINEAR, _TRIALS = (
+    1e-4,
+    10,
+)  # change of a frequency that a linear mode has at most, and how often a tenth is tried
+_LONGEST = 0.08  # step along the curve
+_MOST = 600  # points
+_CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
+_FREQUENCY = 0.2  # of omega: its size
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotion:
+    """The equations of a motion of the undamped structure from rest to rest, half a period long.
+
+    Unknowns are the displacements (n,) in m from which it is released and omega in rad/s. What is released from rest and comes
+    to rest again goes back the same way, since no law depends on velocities.
+    """
+
+    structure: Structure
+    integrator: PhaseIntegrator
+
+    @classmethod
+    def of(cls, structure: Structure) -> FreeMotion:
+        """Those of a structure without its damping. Raises StructureError for laws with memory or kinks."""
+        refuse_memory(structure.links, "backbones")
+        masses, links = structure.shape_key
+        elastic = [
+            shape._replace(law=link.law.elastic) for shape, link in zip(links, structure.links, strict=True)
+        ]
+        inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
+        motion = MotionFormulas(SystemShape(masses, tuple(elastic), inputs))
+        require_smooth(structure, motion)
+        return cls(structure, PhaseIntegrator(motion))
+
+    @cached_property
+    def parameters(self) -> Floats:
+        """The run-time parameters."""
+        return run_time_parameters(self.structure, self.integrator.layout)
+
+    def _start(self, unknowns: Floats) -> Floats:
+        return np.concatenate([unknowns[:-1], np.zeros(self.structure.size)])
+
+    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
+        """The velocities (n,) after half a period, over omega, and their Jacobian (n, n + 1)."""
+        self.integrator.set_parameters(self.parameters)
+        size, omega = self.structure.size, float(unknowns[-1])
+        turn = self.integrator.turn(self._start(unknowns), omega, np.pi)
+        jacobian = np.column_stack([turn.by_start[size:, :size], turn.by_omega[size:]])
+        jacobian[:, -1] -= turn.end[size:] / omega
+        return turn.end[size:] / omega, jacobian / omega
+
+    def sizes(self, unknowns: Floats) -> Floats:
+        """The largest amplitude for all displacements, and that of omega."""
+        half = 0.5 * np.ptp(self.motion(unknowns, 8)[:, : self.structure.size], axis=0).max()
+        sizes = np.full(len(unknowns), half)
+        sizes[-1] = _FREQUENCY * abs(unknowns[-1])
+        return sizes
+
+    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
+        """(samples + 1, 2n) the motion over a period, its end included."""
+        self.integrator.set_parameters(self.parameters)
+        phases: Floats = np.linspace(0.0, np.pi, samples // 2 + 1)
+        there = self.integrator.motion(self._start(unknowns), float(unknowns[-1]), phases)
+        back = there[-2::-1].copy()
+        back[:, self.structure.size :] *= -1.0
+        return np.concatenate([there, back])
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone(JudgedView):
+    """The result of `backbone`; printed, the frequency over energy.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure.
+    mode : int
+        The number of the linear mode, from 1.
+    channels : tuple of str
+        The C channels of amplitudes.
+    hz : array of shape (P,)
+        Frequencies in Hz; the first is that of the linear mode, but for its small amplitude.
+    energy : array of shape (P,)
+        Energy in J above rest.
+    amplitude : array of shape (P, C)
+        Half of peak to peak of each channel.
+    starts : array of shape (P, n)
+        Displacements in m from which the motions are released.
+    reached : bool
+        Whether the curve reached the end that was asked for.
+    outside : tuple of str
+        At each point the link whose elongation leaves most the range that the record visited, "" where none does.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> coefficients = {"k": 400.0, "k3": 1e5}
+    >>> spring = lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + k3*d**3"), coefficients)
+    >>> curve = lw.backbone(lw.Structure("duffing", (lw.Mass("m1", 1.0),), (spring,)), 1, to_amplitude={"x:m1": 0.05})
+    >>> curve.hz[[0, -1]].round(3).tolist(), curve.energy[-1].round(6).item()
+    ([3.183, 3.849], 0.65625)
+    """
+
+    structure: Structure
+    mode: int
+    channels: tuple[Channel, ...]
+    hz: Floats
+    energy: Floats
+    amplitude: Floats
+    starts: Floats
+    reached: bool = True
+    outside: tuple[str, ...] = ()
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether the curve reached the end that was asked for."""
+        return (Verdict.MOTIONS_FOLLOWED if self.reached else Verdict.MOTIONS_CUT_SHORT,)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Whether the curve ends too soon, and where a link leaves the range of the record, in sentences."""
+        sentences = []
+        if not self.reached:
+            sentences.append(
+                f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for: it came back to a small "
+                "vibration, as in another well, or bends too sharply to be followed."
+            )
+        first = next((number for number, link in enumerate(self.outside) if link), None)
+        if first is not None:
+            sentences.append(
+                f"From {self.energy[first]:.3g} J on, link {self.outside[first]} moves farther than the record did: its law "
+                "is extrapolated there."
+            )
+        return tuple(sentences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            "mode" and "points".
+        """
+        points = zip(self.hz.tolist(), self.energy.tolist(), self.amplitude.tolist(), strict=True)
+        return {
+            "method": "backbone",
+            "structure": self.structure.name,
+            **self._judgement(),
+            "units": {channel: unit_in(self.structure, channel) for channel in self.channels},
+            "findings": list(self.findings),
+            "mode": self.mode,
+            "points": [
+                {"hz": hz, "energy": energy, "amplitude": dict(zip(self.channels, values, strict=True))}
+                for hz, energy, values in points
+            ],
+        }
+
+    def __str__(self) -> str:
+        return "\n".join([*backbone_headline(self), *align_columns(backbone_rows(self)), *self.findings])
+
+
+def backbone_headline(result: Backbone) -> tuple[str, ...]:
+    """What was computed, in a sentence."""
+    return (
+        f"Mode {result.mode} of {result.structure.name} without its damping goes from {result.hz[0]:.5g} to "
+        f"{result.hz[-1]:.5g} Hz at {result.energy[-1]:.3g} J.",
+    )
+
+
+def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
+    """Some points: frequency, energy and amplitudes."""
+    titles = ("Hz", "energy, J", *(f"{name}, {unit_in(result.structure, name)}" for name in result.channels))
+    which = np.unique(np.linspace(0, len(result.hz) - 1, count).round().astype(int))
+    rows = [
+        (
+            f"{result.hz[k]:.5g}",
+            f"{result.energy[k]:.3g}",
+            *(f"{value:.4g}" for value in result.amplitude[k].tolist()),
+        )
+        for k in which.tolist()
+    ]
+    return [titles, *rows]
+
+
+def backbone(
+    answer: Answer,
+    mode: int,
+    *,
+    to_amplitude: Mapping[str, float] | None = None,
+    to_energy: float | None = None,
+    show: Sequence[str] = (),
+) -> Backbone:
+    """Follow free vibration of a structure without its damping from a linear mode to large amplitudes.
+
+    The motions go from rest to rest and back the same way; the curve is followed by pseudo-arclength. Rest is the stable
+    equilibrium of least energy.
+
+    Parameters
+    ----------
+    answer : Structure, Estimate, Posterior, str or Path
+        The structure, every coefficient a number or a start, or an answer of `identify` or its folder.
+    mode : int
+        The number of the linear mode by ascending frequency, from 1.
+    to_amplitude : mapping of str to float, optional
+        The channel and the amplitude, half of peak to peak, at which to end, such as ``{"x:m1": 0.01}``.
+    to_energy : float, optional
+        The energy in J at which to end. With neither, the curve ends where the frequency has changed by a third.
+    show : sequence of str
+        Displacements and velocities whose amplitude is shown. By default the displacements of all masses and points.
+
+    Returns
+    -------
+    Backbone
+        Frequency, energy and amplitudes along the curve.
+
+    Raises
+    ------
+    SimulationError
+        If there is no such mode, or the end is not what it must be.
+    StructureError
+        If a coefficient has no value, or a law has memory or is not smooth.
+    TypeError
+        If `answer` has another type.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3).energy[-1].round(9).item()
+    0.001
+    """
+    expect("backbone(answer, mode): answer", answer, Structure, Estimate, Posterior, str, Path)
+    expect("backbone(answer, mode): mode", mode, int)
+    asked = AskedStructure.of(answer)
+    structure = asked.structure
+    refuse_rig(structure, "backbones")
+    channels = shown_channels(structure, show)
+    free = FreeMotion.of(structure)
+    linear, count = modes(structure), structure.size
+    if not (1 <= mode <= count and linear.frequencies[mode - 1] > 0.0):
+        raise SimulationError(
+            f"there is no vibration in mode {mode}; the frequencies of modes 1 to {count} are "
+            f"{', '.join(f'{hz:.4g}' for hz in linear.frequencies)} Hz",
+        )
+    measured = _Measured(free, float(potential_energy(structure, linear.at, 0.0).sum()))
+    end = _end(measured, to_amplitude, to_energy)
+    points = _followed(free, _linear_start(free, linear, mode, to_amplitude or {}), end)
+    motions = [free.motion(point.unknowns) for point in points]
+    zero = np.zeros(SAMPLES + 1)
+    rows = channel_rows(structure, channels)
+    return Backbone(
+        structure=structure,
+        mode=mode,
+        channels=channels,
+        hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
+        energy=np.array([measured.energy(point) for point in points]),
+        amplitude=np.array([amplitudes(motion, rows, 1)[0] for motion in motions]),
+        starts=np.array([point.unknowns[:-1] for point in points]),
+        reached=end is None or abs(end(points[-1])) <= _REACHED * abs(end(points[0])),
+        outside=tuple(asked.farthest(structure.elongations(motion[:, :count], zero)) for motion in motions)
+        if asked.ranges
+        else (),
+    )
+
+
+def _linear_start(free: FreeMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:
+    """The motion of so small an amplitude that its frequency is that of the linear mode, the curve going on to larger ones."""
+    shape = linear.shapes[:, mode - 1] / np.abs(linear.shapes[:, mode - 1]).max()
+    omega = 2.0 * np.pi * linear.frequencies[mode - 1]
+    along = np.append(shape, 0.0) / np.linalg.norm(shape)
+    small = _SMALL * (max(to_amplitude.values(), default=0.0) or float(np.abs(linear.at).max()) or 1.0)
+    for _ in range(_TRIALS):
+        start = solve(free, np.append(linear.at + small * shape, omega), along)
+        if start is not None and abs(start.parameter / omega - 1.0) < _LINEAR:
+            return turned(start, along)
+        small *= 0.1
+    raise SimulationError(
+        f"mode {mode} has no small vibration near its linear shape: its frequency may be a whole part of another's; take "
+        "another mode"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """Energies and amplitudes of motions; `floor` J is the potential energy at rest."""
+
+    free: FreeMotion
+    floor: float
+
+    def energy(self, point: Point) -> float:
+        """Energy in J above rest: all of it is potential when the motion begins."""
+        return float(potential_energy(self.free.structure, point.unknowns[:-1], 0.0).sum()) - self.floor
+
+    def amplitude(self, point: Point, row: Floats) -> float:
+        """Half of peak to peak of a channel that is a `row` (1, 2n) of states."""
+        return float(amplitudes(self.free.motion(point.unknowns), row, 1)[0][0])
+
+
+def _end(
+    measured: _Measured, to_amplitude: Mapping[str, float] | None, to_energy: float | None
+) -> Callable[[Point], float] | None:
+    """What is negative before the end of the curve; None where no end is asked for."""
+    expect("backbone: to_amplitude", to_amplitude, Mapping, type(None))
+    expect("backbone: to_energy", to_energy, float, type(None))
+    if to_amplitude and to_energy is not None:
+        raise SimulationError("a backbone ends at an amplitude or at an energy; give one of the two")
+    if to_energy is not None:
+        return lambda point: measured.energy(point) - _positive(to_energy, "the energy")
+    for name, size in (to_amplitude or {}).items():
+        goal = _positive(size, "the amplitude")
+        row = channel_rows(measured.free.structure, shown_channels(measured.free.structure, (name,)))
+        return lambda point: measured.amplitude(point, row) - goal
+    return None
+
+
+def _positive(size: float, what: str) -> float:
+    if not 0.0 < size < np.inf:
+        raise SimulationError(f"{what} at which a backbone ends must be positive, got {size!r}")
+    return size
+
+
+def _followed(free: FreeMotion, start: Point, end: Callable[[Point], float] | None) -> list[Point]:
+    """The points from `start` to the `end`."""
+    omega = start.parameter
+    widest = (
+        (omega / (1.0 + _CHANGE), omega * (1.0 + _CHANGE)) if end is None else (1e-3 * omega, 1e3 * omega)
+    )
+
+    def reached(point: Point) -> bool:
+        """Whether the end is reached, or rest: a curve may come back to a linear mode, that of another well."""
+        return (end is not None and end(point) >= 0.0) or float(point.sizes[0]) < float(start.sizes[0])
+
+    steps = Steps(widest, longest=_LONGEST, most=_MOST, stop=reached)
+    points = [start, *follow(free, start, steps)[0]]
+    if end is not None and len(points) > 1 and end(points[-1]) > 0.0 > end(points[-2]):
+        points[-1] = locate(free, points[-2], points[-1], end) or points[-1]
+    return points

@@ -1,0 +1,117 @@
+"""Bands of amplitudes: the steady motions of draws from the posterior at the frequencies of a branch.
+
+Each draw starts from the motion of the identified structure, moved as at the point before, and is corrected with the
+Jacobian of the identified structure (the chord method), or by Newton's method where it has moved too far. Where a fold
+has moved, a draw has no motion at a frequency and is left out there. A long branch has its band at some points, and
+between them by interpolation of its parts of the amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import lu_factor, lu_solve
+
+from linkwise.arrays import Floats
+from linkwise.estimates.uncertainty import Posterior
+from linkwise.model.structure import Structure
+from linkwise.response.continuation import Point, solve
+from linkwise.response.options import ResponseOptions
+from linkwise.response.result import Branch
+from linkwise.response.search import Curve, PeriodicEquations
+from linkwise.response.shooting import amplitudes
+
+_COVERED = 0.95
+_SAMPLES = 64  # of a turn
+_STATIONS = 40  # points of a branch at which draws are made
+_CORRECTIONS = 8
+_CONVERGED = 1e-5  # of the size of the motion
+_LEAST = 0.5  # of the draws must have a motion
+
+
+def banded(
+    posterior: Posterior,
+    curves: Sequence[Curve],
+    branches: Sequence[Branch],
+    rows: Floats,
+    options: ResponseOptions,
+) -> list[Branch]:
+    """The branches of curves with bands; without where shapes of hosts are uncertain, on which the equations depend."""
+    drawn = [
+        posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
+        for values in posterior.draws(options.draws, options.seed)
+    ]
+    if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
+        return list(branches)
+    return [_with_band(curve, branch, drawn, rows) for curve, branch in zip(curves, branches, strict=True)]
+
+
+def _with_band(curve: Curve, branch: Branch, drawn: Sequence[Structure], rows: Floats) -> Branch:
+    """The branch with the band of structures that were drawn: at some of its points, by interpolation between."""
+    count = len(curve.points)
+    peaks = branch.amplitude.argmax(axis=0)
+    at = np.unique(np.concatenate([np.linspace(0, count - 1, _STATIONS).round().astype(int), peaks]))
+    points = [curve.points[number][0] for number in at.tolist()]
+    factors = [lu_factor(point.jacobian[:, :-1]) for point in points]
+    values = np.array([_drawn(curve.equations.of(one), points, factors, rows) for one in drawn])
+    values /= branch.amplitude[at]
+    enough = np.isfinite(values).mean(axis=0) >= _LEAST
+    values[:, ~enough] = 1.0
+    tail = 50.0 * (1.0 - _COVERED)
+    bounds = np.nanpercentile(values, [tail, 100.0 - tail], axis=0)
+    bounds[:, ~enough] = np.nan
+    lower, upper = (
+        np.column_stack([np.interp(np.arange(count), at, column) for column in bound.T]) for bound in bounds
+    )
+    return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
+
+
+def _drawn(
+    equations: PeriodicEquations,
+    points: Sequence[Point],
+    factors: Sequence[tuple[Floats, Floats]],
+    rows: Floats,
+) -> Floats:
+    """(P, C) the amplitudes of one draw at points of a curve, NaN where it has no motion near."""
+    values = np.full((len(points), len(rows)), np.nan)
+    moved = np.zeros(len(points[0].unknowns) - 1)
+    for number, (point, factor) in enumerate(zip(points, factors, strict=True)):
+        unknowns = point.unknowns.copy()
+        unknowns[:-1] += moved
+        solved = _by_chords(equations, point, factor, unknowns)
+        if solved is None:
+            solved = _on_same_side(equations, point, unknowns)
+        if solved is not None:
+            motion = equations.motion(solved, _SAMPLES)
+            values[number] = amplitudes(motion, rows, equations.turns)[0]
+        moved = 0.0 * moved if solved is None else solved[:-1] - point.unknowns[:-1]
+    return values
+
+
+def _by_chords(
+    equations: PeriodicEquations, point: Point, factor: tuple[Floats, Floats], unknowns: Floats
+) -> Floats | None:
+    """The solution near unknowns by the chord method, with the factors of the Jacobian at a point; None where it fails."""
+    unknowns, last = unknowns.copy(), np.inf
+    for _ in range(_CORRECTIONS):
+        missing, _ = equations.missing(unknowns, _SAMPLES)
+        step = lu_solve(factor, missing, check_finite=False)
+        size = float(np.abs(step / point.sizes[:-1]).max())
+        if size < _CONVERGED:
+            return unknowns
+        if not size < last:
+            return None
+        unknowns[:-1] -= step
+        last = size
+    return None
+
+
+def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
+    """The same by Newton's method, if the solution is on the side of all folds that the point is on."""
+    found = solve(equations, unknowns)
+    if found is None:
+        return None
+    signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
+    return found.unknowns if signs[0] == signs[1] else None

@@ -1,0 +1,225 @@
+"""Curves of solutions of n equations in n + 1 unknowns, followed by pseudo-arclength through folds.
+
+The last unknown is the parameter. Lengths are measured in unknowns over their present size, so that a curve may grow a
+thousandfold on its way. (Keller 1977; Allgower and Georg 1990.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from linkwise.arrays import Floats
+
+_CONVERGED = 1e-8  # of the sizes: a correction after which the next would be rounding, since Newton's method squares it
+_MOST_CORRECTIONS = 12
+_FEW, _MANY = 3, 6  # corrections after which steps grow or shrink
+_GROWTH = 1.6
+_BEND, _TURN = 0.96, 0.5  # cosine between tangents at the ends of a step, at least, and about a corner
+_CORNER = 1e-2  # step, relative to the longest, from which on a bend is one
+_MOST_TRIALS = 40  # of the place of a bifurcation
+_SHORTEST = 1e-7  # step, relative to the longest
+
+
+class Equations(Protocol):
+    """n equations in n + 1 unknowns."""
+
+    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
+        """The residual (n,) and its Jacobian (n, n + 1); NaN where there is none."""
+        ...
+
+    def sizes(self, unknowns: Floats) -> Floats:
+        """The sizes (n + 1,) in which lengths along the curve are measured near these unknowns."""
+        ...
+
+
+class Point(NamedTuple):
+    """A point of a curve: unknowns (n + 1,), the Jacobian (n, n + 1) there, and the tangent (n + 1,) in units of `sizes`."""
+
+    unknowns: Floats
+    jacobian: Floats
+    tangent: Floats
+    sizes: Floats
+    corrections: int = 0
+
+    @property
+    def parameter(self) -> float:
+        """The last unknown."""
+        return float(self.unknowns[-1])
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How far to follow a curve: the parameter within `bounds`, steps at most `longest` sizes, and so many points at most.
+
+    `stop` ends the curve at the first point for which it is true.
+    """
+
+    bounds: tuple[float, float]
+    longest: float = 0.1
+    most: int = 2000
+    stop: Callable[[Point], bool] = lambda point: False
+
+
+def solve(equations: Equations, guess: Floats, normal: Floats | None = None) -> Point | None:
+    """The point of the curve on the plane through `guess` across `normal` (n + 1,); None where Newton's method fails.
+
+    The normal is in units of the sizes at the guess; by default the parameter is held.
+    """
+    sizes = equations.sizes(guess)
+    normal = np.eye(len(guess))[-1] if normal is None else normal
+    unknowns = guess
+    for corrections in range(1, _MOST_CORRECTIONS + 1):
+        residual, jacobian = equations(unknowns)
+        right = np.append(residual, normal @ ((unknowns - guess) / sizes))
+        if not (np.isfinite(right).all() and np.isfinite(jacobian).all()):
+            return None
+        try:
+            step = np.linalg.solve(np.vstack([jacobian * sizes, normal]), right)
+        except np.linalg.LinAlgError:
+            return None
+        unknowns = unknowns - step * sizes
+        if np.linalg.norm(step) > 1.0 and normal[-1] == 1.0:  # from rest, whose size says nothing
+            sizes = equations.sizes(unknowns)
+        if np.linalg.norm(step) < _CONVERGED:
+            point = Point(unknowns, jacobian, normal, equations.sizes(unknowns), corrections)
+            return turned(point, normal) if np.isfinite(point.sizes).all() else None
+    return None
+
+
+def turned(point: Point, along: Floats) -> Point:
+    """The point with its unit tangent, in the direction of `along` (n + 1,)."""
+    bordered = np.vstack([point.jacobian * point.sizes, along])
+    try:
+        tangent = np.linalg.solve(bordered, np.eye(len(along))[-1])
+    except np.linalg.LinAlgError:  # across `along`
+        tangent = np.linalg.svd(bordered[:-1])[2][-1]
+    return point._replace(tangent=tangent / np.linalg.norm(tangent))
+
+
+def follow(equations: Equations, start: Point, steps: Steps) -> tuple[list[Point], bool]:
+    """The points of the curve from `start` along its tangent, without the start, and whether they return to it.
+
+    The last point is on the bound, where it is reached.
+    """
+    points: list[Point] = []
+    point, length, travelled = start, 0.3 * steps.longest, 0.0
+    while len(points) < steps.most and length > _SHORTEST * steps.longest:
+        guess = point.unknowns + length * point.tangent * point.sizes
+        found = solve(equations, guess, point.tangent)
+        if found is None or not _near(point, found, length, corner=length < _CORNER * steps.longest):
+            length *= 0.5
+            continue
+        if not steps.bounds[0] <= found.parameter <= steps.bounds[1]:
+            if end := _at_bound(equations, point, found, steps.bounds):
+                points.append(end)
+            break
+        if travelled > 3.0 * length and _closes(start, point, found):
+            return [*points, start], True
+        points.append(found)
+        travelled += length
+        if steps.stop(found):
+            break
+        point, corrections = found, found.corrections
+        length *= _GROWTH if corrections <= _FEW else 0.5 if corrections >= _MANY else 1.0
+        length = min(length, steps.longest)
+    return points, False
+
+
+def _near(point: Point, found: Point, length: float, *, corner: bool) -> bool:
+    """Whether a step was short enough for the bend of the curve; one about a `corner`, as kinks make, may bend more."""
+    apart = np.linalg.norm((found.unknowns - point.unknowns) / point.sizes)
+    scaled = found.tangent * found.sizes / point.sizes
+    bend = scaled @ point.tangent / np.linalg.norm(scaled)
+    return bool(apart < 1.5 * length and bend > (_TURN if corner else _BEND))
+
+
+def _at_bound(
+    equations: Equations, inside: Point, outside: Point, bounds: tuple[float, float]
+) -> Point | None:
+    """The point at the bound that a step passed."""
+    bound = bounds[0] if outside.parameter < bounds[0] else bounds[1]
+    part = (bound - inside.parameter) / (outside.parameter - inside.parameter)
+    if part == 0.0:
+        return None
+    guess = inside.unknowns + part * (outside.unknowns - inside.unknowns)
+    guess[-1] = bound
+    found = solve(equations, guess)
+    return None if found is None else turned(found, inside.tangent)
+
+
+def _closes(start: Point, point: Point, found: Point) -> bool:
+    """Whether the start lies on the step from `point` to `found`."""
+    chord = (found.unknowns - point.unknowns) / start.sizes
+    way = (start.unknowns - point.unknowns) / start.sizes
+    part = way @ chord / (chord @ chord)
+    aside = np.linalg.norm(way - part * chord)
+    return bool(0.0 < part <= 1.0 and aside < 0.1 * np.linalg.norm(chord) and start.tangent @ chord > 0.0)
+
+
+def between(equations: Equations, first: Point, last: Point, part: float) -> Point | None:
+    """The point of the curve at a part of the way from one point to the next; None where it is not found."""
+    guess = (1.0 - part) * first.unknowns + part * last.unknowns
+    return solve(equations, guess, first.tangent)
+
+
+def locate(
+    equations: Equations, first: Point, last: Point, test: Callable[[Point], float], tolerance: float = 1e-8
+) -> Point | None:
+    """The point between two neighbours of a curve where `test` changes its sign; None where it is not found."""
+    ends = {0.0: first, 1.0: last}
+
+    def at(part: float) -> float:
+        if part not in ends:
+            found = between(equations, first, last, part)
+            if found is None:
+                raise ArithmeticError
+            ends[part] = found
+        return test(ends[part])
+
+    try:
+        return ends[_zero(at, 1.0, tolerance)]
+    except ArithmeticError:
+        return None
+
+
+def _zero(function: Callable[[float], float], end: float, tolerance: float) -> float:
+    """Where a function that changes its sign from 0 to `end` vanishes, to within a part of `end` (Illinois method)."""
+    low, high, at_low, at_high = 0.0, end, function(0.0), function(end)
+    moved_low = moved_high = False
+    for _ in range(_MOST_TRIALS):
+        middle = (low * at_high - high * at_low) / (at_high - at_low)
+        value = function(middle)
+        near = min(abs(middle - low), abs(middle - high)) < tolerance * abs(end)
+        if value * at_high > 0.0:
+            at_low *= 0.5 if moved_high else 1.0
+            high, at_high, moved_high, moved_low = middle, value, True, False
+        else:
+            at_high *= 0.5 if moved_low else 1.0
+            low, at_low, moved_high, moved_low = middle, value, False, True
+        if near or value == 0.0:
+            break
+    return middle
+
+
+def with_located(
+    equations: Equations, points: Sequence[Point], tests: Sequence[tuple[str, Callable[[Point], float]]]
+) -> list[tuple[Point, str]]:
+    """The points of a curve with the zeros of named `tests` among them, each with its name, "" for the others."""
+    marked: list[tuple[Point, str]] = [(point, "") for point in points[:1]]
+    values = [[test(point) for point in points] for _, test in tests]
+    for number, (first, last) in enumerate(pairwise(points)):
+        near = ""
+        for (name, test), row in zip(tests, values, strict=True):
+            if row[number] * row[number + 1] < 0.0:
+                located = locate(equations, first, last, test)
+                if located is None or np.array_equal(located.unknowns, last.unknowns):
+                    near = near or name  # as exactly as it can be told
+                else:
+                    marked.append((located, name))
+        marked.append((last, near))
+    return marked

@@ -1,0 +1,321 @@
+"""What `respond` returns: branches of steady motion at each level, with their stability and bifurcations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Bools, Floats
+from linkwise.display import JudgedView, align_columns
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
+from linkwise.response.drive import Drive
+from linkwise.verdict import Verdict
+
+FOLD = "fold"
+_SHOWN_BIFURCATIONS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A curve of steady motions, P points in order.
+
+    Attributes
+    ----------
+    hz : array of shape (P,)
+        Frequencies of the excitation in Hz.
+    amplitude : array of shape (P, C)
+        Half of peak to peak over the period, of each channel.
+    first_harmonic : complex array of shape (P, C)
+        The part of each channel at the frequency of the excitation: a modulus in its unit, and a phase relative to it.
+    multipliers : complex array of shape (P, N)
+        Floquet multipliers.
+    bifurcations : tuple of str
+        At each point "", "fold", "period doubling", "Neimark-Sacker" or "branch point".
+    starts : array of shape (P, N)
+        Displacements, velocities and states of links at the phase 0 of the excitation.
+    turns : int
+        The number of periods of the excitation in a period of the motion.
+    outside : tuple of str
+        At each point the link whose elongation leaves most the range that the record visited, "" where none does.
+    lower, upper : array of shape (P, C) or None
+        95 % band of the amplitudes; NaN where too few draws have such a motion.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> spring = lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + c*v"), {"k": 400.0, "c": 2.0})
+    >>> oscillator = lw.Structure("oscillator", (lw.Mass("m1", 1.0),), (spring,))
+    >>> [branch] = lw.respond(oscillator, force={"m1": 1.0}, hz=(1.0, 5.0)).levels[0].branches
+    >>> branch.stable.all(), branch.largest_multiplier.round(3)[0].item()
+    (np.True_, 0.368)
+    """
+
+    hz: Floats
+    amplitude: Floats
+    first_harmonic: NDArray[np.complex128]
+    multipliers: NDArray[np.complex128]
+    bifurcations: tuple[str, ...]
+    starts: Floats
+    turns: int = 1
+    outside: tuple[str, ...] = ()
+    lower: Floats | None = None
+    upper: Floats | None = None
+
+    @cached_property
+    def largest_multiplier(self) -> Floats:
+        """Modulus of the largest Floquet multiplier, shape (P,)."""
+        return np.asarray(np.abs(self.multipliers).max(axis=1))
+
+    @cached_property
+    def stable(self) -> Bools:
+        """Whether a small disturbance decays, shape (P,)."""
+        return self.largest_multiplier < 1.0
+
+    @property
+    def folds_hz(self) -> list[float]:
+        """Frequencies in Hz at which the curve turns back, in its order."""
+        return [float(hz) for hz, name in zip(self.hz, self.bifurcations, strict=True) if name == FOLD]
+
+
+@dataclass(frozen=True, eq=False)
+class Irregular:
+    """A motion that does not repeat, at one frequency.
+
+    Attributes
+    ----------
+    hz : float
+        Frequency of the excitation in Hz.
+    kind : {"chaotic", "quasi-periodic"}
+        Which, by the exponent.
+    exponent : float
+        Largest exponent in 1/s: the rate at which a small difference grows.
+    lower, upper : array of shape (C,)
+        Range of each channel in a simulation.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.response.Irregular(3.0, "chaotic", 0.4, lower=[-0.1], upper=[0.1])
+    >>> found.kind
+    'chaotic'
+    """
+
+    hz: float
+    kind: str
+    exponent: float
+    lower: Floats
+    upper: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseLevel:
+    """The steady motions at one level of the excitation.
+
+    Attributes
+    ----------
+    size : float
+        Amplitude of the excitation, in its unit.
+    branches : tuple of Branch
+        The curves of periodic motions.
+    irregular : tuple of Irregular
+        Chaotic and quasi-periodic motions that simulations ended in.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.response.ResponseLevel(0.5, ()).folds_hz
+    []
+    """
+
+    size: float
+    branches: tuple[Branch, ...]
+    irregular: tuple[Irregular, ...] = ()
+
+    @property
+    def folds_hz(self) -> list[float]:
+        """Frequencies in Hz at which a branch turns back."""
+        return [hz for branch in self.branches for hz in branch.folds_hz]
+
+
+@dataclass(frozen=True, eq=False)
+class Response(JudgedView):
+    """The result of `respond`; printed, the peaks and bifurcations of every level.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure.
+    drive : Drive
+        What is harmonic.
+    channels : tuple of str
+        The C channels of amplitudes, such as "x:m1".
+    levels : tuple of ResponseLevel
+        The steady motions at each level.
+    draws : int
+        The number of draws from the posterior behind `lower` and `upper`; 0 without bands.
+    seconds : float
+        The time that it took.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> coefficients = {"k": 400.0, "k3": 1e5, "c": 1.0}
+    >>> spring = lw.Link("spring", ("m1", "ground"), lw.Law.parse("k*d + k3*d**3 + c*v"), coefficients)
+    >>> response = lw.respond(lw.Structure("duffing", (lw.Mass("m1", 1.0),), (spring,)), force={"m1": 1.0}, hz=(2.0, 6.0))
+    >>> len(response.levels[0].folds_hz)
+    2
+    """
+
+    structure: Structure
+    drive: Drive
+    channels: tuple[Channel, ...]
+    levels: tuple[ResponseLevel, ...]
+    draws: int = 0
+    seconds: float = 0.0
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """That motions were followed through the frequencies; the structure may be less sure."""
+        return (Verdict.MOTIONS_FOLLOWED,)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Where the curves leave the range of the record, and where motion is not periodic, in sentences."""
+        return tuple(sentence for level in self.levels for sentence in _findings(self, level))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data.
+
+        Returns
+        -------
+        dict
+            "levels" with "branches" of "points", "folds_hz" and "irregular", and "seconds".
+        """
+        return {
+            "method": "respond",
+            "structure": self.structure.name,
+            "excitation": {"kind": self.drive.kind, "place": self.drive.place, "unit": self.drive.unit},
+            **self._judgement(),
+            "units": {channel: unit_in(self.structure, channel) for channel in self.channels},
+            "draws": self.draws,
+            "findings": list(self.findings),
+            "levels": [self._level(level) for level in self.levels],
+            "seconds": self.seconds,
+        }
+
+    def _level(self, level: ResponseLevel) -> dict[str, Any]:
+        key = "force" if self.drive.kind == "force" else "base"
+        return {
+            key: level.size,
+            "branches": [
+                {
+                    "turns": branch.turns,
+                    "points": [self._point(branch, number) for number in range(len(branch.hz))],
+                }
+                for branch in level.branches
+            ],
+            "folds_hz": level.folds_hz,
+            "irregular": [
+                {
+                    "hz": motion.hz,
+                    "kind": motion.kind,
+                    "exponent": motion.exponent,
+                    "lower": self._named(motion.lower),
+                    "upper": self._named(motion.upper),
+                }
+                for motion in level.irregular
+            ],
+        }
+
+    def _named(self, values: Floats) -> dict[str, float]:
+        return dict(zip(self.channels, np.asarray(values).tolist(), strict=True))
+
+    def _point(self, branch: Branch, number: int) -> dict[str, Any]:
+        harmonic = branch.first_harmonic[number]
+        point: dict[str, Any] = {
+            "hz": float(branch.hz[number]),
+            "amplitude": self._named(branch.amplitude[number]),
+            "first_harmonic": self._named(np.abs(harmonic)),
+            "phase_deg": self._named(np.degrees(np.angle(harmonic))),
+            "stable": bool(branch.stable[number]),
+            "largest_multiplier": float(branch.largest_multiplier[number]),
+        }
+        if branch.bifurcations[number]:
+            point["bifurcation"] = branch.bifurcations[number]
+        if branch.outside:
+            point["outside_range"] = branch.outside[number]
+        if branch.lower is not None and branch.upper is not None:
+            point["lower"] = self._named(branch.lower[number])
+            point["upper"] = self._named(branch.upper[number])
+        return point
+
+    def __str__(self) -> str:
+        return "\n".join([*headline(self), *align_columns(peak_rows(self)), *self.findings])
+
+
+def headline(response: Response) -> tuple[str, ...]:
+    """What was computed, in a sentence or two."""
+    drive = response.drive
+    what = f"a force on {drive.place}" if drive.kind == "force" else f"{drive.kind}:base"
+    sizes = ", ".join(f"{level.size:g}" for level in response.levels)
+    sentences = [f"Steady motion of {response.structure.name} under {what} of {sizes} {drive.unit}."]
+    if response.draws:
+        sentences.append(f"95 % bands are those of {response.draws} draws of the identified structure.")
+    return tuple(sentences)
+
+
+def peak_rows(response: Response) -> list[tuple[str, ...]]:
+    """For each branch its frequencies, largest amplitude of each channel, and bifurcations."""
+    titles = (
+        "level",
+        "branch",
+        "Hz",
+        *(f"largest {channel}" for channel in response.channels),
+        "bifurcations (Hz)",
+    )
+    rows = [titles]
+    for level in response.levels:
+        for number, branch in enumerate(level.branches, start=1):
+            peaks = branch.amplitude.argmax(axis=0)
+            cells = [
+                f"{branch.amplitude[at, column]:.4g} {unit_in(response.structure, channel)} at {branch.hz[at]:.5g} Hz"
+                for column, (channel, at) in enumerate(zip(response.channels, peaks, strict=True))
+            ]
+            name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
+            span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
+            rows.append((f"{level.size:g}", name, span, *cells, _bifurcation_text(branch) or "-"))
+    return rows
+
+
+def _bifurcation_text(branch: Branch) -> str:
+    marked = [(name, hz) for name, hz in zip(branch.bifurcations, branch.hz, strict=True) if name]
+    shown = [f"{name} {hz:.5g}" for name, hz in marked[:_SHOWN_BIFURCATIONS]]
+    return ", ".join([*shown, *(["..."] if len(marked) > len(shown) else [])])
+
+
+def _findings(response: Response, level: ResponseLevel) -> list[str]:
+    unit = response.drive.unit
+    sentences = []
+    leaving: dict[str, list[float]] = {}
+    for branch in level.branches:
+        for hz, link in zip(branch.hz.tolist(), branch.outside, strict=False):
+            if link:
+                leaving.setdefault(link, []).append(hz)
+    for link, hz in leaving.items():
+        sentences.append(
+            f"At {level.size:g} {unit}, from {min(hz):.4g} to {max(hz):.4g} Hz, link {link} moves farther than the record "
+            "did: its law is extrapolated there."
+        )
+    for kind in ("chaotic", "quasi-periodic"):
+        places = sorted({motion.hz for motion in level.irregular if motion.kind == kind})
+        if places:
+            sentences.append(
+                f"At {level.size:g} {unit}, some motions are {kind} at {', '.join(f'{hz:.4g}' for hz in places)} Hz."
+            )
+    return sentences

@@ -1,0 +1,308 @@
+"""All steady motions at one level: starts of every kind, followed to curves, each curve once.
+
+Starts are rest in every well, states at random and the motions at the level before, at several frequencies. From each a
+simulation runs until it repeats; Newton's method makes a periodic motion of its end, or of the start itself, and the
+curve through that motion is followed both ways. What does not repeat is chaotic or quasi-periodic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Floats
+from linkwise.model.structure import Structure
+from linkwise.response.continuation import (
+    Equations,
+    Point,
+    Steps,
+    between,
+    follow,
+    solve,
+    turned,
+    with_located,
+)
+from linkwise.response.result import FOLD
+from linkwise.response.shooting import SAMPLES, Shooting
+
+DOUBLING, TORUS, BRANCHING = "period doubling", "Neimark-Sacker", "branch point"
+_LONGEST = 0.08  # step along a curve
+_BLOCK, _BLOCKS = 40, 12  # turns between two looks whether a motion repeats, and how often
+_PERIODS = (1, 2, 3, 4)  # turns of a period that are looked for
+_REPEATS = 0.02  # of its size: a motion that comes back so near repeats, or will
+_SAME = 1e-5  # of its size: two motions so near are one
+_ON_CURVE = 1e-3  # of its size: a curve passes so near through a motion that is on it
+_WILD = 100.0  # multiplier from which a motion is one of the endless unstable ones of a chaotic structure
+_MOST_CURVES, _MOST_POINTS = 24, 600  # at a level, and of a curve each way
+_PEAK_STEPS, _PEAK = 4, 1e-6  # parabolas to a peak, and the part of a step that a further one must move it
+_EXPONENT_TURNS = 200
+_REGULAR = 3e-3  # growth in a turn: a motion whose neighbours come nearer faster is still settling
+_CHAOTIC = 1e-2  # the same of one whose neighbours part
+
+
+class PeriodicEquations(Equations, Protocol):
+    """The equations of periodic motion of a driven structure, by whatever method; unknowns end with omega."""
+
+    @property
+    def turns(self) -> int:
+        """The number of turns of the excitation in a period."""
+        ...
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lowest and highest omega in rad/s."""
+        ...
+
+    def of(self, structure: Structure) -> PeriodicEquations:
+        """Those of another structure of the same shape."""
+        ...
+
+    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
+        """(turns*samples + 1, N) the motion over a period."""
+        ...
+
+    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
+        """The residual (n,), and the motion."""
+        ...
+
+    def multipliers(self, point: Point) -> NDArray[np.complex128]:
+        """The Floquet multipliers (N,) of a motion."""
+        ...
+
+    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
+        """Displacement in m and velocity in m/s of the base at `phases`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of periodic motions: its points, each with the name of a bifurcation or "", and whether it is closed."""
+
+    equations: PeriodicEquations
+    points: tuple[tuple[Point, str], ...]
+    closed: bool
+
+    def contains(self, motion: Point) -> bool:
+        """Whether a motion is on the curve, begun at any turn of its period."""
+        starts = [motion.unknowns[:-1]]
+        if isinstance(self.equations, Shooting) and self.equations.turns > 1:
+            starts += list(
+                self.equations.after(motion.unknowns[:-1], motion.parameter, self.equations.turns - 1)
+            )
+        return any(self._passes(np.append(start, motion.parameter), motion.sizes) for start in starts)
+
+    def at(self, omega: float) -> Iterator[Floats]:
+        """Unknowns (N + 1,) near the points of the curve at omega, one for each time that it passes there."""
+        for (first, _), (last, _) in pairwise(self.points):
+            change = last.parameter - first.parameter
+            part = (omega - first.parameter) / change if change else -1.0
+            if 0.0 <= part < 1.0:
+                yield np.append((1.0 - part) * first.unknowns[:-1] + part * last.unknowns[:-1], omega)
+
+    def _passes(self, unknowns: Floats, sizes: Floats) -> bool:
+        """Whether the curve passes through unknowns: through them goes the plane on which the curve is solved for."""
+        for (first, _), (last, _) in pairwise(self.points):
+            chord, way = (
+                (last.unknowns - first.unknowns) / first.sizes,
+                (unknowns - first.unknowns) / first.sizes,
+            )
+            length, part = chord @ first.tangent, way @ first.tangent
+            if length == 0.0 or not -0.01 <= part / length <= 1.01:
+                continue
+            guess = first.unknowns + part / length * (last.unknowns - first.unknowns)
+            if np.linalg.norm((guess - unknowns) / first.sizes) > 3.0 * _LONGEST:
+                continue
+            on_curve = solve(self.equations, guess, first.tangent)
+            if on_curve is not None and np.abs((on_curve.unknowns - unknowns) / sizes).max() < _ON_CURVE:
+                return True
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class IrregularMotion:
+    """A motion that does not repeat: omega in rad/s, its `exponent` in 1/s, and states (M, N) over its last turns."""
+
+    omega: float
+    exponent: float
+    states: Floats
+    phases: Floats
+    chaotic: bool
+
+
+@dataclass(eq=False)
+class LevelSearch:
+    """The curves and irregular motions that were found at one level, and looks for more."""
+
+    equations: PeriodicEquations
+    curves: list[Curve] = field(default_factory=list)
+    irregular: list[IrregularMotion] = field(default_factory=list)
+
+    def take(self, unknowns: Floats, turns: int = 1) -> Point | None:
+        """The periodic motion near unknowns, whose curve is followed unless it is known; None where there is none."""
+        equations = self.equations
+        if isinstance(equations, Shooting):
+            equations = equations.with_turns(turns)
+        motion = solve(equations, unknowns)
+        if motion is None or np.abs(equations.multipliers(motion)).max() > _WILD:
+            return None
+        if isinstance(equations, Shooting) and _repeats_sooner(equations, motion):
+            return self.take(motion.unknowns)
+        alike = [curve for curve in self.curves if curve.equations.turns == turns]
+        if len(self.curves) < _MOST_CURVES and not any(curve.contains(motion) for curve in alike):
+            self.curves.append(whole_curve(equations, motion))
+        return motion
+
+    def settle(self, shooting: Shooting, start: Floats, omega: float) -> None:
+        """Simulate from a start (N,) until the motion repeats; follow the curve it is on, or keep what does not repeat."""
+        state = start
+        for _ in range(_BLOCKS):
+            states = shooting.after(state, omega, _BLOCK)
+            if not np.isfinite(states).all():
+                return
+            state = states[-1]
+            turns = _turns(states, shooting.sizes(np.append(state, omega))[:-1])
+            if turns and self._attracts(shooting.with_turns(turns), state, omega):
+                return
+        motion = irregular_motion(shooting, state, omega)
+        if motion is not None:
+            self.irregular.append(motion)
+
+    def _attracts(self, shooting: Shooting, state: Floats, omega: float) -> bool:
+        """Whether there is a stable periodic motion near a state."""
+        motion = self.take(np.append(state, omega), shooting.turns)
+        return motion is not None and bool(np.abs(shooting.multipliers(motion)).max() < 1.0)
+
+
+def _turns(states: Floats, sizes: Floats) -> int:
+    """The turns after which a motion with `states` (M, N) after each comes back near to itself; 0 if it does not."""
+    for turns in _PERIODS:
+        apart = np.abs((states[turns:] - states[:-turns]) / sizes).max(axis=1)
+        if apart[-2 * max(_PERIODS) :].max() < _REPEATS:
+            return turns
+    return 0
+
+
+def _repeats_sooner(shooting: Shooting, motion: Point) -> bool:
+    if shooting.turns == 1:
+        return False
+    states = shooting.after(motion.unknowns[:-1], motion.parameter, shooting.turns - 1)
+    return bool((np.abs((states - motion.unknowns[:-1]) / motion.sizes[:-1]).max(axis=1) < _SAME).any())
+
+
+def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
+    """The curve through a motion, followed both ways, with its bifurcations."""
+
+    def is_wild(point: Point) -> bool:
+        return bool(np.abs(equations.multipliers(point)).max() > _WILD**2)
+
+    steps = Steps(equations.bounds, longest=_LONGEST, most=_MOST_POINTS, stop=is_wild)
+    rising = np.eye(len(start.unknowns))[-1]
+    forward, closed = follow(equations, turned(start, rising), steps)
+    backward: list[Point] = []
+    if not closed:
+        backward, _ = follow(equations, turned(start, -rising), steps)
+    back = [point._replace(tangent=-point.tangent) for point in reversed(backward)]
+    points = [*back, turned(start, rising), *forward]
+    marked = with_located(equations, points, _tests(equations))
+    return Curve(equations, tuple(_confirmed(equations, marked)), closed)
+
+
+def with_peak(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
+    """The curve with points at the largest of a smooth `amplitude`, where that is inside, by parabolas."""
+    points = list(curve.points)
+    values = [amplitude(point) for point, _ in points]
+    for _ in range(_PEAK_STEPS):
+        top = int(np.argmax(values))
+        if not 0 < top < len(points) - 1:
+            break
+        three = [point for point, _ in points[top - 1 : top + 2]]
+        lengths = [
+            float(np.linalg.norm((b.unknowns - a.unknowns) / three[1].sizes)) for a, b in pairwise(three)
+        ]
+        if min(lengths) == 0.0:
+            break
+        way = _vertex(lengths, values[top - 1 : top + 2])
+        first = top - 1 if way < 0.0 else top
+        part = 1.0 + way / lengths[0] if way < 0.0 else way / lengths[1]
+        if not _PEAK < part < 1.0 - _PEAK:
+            break
+        found = between(curve.equations, points[first][0], points[first + 1][0], part)
+        if found is None:
+            break
+        points.insert(first + 1, (found, ""))
+        values.insert(first + 1, amplitude(found))
+    return replace(curve, points=tuple(points))
+
+
+def _vertex(lengths: Sequence[float], values: Sequence[float]) -> float:
+    """Where the parabola through three points has its vertex, as a way from the middle one."""
+    (left, right), (before, here, after) = lengths, values
+    rise, fall = (here - before) / left, (after - here) / right
+    bend = (fall - rise) / (left + right)
+    return -0.5 * (rise * right + fall * left) / (left + right) / bend if bend < 0.0 else 0.0
+
+
+def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], float]]]:
+    """Functions of a motion that vanish at bifurcations, by name."""
+
+    def at_doubling(point: Point) -> float:
+        return float(np.prod(equations.multipliers(point) + 1.0).real)
+
+    def at_torus(point: Point) -> float:
+        values = equations.multipliers(point)
+        pairs = np.triu_indices(len(values), 1)
+        return float(np.prod(values[pairs[0]] * values[pairs[1]] - 1.0).real)
+
+    def at_branching(point: Point) -> float:
+        """Zero with a multiplier of 1 that is no fold's."""
+        return float(np.prod(equations.multipliers(point) - 1.0).real / (point.tangent[-1] or np.nan))
+
+    tests = [(FOLD, lambda point: float(point.tangent[-1])), (DOUBLING, at_doubling), (TORUS, at_torus)]
+    # near a fold the multipliers of harmonic balance are not exact enough to tell
+    return [*tests, (BRANCHING, at_branching)] if isinstance(equations, Shooting) else tests
+
+
+def _confirmed(
+    equations: PeriodicEquations, marked: Sequence[tuple[Point, str]]
+) -> Iterator[tuple[Point, str]]:
+    """The points, those without a name where nothing gains or loses stability, though a test vanishes."""
+    counts = [int((np.abs(equations.multipliers(point)) > 1.0).sum()) for point, _ in marked]
+    for number, (point, name) in enumerate(marked):
+        changes = counts[number - 1] != counts[min(number + 1, len(marked) - 1)]
+        yield point, name if name == FOLD or changes else ""
+
+
+def irregular_motion(shooting: Shooting, state: Floats, omega: float) -> IrregularMotion | None:
+    """What a motion that does not repeat is, by its largest exponent; None where it is only slow to settle."""
+    integrator, growth = shooting.integrator, 0.0
+    integrator.set_parameters(shooting.parameters)
+    direction = sizes = shooting.sizes(np.append(state, omega))[:-1]
+    for _ in range(_EXPONENT_TURNS):
+        turn = integrator.turn(state, omega, 2.0 * np.pi)
+        if not np.isfinite(turn.end).all():
+            return None
+        direction, before = turn.by_start @ direction, np.linalg.norm(direction / sizes)
+        growth += float(np.log(np.linalg.norm(direction / sizes) / before))
+        direction, state = direction / np.linalg.norm(direction / sizes), turn.end
+    rate = growth / _EXPONENT_TURNS
+    if rate < -_REGULAR:
+        return None
+    long = shooting.with_turns(60)
+    states = long.motion(np.append(state, omega), 64)
+    phases = np.linspace(0.0, long.period, len(states))
+    return IrregularMotion(omega, rate * omega / (2.0 * np.pi), states, phases, rate > _CHAOTIC)
+
+
+def random_starts(
+    centres: Floats, reach: float, omega: float, states: int, rng: np.random.Generator, count: int
+) -> Iterator[Floats]:
+    """States (N,) about rest positions `centres` (W, n), displacements to within some `reach` in m."""
+    for _ in range(count):
+        centre = centres[rng.integers(len(centres))]
+        x = centre + reach * rng.standard_normal(len(centre))
+        yield np.concatenate([x, reach * omega * rng.standard_normal(len(centre)), np.zeros(states)])

@@ -1,0 +1,185 @@
+"""Periodic motion by shooting: the start that comes back to itself after a number of turns of the excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linkwise.arrays import Floats
+from linkwise.errors import StructureError
+from linkwise.expression import Number
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.response.continuation import Point
+from linkwise.response.drive import FORCE, Drive
+from linkwise.simulation.integrator.formulas import (
+    BASE_INPUT,
+    SCALE,
+    MotionFormulas,
+    ParameterLayout,
+    SystemShape,
+    input_symbols,
+)
+from linkwise.simulation.integrator.periods import PhaseIntegrator
+
+SAMPLES = 256  # of a turn
+_FINER = 8  # times as many samples between which peaks are looked for
+_COARSE = 16  # the same where the size of a motion is all that is asked
+_FREQUENCY = 0.2  # of omega: its size, so that steps along a curve are a few per cent of it
+_RANGE = 6.0  # the same as a part of the range of omega
+_LEAST = 1e-12  # m: a motion that is smaller has this size
+
+
+def run_time_parameters(structure: Structure, layout: ParameterLayout) -> Floats:
+    """The parameters (P,) of a structure, those of inputs left at 0."""
+    parameters = np.zeros(layout.size)
+    laws = zip(structure.links, layout.coefficients, strict=True)
+    parameters[layout.values] = [link.values[name] for link, names in laws for name in names]
+    parameters[layout.inverse_masses] = 1.0 / (structure.mass_values * SCALE)
+    return parameters
+
+
+def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
+    """The compiled equations of a driven structure; None for laws with kinks."""
+    topology = structure.topology
+    inputs = [(topology.weights(topology.index[drive.place]), drive.expression)]
+    if drive.kind == FORCE and np.any(structure.base_incidence):
+        inputs.append((BASE_INPUT, Number(0.0)))
+    motion = MotionFormulas(SystemShape(*structure.shape_key, tuple(inputs)))
+    return None if motion.kinks else PhaseIntegrator(motion)
+
+
+def require_smooth(structure: Structure, motion: MotionFormulas) -> None:
+    """Raise StructureError for laws with kinks."""
+    if motion.kinks:
+        number = motion.link_of(0)
+        link = structure.links[0 if number is None else number]
+        raise StructureError(
+            f"the law {link.law.text} is not smooth (abs, sign, max, min, or flat parts of exp and tanh); free vibration is "
+            "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
+            f'link "{link.name}"',
+        )
+
+
+def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
+    """(C, N) displacements and velocities of places as combinations of states."""
+    rows = np.zeros((len(channels), structure.topology.dimension))
+    for row, channel in zip(rows, channels, strict=True):
+        first = channel.order * structure.size
+        row[first : first + structure.size] = structure.topology.row(channel.place)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Shooting:
+    """The equations of periodic motion of a structure driven at one `size`, with a period of so many `turns`.
+
+    Unknowns are the start (N,), displacements in m, velocities in m/s and states of links at phase 0, and omega in rad/s;
+    `bounds` are those of omega.
+    """
+
+    structure: Structure
+    drive: Drive
+    size: float
+    bounds: tuple[float, float]
+    integrator: PhaseIntegrator
+    turns: int = 1
+    parameters: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        layout = self.integrator.layout
+        parameters = run_time_parameters(self.structure, layout)
+        names = input_symbols(self.drive.expression)
+        parameters[layout.inputs[0].start + names.index("size")] = self.size
+        object.__setattr__(self, "parameters", parameters)
+
+    def of(self, structure: Structure) -> Shooting:
+        """Those of another structure of the same shape."""
+        return replace(self, structure=structure)
+
+    def with_turns(self, turns: int) -> Shooting:
+        """The same with another period."""
+        return replace(self, turns=turns)
+
+    @cached_property
+    def period(self) -> float:
+        """The phase in rad after which the motion repeats."""
+        return 2.0 * np.pi * self.turns
+
+    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
+        """What is missing to a return (N,), and its Jacobian (N, N + 1)."""
+        self.integrator.set_parameters(self.parameters)
+        start, omega = unknowns[:-1], float(unknowns[-1])
+        turn = self.integrator.turn(start, omega, self.period)
+        by_start = turn.by_start - np.eye(len(start))
+        return turn.end - start, np.column_stack([by_start, turn.by_omega])
+
+    def sizes(self, unknowns: Floats) -> Floats:
+        """The largest amplitudes of displacements, velocities and each state, and that of omega."""
+        motion = self.motion(unknowns, _COARSE)
+        half = 0.5 * np.ptp(motion, axis=0)
+        count = self.structure.size
+        sizes = np.empty(len(unknowns))
+        sizes[:count] = max(half[:count].max(), _LEAST)
+        sizes[count : 2 * count] = max(half[count : 2 * count].max(), _LEAST * abs(unknowns[-1]))
+        sizes[2 * count : -1] = np.maximum(half[2 * count :], _LEAST)
+        sizes[-1] = frequency_size(float(unknowns[-1]), self.bounds)
+        return sizes
+
+    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
+        """(turns*samples + 1, N) the motion over a period, its end included."""
+        self.integrator.set_parameters(self.parameters)
+        phases: Floats = np.linspace(0.0, self.period, self.turns * samples + 1)
+        return self.integrator.motion(unknowns[:-1], float(unknowns[-1]), phases)
+
+    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
+        """What is missing to a return (N,), and the motion."""
+        motion = self.motion(unknowns, samples)
+        return motion[-1] - motion[0], motion
+
+    def multipliers(self, point: Point) -> NDArray[np.complex128]:
+        """The Floquet multipliers (N,) of a motion."""
+        return np.asarray(
+            np.linalg.eigvals(point.jacobian[:, :-1] + np.eye(len(point.jacobian))), dtype=complex
+        )
+
+    def after(self, start: Floats, omega: float, turns: int) -> Floats:
+        """(turns, N) the states after each of a number of turns from a start (N,)."""
+        self.integrator.set_parameters(self.parameters)
+        return self.integrator.motion(start, omega, np.asarray(2.0 * np.pi * np.arange(turns + 1)))[1:]
+
+    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
+        """Displacement in m and velocity in m/s of the base at `phases`."""
+        return self.drive.base(self.size, omega, phases)
+
+
+def frequency_size(omega: float, bounds: tuple[float, float]) -> float:
+    """The size of omega: a part of it, and of its range."""
+    return min(_FREQUENCY * abs(omega), (bounds[1] - bounds[0]) / _RANGE)
+
+
+def amplitudes(motion: Floats, rows: Floats, turns: int) -> tuple[Floats, NDArray[np.complex128]]:
+    """Half of peak to peak (C,) and first harmonic (C,) of channels that are `rows` (C, N) of states (M + 1, N) over a period.
+
+    Peaks between samples are those of the trigonometric interpolation.
+    """
+    values = motion[:-1] @ rows.T
+    spectrum = np.fft.rfft(values, axis=0)
+    fine = np.fft.irfft(spectrum, _FINER * len(values), axis=0) * _FINER
+    harmonic = 2.0 * spectrum[turns] / len(values)
+    return 0.5 * (_peak(fine) + _peak(-fine)), harmonic
+
+
+def _peak(values: Floats) -> Floats:
+    """The largest value (C,) of periodic samples (M, C), by a parabola through the three about it."""
+    columns = np.arange(values.shape[1])
+    at = values.argmax(axis=0)
+    before, here, after = (values[(at + shift) % len(values), columns] for shift in (-1, 0, 1))
+    slope, bend = 0.5 * (after - before), after - 2.0 * here + before
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = np.where(bend < 0.0, -0.5 * slope**2 / bend, 0.0)
+    return np.asarray(here + rise)
