@@ -55,9 +55,6 @@ from linkwise.model.structure_file import write_structure as write_structure
 from linkwise.records.record import Record as Record
 from linkwise.simulation.simulate import simulate as simulate
 from linkwise.sindy.estimate import PhysicsInformedSindy as PhysicsInformedSindy
-from linkwise.study.definition import Study as Study
-from linkwise.study.definition import read_study as read_study
-from linkwise.study.runner import run_study as run_study
 from linkwise.verdict import Grade as Grade
 from linkwise.verdict import Verdict as Verdict
 from linkwise.weak.estimate import WeakForm as WeakForm

@@ -66,7 +66,7 @@ class Study:
     Examples
     --------
     >>> import linkwise as lw
-    >>> study = lw.read_study("paper")
+    >>> study = lw.study.read_study("paper")
     >>> len(study), len(study.quickly())
     (10500, 525)
     """
@@ -335,7 +335,7 @@ def read_study(study: str | Path) -> Study:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.read_study("paper").snr_db
+    >>> lw.study.read_study("paper").snr_db
     (40.0, 30.0, 20.0)
     """
     expect("read_study(study): study", study, str, Path)
