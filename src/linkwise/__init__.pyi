@@ -45,6 +45,7 @@ from linkwise.model.chains import bnes_chain as bnes_chain
 from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.host import Host as Host
 from linkwise.model.law import Law as Law
+from linkwise.model.rig import rig as rig
 from linkwise.model.structure import Coefficient as Coefficient
 from linkwise.model.structure import Link as Link
 from linkwise.model.structure import Mass as Mass

@@ -21,7 +21,7 @@ from linkwise.display import near_miss, on_one_line
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
-from linkwise.model.link_file import toml_text
+from linkwise.model.toml import toml_text
 from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, check_rate, is_angular, row_error, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
