@@ -33,6 +33,7 @@ HELP = {
     "inspect": "Check records without a model: what their channels hold.",
     "limit": "Compute how well a planned test can determine the unknowns.",
     "simulate": "Simulate a structure and write the record of its sensors.",
+    "start": "Get from the files of a test to a first answer; what is missing is asked.",
     "structure": "Write or show a structure file.",
     "study": "Run a Monte Carlo study.",
     "validate": "Predict a record with an identified structure.",

@@ -70,11 +70,11 @@ class PriorOptions:
                 "those units), in the table [mass] of a file with --mapping, or in a file with --structure."
             )
         return dict(mapping.masses) | {
-            name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
+            name: mass_value(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
         }
 
 
-def _mass(name: str, text: str) -> float | str:
+def mass_value(name: str, text: str) -> float | str:
     """A plain number, a text with a unit of inertia, or "unknown"; UsageError for anything else."""
     if text.strip() == "unknown":
         return "unknown"

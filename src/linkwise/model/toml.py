@@ -43,7 +43,7 @@ def parse_toml(text: str, source: str, error: FileError) -> dict[str, Any]:
         raise error(message, joined(source, position.rstrip(")"))) from None
 
 
-def toml_text(value: str | int) -> str:
+def toml_text(value: str | float) -> str:
     """A number, or a text as TOML writes it, which for all but DEL is as JSON does."""
     return msgspec.json.encode(value, enc_hook=str).decode().replace("\x7f", "\\u007f")
 
