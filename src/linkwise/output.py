@@ -21,6 +21,7 @@ from linkwise.errors import OutputError
 # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 RESULT = "result.json"
 ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
+COMPARISON = "comparison.json"  # the same of a folder that `compare` wrote
 DESIGN = "design.json"  # the same of a folder that `design` wrote
 VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
 INSPECTION = "inspection.json"  # the same of a folder that `inspect` wrote

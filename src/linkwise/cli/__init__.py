@@ -26,6 +26,7 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 HELP = {
     "absorb": "Compare the vibration of a structure with and without its sinks.",
+    "compare": "Identify a record by every method, side by side.",
     "design": "Find the coefficients and masses at which sinks absorb best.",
     "discover": "Discover which masses are linked, and by which laws, from records.",
     "export": "Write an answer for other programs.",

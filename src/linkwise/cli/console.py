@@ -41,6 +41,7 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
     {
         "absorption": "linkwise.report.absorption:ABSORPTION_FOLDER",
         "map": "linkwise.report.absorption:MAP_FOLDER",
+        "comparison": "linkwise.report.comparison:COMPARISON_FOLDER",
         "design": "linkwise.report.design:DESIGN_FOLDER",
         "discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
         "estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
