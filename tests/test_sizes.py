@@ -14,7 +14,7 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (13, 2338),
     "analysis": (4, 529),
-    "cli": (19, 1803),
+    "cli": (20, 1865),
     "discovery": (17, 4709),
     "estimates": (7, 1326),
     "export": (8, 1071),

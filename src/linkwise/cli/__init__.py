@@ -30,6 +30,7 @@ HELP = {
     "design": "Find the coefficients and masses at which sinks absorb best.",
     "discover": "Discover which masses are linked, and by which laws, from records.",
     "export": "Write an answer for other programs.",
+    "help": "Show all options of a command, or those that say how a record is read.",
     "identify": "Identify the unknown coefficients of a structure from a record.",
     "inspect": "Check records without a model: what their channels hold.",
     "limit": "Compute how well a planned test can determine the unknowns.",
@@ -68,6 +69,7 @@ def linkwise(debug: bool) -> None:
 
     \b
     Examples:
+      linkwise start FILE
       linkwise structure bnes --dof 2 -o chain.toml
       linkwise structure bnes --dof 2 --unknown nes -o unknown.toml
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv
