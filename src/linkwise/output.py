@@ -8,15 +8,19 @@ import math
 import os
 import re
 import shutil
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
 from linkwise.errors import OutputError
+
+fcntl: Any = None
+with suppress(ImportError):  # of Windows, which cannot lock folders
+    fcntl = import_module("fcntl")
 
 # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 RESULT = "result.json"
@@ -25,10 +29,6 @@ COMPARISON = "comparison.json"  # the same of a folder that `compare` wrote
 DESIGN = "design.json"  # the same of a folder that `design` wrote
 VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
 INSPECTION = "inspection.json"  # the same of a folder that `inspect` wrote
-
-
-if sys.platform != "win32":
-    import fcntl
 
 _ROOM = 20_000_000  # bytes that must be free: a page takes five million, its figures one
 _TRIAL = 65_536  # bytes written to find out whether the disk accepts any
@@ -265,7 +265,7 @@ def _fill(own: Path, place: Path, mark: str) -> None:
 @contextmanager
 def _exclusive(folder: Path) -> Iterator[None]:
     """Hold the lock of `folder`, on systems that can lock one."""
-    if sys.platform == "win32":
+    if fcntl is None:
         yield
         return
     descriptor = os.open(folder, os.O_RDONLY)
