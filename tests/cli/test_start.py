@@ -53,7 +53,10 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
     posterior = lw.estimates.read_posterior("found/answer")
     for name, error in zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True):
         assert abs((identified.coefficient(name).value or 0.0) - TRUE[name]) < 4.0 * error
-    assert "Laser sink        x:sink    mm  by its unit" in err and "note: Hammer acts on frame" in err
+    assert (
+        "Laser sink        x:sink   displacement    mm  by its unit" in err
+        and "note: Hammer acts on frame" in err
+    )
     written = lw.read_structure("found/structure.toml")
     assert written == lw.rig(MASSES, LINKS, {"leaf.c": 2.1}, name="found")
     repeat = [line.strip() for line in err.partition("and repeat:")[2].splitlines() if line.strip()]
@@ -105,19 +108,28 @@ def test_a_file_without_a_motion_is_refused(file: Path) -> None:
     assert "[mm] holds '∞' in line 2" in said("start scope.csv --mass m1=1 --yes", 2).err
 
 
+def test_links_are_asked_of_a_person_alone(file: Path) -> None:
+    text = file.read_text().replace("Laser frame", "x:frame").replace("Laser sink", "x:sink")
+    file.write_text(text.replace("Hammer", "force:frame"))
+    assert "or --yes to discover them" in said(f"start rig.csv {ANSWERED}", 2).err
+
+
 @pytest.mark.slow
 def test_a_person_is_asked(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = file.read_text().replace("Laser frame [mm]", "CH1 [mm]").replace("Laser sink [mm]", "CH2 [mm]")
     file.write_text(text.replace("Hammer [N]", "Hammer"))
     answers: Iterator[str] = iter([
-        "frame, sink", "2.3", "", "210 g",  # names, masses; an empty one is asked again
-        "", "force:frame[N]",  # columns: the first is as guessed, and so follows the second
-        "y", "leaf: frame - ground: k*d + c*v", "nes: sink - frame: alpha*d + beta*d**3 + c*v", "",
+        "frame, sink", "2.3", "", "heavy", "210 g",  # names, masses; what says none is asked again
+        "", "power:frame", "force:frame[N]",  # columns: the first is as guessed, and so follows the second
+        "y", "leaf", "leaf: frame - ground: k*(d",
+        "leaf: frame - ground: k*d + c*v", "nes: sink - frame: alpha*d + beta*d**3 + c*v", "",
     ])  # fmt: skip
     monkeypatch.setattr("builtins.input", lambda *_: next(answers))
     monkeypatch.setattr("linkwise.cli.start._is_attended", lambda: True)
     out, err = said("start rig.csv -o asked")
     assert "can be trusted" in out and next(answers, None) is None
+    for told in ("--mass sink: ", "--link 'leaf' is not NAME: A - B: LAW", 'link "leaf": invalid law'):
+        assert told in err
     assert "frame_link: frame - ground: k*d + c*v" in err and 'Column "CH1 [mm]" holds' in err
     assert lw.read_structure("asked/structure.toml") == lw.rig(MASSES, LINKS, name="asked")
 

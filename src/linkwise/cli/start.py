@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -25,6 +25,7 @@ from linkwise.files.table import Table
 from linkwise.inspection.forces import driven_mass
 from linkwise.model.link import GROUND
 from linkwise.model.names import quoted
+from linkwise.model.rig import link_table
 from linkwise.model.rotations import mass_in_si
 from linkwise.output import atomic_file, check_result_folder
 from linkwise.records.channel import BASE, KINDS, Channel
@@ -38,8 +39,8 @@ else:  # rich is for terminals
     prompt = lazy_module("rich.prompt")
     text = lazy_module("rich.text")
 
-Commands = dict[str, click.Command]
-_RUN: Commands = {"inspect": inspect, "identify": identify, "discover": discover}
+R = TypeVar("R")
+_RUN: dict[str, click.Command] = {"inspect": inspect, "identify": identify, "discover": discover}
 _STRUCTURE = """# A structure file of linkwise, written by linkwise start. Numbers are SI; "120 g" or "30 N/mm" has a unit.
 # A law is a force in d, the displacement of the first end of a link less that of the second, and v, its rate; an end is a
 # mass, "ground", or "base", which moves with a recorded base motion.
@@ -171,9 +172,11 @@ class _Test:
         proposed = columns.proposed_masses(self.guesses) or ("m1",)
         options = " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in proposed)
         self._require_person(f"No mass is given, and a record does not state it: give {options}.")
-        names = _ask("Names of the masses", ", ".join(proposed)).split(",")
-        asked = {name.strip(): _ask(f'Mass of {name.strip()}: kg, a unit, or "unknown"') for name in names}
-        masses = {name: mass_value(name, text) for name, text in asked.items()}
+        names = _ask("Names of the masses", ", ".join(proposed), str).split(",")
+        masses: dict[str, float | str] = {}
+        for name in map(str.strip, names):
+            question = f'Mass of {name}: kg, a unit, or "unknown"'
+            masses[name] = _ask(question, None, partial(mass_value, name))
         return replace(self, masses=masses)
 
     def with_columns(self) -> _Test:
@@ -196,7 +199,7 @@ class _Test:
             self._require_person(
                 "What is guessed above is not confirmed: give --yes to take it, or state columns by --channel."
             )
-            if not prompt.Confirm.ask("Is that so?", default=True, console=terminal.Console(stderr=True)):
+            if _ask("Is that so? y or n", "y", str).lower().startswith("n"):
                 return self._corrected()
         return self
 
@@ -218,23 +221,29 @@ class _Test:
             (
                 str(guess.label),
                 guess.name or "not used",
-                guess.unit,
+                *_quantity(guess),
                 " ".join(guess.doubts) or (guess.why and f"by its {guess.why}"),
             )
             for guess in self.guesses
         ]
-        tell("\n".join(align_columns([("column", "holds", "unit", "guessed"), *rows])))
+        tell("\n".join(align_columns([("column", "holds", "quantity", "unit", "guessed"), *rows])))
         return any(guess.why for guess in self.guesses)
 
     def _answered(self, guess: columns.ColumnGuess) -> _Test:
         """The test with what a person says of a column."""
         known = _key(guess) or "-"
         default = None if columns.NO_UNIT in guess.doubts else known
-        example = f" such as {known}," if default is None else ""
-        said = _ask(f'Column "{guess.header}" holds{example} time, or - for nothing', default)
-        if said == "-":
-            return replace(self, left_out=(*self.left_out, str(guess.label)))
-        return replace(self, answered={**self.answered, said: str(guess.label)})
+        example = f"{_key(guess)}, " if default is None and guess.name else ""
+        question = f'Column "{guess.header}" holds ({example}KIND:MASS[UNIT], time, or - for nothing)'
+
+        def read(said: str) -> _Test:
+            label = str(guess.label)
+            if said == "-":
+                return replace(self, left_out=(*self.left_out, label))
+            test = replace(self, answered={**self.answered, said: label})
+            return test if test.guesses else self  # raises RecordError for what is no channel
+
+        return _ask(question, default, read)
 
     def _corrected(self) -> _Test:
         test = self
@@ -249,7 +258,7 @@ class _Test:
         self._require_person(
             "No column holds the time, and the file does not state its sampling rate: give --rate HZ."
         )
-        return replace(self, rate=float(_ask("Sampling rate in Hz")))
+        return replace(self, rate=_ask("Sampling rate in Hz", None, float))
 
     def with_forces(self) -> _Test:
         """The test with the mass on which each force acts: what the record says of it, else what a person says."""
@@ -274,6 +283,9 @@ class _Test:
         links = dict(_named(text) for text in self.options.link)
         if links or self.options.yes:
             return links
+        self._require_person(
+            'No link is given: give each by --link "NAME: A - B: LAW", or --yes to discover them.'
+        )
         end = (
             BASE
             if any(guess.name and guess.name.partition(":")[2] == BASE for guess in self.guesses)
@@ -285,8 +297,10 @@ class _Test:
         ]
         tell("Which links are known to be there? For example, as a chain:")
         tell("\n".join(f"  {line}" for line in chain))
-        while said := _ask("NAME: A - B: LAW, or nothing to go on (without any, links are discovered)", ""):
-            links |= dict([_named(said)])
+        while said := _ask(
+            "NAME: A - B: LAW, or nothing to go on (without any, links are discovered)", "", _checked
+        ):
+            links |= said
         return links
 
     def _require_person(self, otherwise: str) -> None:
@@ -305,15 +319,19 @@ def _is_of_force(guess: columns.ColumnGuess) -> bool:
     return isinstance(guess.name, Channel) and guess.name.is_force and guess.doubts == (columns.NO_MASS,)
 
 
+def _quantity(guess: columns.ColumnGuess) -> tuple[str, str]:
+    """The quantity that a column may hold and its unit, an SI unit where the header states none and need not."""
+    if not isinstance(guess.name, Channel):
+        return guess.name, guess.unit or ("s" if guess.name and not guess.doubts else "")
+    unit = "" if columns.NO_UNIT in guess.doubts else guess.name.unit
+    return KINDS[guess.name.kind].quantity, guess.unit or unit
+
+
 def _of_doubts(doubtful: Sequence[columns.ColumnGuess], masses: Mapping[str, float | str]) -> str:
     """What is in doubt, and the options that settle it."""
-    quantities = [
-        KINDS[guess.name.kind].quantity if isinstance(guess.name, Channel) else guess.name or "no guess"
-        for guess in doubtful
-    ]
     said = [
-        f"{guess.label} ({'; '.join([quantity, *guess.doubts])})"
-        for guess, quantity in zip(doubtful, quantities, strict=True)
+        f"{guess.label} ({'; '.join([_quantity(guess)[0] or 'no guess', *guess.doubts])})"
+        for guess in doubtful
     ]
     examples = [guess for guess in doubtful if guess.name] or doubtful[:1]
     options = " ".join(
@@ -335,14 +353,19 @@ def _key(guess: columns.ColumnGuess) -> str:
     return f"{guess.name}[{unit}]" if unit and guess.name else guess.name
 
 
-def _ask(question: str, default: str | None = None) -> str:
-    """What a person answers; brackets of units are no markup."""
-    shown = text.Text(question)
+def _ask(question: str, default: str | None, read: Callable[[str], R]) -> R:
+    """What `read` makes of the answer of a person, who is asked again where it makes nothing of it."""
+    shown = text.Text(question)  # brackets of units are no markup
     console = terminal.Console(stderr=True)
     while True:
-        said = prompt.Prompt.ask(shown, console=console, default=default, show_default=bool(default))
-        if said is not None and (said.strip() or default is not None):
-            return said.strip()
+        try:
+            said = prompt.Prompt.ask(shown, console=console, default=default, show_default=bool(default))
+            if said is not None and (said.strip() or default is not None):
+                return read(said.strip())
+        except EOFError as error:  # Ctrl-D
+            raise click.Abort from error
+        except (click.UsageError, lw.LinkwiseError, ValueError) as error:
+            tell(error.format_message() if isinstance(error, click.UsageError) else str(error))
 
 
 def _named(text: str) -> tuple[str, str]:
@@ -353,6 +376,15 @@ def _named(text: str) -> tuple[str, str]:
             f'--link {text!r} is not NAME: A - B: LAW, as in --link "leaf: frame - ground: k*d + c*v".'
         )
     return name, rest
+
+
+def _checked(text: str) -> dict[str, str]:
+    """A link as a person types it, none for nothing; an error for a law that cannot be."""
+    if not text:
+        return {}
+    name, rest = _named(text)
+    link_table(name, rest)
+    return {name: rest}
 
 
 def _number_or_text(text: str) -> float | str:
