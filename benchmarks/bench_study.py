@@ -85,7 +85,7 @@ def cluster() -> Iterator[Executor]:
 
 
 def idle(executor: Executor, folder: Path) -> float:
-    study = lw.read_study(small(folder, cycles=120))
+    study = lw.study.read_study(small(folder, cycles=120))
     with open_store(folder / "out", study) as store, Timed(executor) as timed:
         run(study, store, timed, silent)
     return timed.idle
@@ -106,7 +106,7 @@ def test_handing_out_to_a_cluster(tmp_path: Path, cluster: Executor) -> None:
 def test_killed_thirty_times(tmp_path: Path) -> None:
     file = small(tmp_path, cycles=60)
     started = perf_counter()
-    undisturbed = lw.run_study(file, tmp_path / "undisturbed", workers=WORKERS)
+    undisturbed = lw.study.run_study(file, tmp_path / "undisturbed", workers=WORKERS)
     alone = perf_counter() - started
     killed(file, tmp_path / "killed", kills=30, most=20)
     print(
@@ -119,7 +119,7 @@ def test_the_paper(tmp_path: Path) -> None:
     """The quick run in full, the whole one from what its cases took; of what its page claims, what five cycles can hold:
     maximum likelihood 500 times below the paper. Which cells of Table 2 come near hangs on the orbits of the cycles.
     """
-    study = lw.read_study("paper")
+    study = lw.study.read_study("paper")
     started = perf_counter()
     with open_store(tmp_path / "out", study.quickly()) as store, Timed(ProcessExecutor(WORKERS)) as timed:
         run(study.quickly(), store, timed, silent)

@@ -86,7 +86,7 @@ def folder_with_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("study")
     (folder / "mine.toml").write_text(DEFINITION, encoding="utf-8")
     with studies_here():
-        lw.run_study(folder / "mine.toml", folder / STUDY, workers=1)
+        lw.study.run_study(folder / "mine.toml", folder / STUDY, workers=1)
     return folder
 
 

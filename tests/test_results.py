@@ -71,7 +71,7 @@ def results() -> dict[str, type[Any]]:
 def finished(folder: Path) -> lw.study.StudySummary:
     """The summary of a study of two structures by three methods."""
     with studies_here():
-        lw.run_study(lw.read_study(small(folder, cycles=1)), folder / "out", workers=1)
+        lw.study.run_study(lw.study.read_study(small(folder, cycles=1)), folder / "out", workers=1)
     return lw.study.study_summary(folder / "out")
 
 

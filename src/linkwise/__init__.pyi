@@ -46,6 +46,7 @@ from linkwise.model.chains import bnes_chain as bnes_chain
 from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.host import Host as Host
 from linkwise.model.law import Law as Law
+from linkwise.model.rig import rig as rig
 from linkwise.model.structure import Coefficient as Coefficient
 from linkwise.model.structure import Link as Link
 from linkwise.model.structure import Mass as Mass
@@ -58,9 +59,6 @@ from linkwise.response.backbone import backbone as backbone
 from linkwise.response.respond import respond as respond
 from linkwise.simulation.simulate import simulate as simulate
 from linkwise.sindy.estimate import PhysicsInformedSindy as PhysicsInformedSindy
-from linkwise.study.definition import Study as Study
-from linkwise.study.definition import read_study as read_study
-from linkwise.study.runner import run_study as run_study
 from linkwise.verdict import Grade as Grade
 from linkwise.verdict import Verdict as Verdict
 from linkwise.weak.estimate import WeakForm as WeakForm

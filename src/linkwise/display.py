@@ -147,6 +147,9 @@ class NotebookView:
     def _repr_html_(self) -> str:
         return as_html(self)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {str(self).partition(chr(10))[0]}>"
+
 
 class JudgedView(NotebookView):
     """The same for an answer: a result with `verdicts`, which say whether it can be trusted."""

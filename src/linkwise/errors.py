@@ -349,7 +349,7 @@ class StudyError(_PlacedError):
     --------
     >>> import linkwise as lw
     >>> try:
-    ...     lw.read_study("papr")
+    ...     lw.study.read_study("papr")
     ... except lw.StudyError as error:
     ...     print(error)
     papr: there is no such study; did you mean "paper"?; give a TOML file, or a study that ships with linkwise: paper, reach

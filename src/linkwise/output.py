@@ -8,29 +8,30 @@ import math
 import os
 import re
 import shutil
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
 from linkwise.errors import OutputError
 
+fcntl: Any = None
+with suppress(ImportError):  # of Windows, which cannot lock folders
+    fcntl = import_module("fcntl")
+
 # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 RESULT = "result.json"
 ABSORPTION = "absorption.json"  # the same of a folder that `absorb` wrote
+COMPARISON = "comparison.json"  # the same of a folder that `compare` wrote
 DESIGN = "design.json"  # the same of a folder that `design` wrote
 BACKBONE = "backbone.json"  # the same of a folder that `backbone` wrote
 BASINS = "basins.json"  # the same of a folder that `basins` wrote
 RESPONSE = "response.json"  # the same of a folder that `respond` wrote
 VALIDATION = "validation.json"  # the same of a folder that `validate` wrote
 INSPECTION = "inspection.json"  # the same of a folder that `inspect` wrote
-
-
-if sys.platform != "win32":
-    import fcntl
 
 _ROOM = 20_000_000  # bytes that must be free: a page takes five million, its figures one
 _TRIAL = 65_536  # bytes written to find out whether the disk accepts any
@@ -267,7 +268,7 @@ def _fill(own: Path, place: Path, mark: str) -> None:
 @contextmanager
 def _exclusive(folder: Path) -> Iterator[None]:
     """Hold the lock of `folder`, on systems that can lock one."""
-    if sys.platform == "win32":
+    if fcntl is None:
         yield
         return
     descriptor = os.open(folder, os.O_RDONLY)

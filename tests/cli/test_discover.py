@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -183,6 +184,28 @@ def test_the_bar_shows_stages_and_never_goes_back(monkeypatch: pytest.MonkeyPatc
     assert list(fractions) == sorted(fractions) and fractions[0] >= 0.0 and fractions[-1] <= 1.0
 
 
+@pytest.mark.parametrize("command", ["identify", "discover"])
+def test_help_fits_a_screen_and_says_where_the_rest_is(command: str) -> None:
+    short, whole, reading = (
+        said(f"{command} --help").out,
+        said(f"help {command}").out,
+        said("help reading").out,
+    )
+    assert short.count("\n") <= 60 and whole == said(f"{command} --help-all").out
+    assert (
+        f"Others: linkwise {command} --help-all;" in short
+        and "--output DIR" in short
+        and "Examples:" in short
+    )
+    options = set(re.findall(r"^  (?:-o, )?(--[a-z-]+)", whole, re.MULTILINE))
+    shared = set(re.findall(r"^  (--[a-z-]+)", reading, re.MULTILINE)) - {"--help"}
+    assert {"--channel", "--delay", "--noise-of"} < shared < options and len(options) > 25
+    assert (
+        "no help on 'readin'; choose reading" in said("help readin", 2).err
+        and said("help").out == said("--help").out
+    )
+
+
 def test_help_names_every_family() -> None:
-    out = said("discover --help").out
+    out = said("discover --help-all").out
     assert [name for name in FAMILIES if name not in out] == [] and "Examples:" in out

@@ -29,7 +29,7 @@ def in_this_process() -> Iterator[None]:
 def finished(in_this_process: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a small study that was run by the library, its file beside it."""
     folder = tmp_path_factory.mktemp("study")
-    lw.run_study(small(folder, cycles=3), folder / "out", quick=True, workers=1)
+    lw.study.run_study(small(folder, cycles=3), folder / "out", quick=True, workers=1)
     return folder / "out"
 
 

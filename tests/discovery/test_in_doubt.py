@@ -78,7 +78,7 @@ def test_a_discovery_without_a_certain_link_is_not_trusted() -> None:
 @pytest.mark.slow
 def test_a_link_beside_another_of_its_mass_is_in_doubt_where_noise_hides_which() -> None:
     """The sink, by half a second at 8 dB: a cubic spring to the ground beside a spring to the primary explains it as well."""
-    study = lw.read_study("reach")
+    study = lw.study.read_study("reach")
     subject = study.subject("1 sink, 0.5 s, 687.5 Hz")
     record = subject.simulate(8).select(["x:m1", "x:m2"]).with_noise(8.0, seed=7008)
     discovery = lw.discover(record, {mass.name: mass.mass.value or 0.0 for mass in subject.structure.masses})

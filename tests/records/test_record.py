@@ -186,8 +186,9 @@ def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
     ("act", "message"),
     [
         (lambda r: r[::2],
-         "records are sliced as record[first:last] without a step; record.decimate(factor)"),
-        (lambda r: r[3], "records are sliced as record[first:last]"),
+         "sliced as record[first:last] without a step; record.decimate(factor)"),
+        (lambda r: r[3], 'a record is asked for a channel, record["x:m1"], or sliced as record[first:last]'),
+        (lambda r: r["x:m9"], "is not in the record; the channels are"),
         (lambda r: r[30:20], "record[30:20] is empty; the record has 400 samples"),
         (lambda r: r.between(2.0, 3.0), "no sample between 2 and 3 s; the record runs from 0 to 0.399 s"),
         (lambda r: r.decimate(2.5), "factor must be a positive integer, got 2.5"),

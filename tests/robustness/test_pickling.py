@@ -35,7 +35,7 @@ MAKERS: dict[str, Callable[[lw.Record], Any]] = {
     "absorption": lambda record: lw.absorb(CHAIN, duration=1.0, release=RELEASE),
     "free run": lambda record: lw.analysis.free_run(CHAIN, record),
     "equilibria": lambda record: lw.analysis.equilibria(CHAIN),
-    "study": lambda record: lw.read_study("paper"),
+    "study": lambda record: lw.study.read_study("paper"),
     "structure": lambda record: CHAIN,
 }
 

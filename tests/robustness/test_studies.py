@@ -21,9 +21,9 @@ from linkwise.study.store import open_store
 
 @pytest.mark.slow
 def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path) -> None:
-    study = lw.read_study(small(tmp_path, cycles=1))
+    study = lw.study.read_study(small(tmp_path, cycles=1))
     with studies_here():
-        rows = lw.run_study(study, tmp_path / "out", workers=1)
+        rows = lw.study.run_study(study, tmp_path / "out", workers=1)
     database = sqlite3.connect(tmp_path / "out" / "study.sqlite")
     key = "structure = ? AND snr_db = ? AND method = ? AND seed = ?"
     with database:
@@ -34,7 +34,7 @@ def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path
             database.execute(f"UPDATE rows SET {change} WHERE {key}", values)
     database.close()
     with studies_here():
-        again = lw.run_study(study, tmp_path / "out", workers=1)
+        again = lw.study.run_study(study, tmp_path / "out", workers=1)
     assert again[0] == rows[0] and not again[0].failed
     assert (again[1].status, again[1].reason) == (FAILED, "it diverged")
 
@@ -47,14 +47,14 @@ def test_a_study_of_too_many_cases_is_refused(
     assert run(["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1"]) == 2
     assert "a study has at most 1000000 cases" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-    assert len(lw.read_study(file).quickly()) == 12  # the quick one may be run
+    assert len(lw.study.read_study(file).quickly()) == 12  # the quick one may be run
 
 
 def test_a_study_of_which_nothing_was_run_is_not_exported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = small(tmp_path, cycles=1)
-    with open_store(tmp_path / "out", lw.read_study(file)):
+    with open_store(tmp_path / "out", lw.study.read_study(file)):
         pass
     assert run(["study", str(file), "--export", "-o", str(tmp_path / "out")]) == 1
     said = capsys.readouterr()
@@ -62,7 +62,7 @@ def test_a_study_of_which_nothing_was_run_is_not_exported(
 
 
 def test_a_full_disk_is_no_wrong_usage(tmp_path: Path) -> None:
-    study = lw.read_study(small(tmp_path, cycles=1))
+    study = lw.study.read_study(small(tmp_path, cycles=1))
     with open_store(tmp_path / "out", study) as store:
         store.database.execute("PRAGMA max_page_count = 1")
         rows = [

@@ -16,5 +16,5 @@ def small_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The finished small study, run by this process; not to be changed."""
     folder = tmp_path_factory.mktemp("small")
     with studies_here():
-        lw.run_study(small(folder), folder / "out", workers=1)
+        lw.study.run_study(small(folder), folder / "out", workers=1)
     return folder / "out"

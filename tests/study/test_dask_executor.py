@@ -50,7 +50,7 @@ def test_a_cluster_gives_the_same_rows_and_a_killed_worker_is_no_loss(
             os.kill(victims.pop(), signal.SIGKILL)
             victims.clear()
 
-    rows = lw.run_study(file, tmp_path / "there", scheduler=cluster, progress=strike)
+    rows = lw.study.run_study(file, tmp_path / "there", scheduler=cluster, progress=strike)
     assert not victims
     assert rows == lw.study.read_rows(small_folder)
     assert len(rows) == 24 and not any(row.failed for row in rows)
@@ -60,11 +60,11 @@ def test_no_scheduler_is_said(tmp_path: Path) -> None:
     file = small(tmp_path)
     for address, reason in (("tcp://127.0.0.1:1", "refused"), ("rubbish", "missing port number")):
         with pytest.raises(lw.StudyError, match=f"{address}: no scheduler answers: .*{reason}"):
-            lw.run_study(file, tmp_path / "out", scheduler=address)
+            lw.study.run_study(file, tmp_path / "out", scheduler=address)
 
 
 def test_the_extra_is_named_where_it_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "linkwise.study.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(lw.StudyError, match=r"install it with pip install 'linkwise\[cluster\]'"):
-        lw.run_study(small(tmp_path), tmp_path / "out", scheduler="tcp://127.0.0.1:8786")
+        lw.study.run_study(small(tmp_path), tmp_path / "out", scheduler="tcp://127.0.0.1:8786")

@@ -22,7 +22,7 @@ from linkwise.study.store import open_store
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study of two cycles, one of them run, with a structure that fails."""
     folder = tmp_path_factory.mktemp("export")
-    study = lw.read_study(small(folder, cycles=2, more=DIVERGING))
+    study = lw.study.read_study(small(folder, cycles=2, more=DIVERGING))
     with open_store(folder / "out", study) as store:
         done = run_batch(CaseBatch(study.text(), tuple(study.cases())[: len(study) // 2]))
         store.add(result.row for result in done)
@@ -47,7 +47,7 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path, tmp_path: Path
         assert (float(line["nmse"]) if line["nmse"] else None) == row.nmse
         assert json.loads(line["links"]) == row.links and json.loads(line["coefficients"]) == row.coefficients
         assert json.loads(line["standard_errors"]) == row.standard_errors
-    with open_store(tmp_path / "out", lw.read_study(small(tmp_path))):
+    with open_store(tmp_path / "out", lw.study.read_study(small(tmp_path))):
         pass  # not begun
     lw.study.export_study(tmp_path / "out")
     assert read(tmp_path / "out" / "rows.csv") == [] and len(read(tmp_path / "out" / "summary.csv")) == 12

@@ -58,11 +58,11 @@ def test_the_rows_are_those_of_the_library(small_folder: Path) -> None:
 
 
 @pytest.fixture
-def study(small_folder: Path) -> lw.Study:
+def study(small_folder: Path) -> lw.study.Study:
     return lw.study.stored_study(small_folder)
 
 
-def run_by(executor: Executor, study: lw.Study, folder: Path) -> list[lw.study.Row]:
+def run_by(executor: Executor, study: lw.study.Study, folder: Path) -> list[lw.study.Row]:
     """The rows of a study whose cases this executor runs, or goes on with."""
     with open_store(folder, study) as store, executor:
         run(study, store, executor, silent)
@@ -71,27 +71,27 @@ def run_by(executor: Executor, study: lw.Study, folder: Path) -> list[lw.study.R
 
 @pytest.mark.slow
 def test_rows_depend_neither_on_order_nor_on_the_executor(
-    small_folder: Path, study: lw.Study, tmp_path: Path
+    small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:
     assert run_by(Here(5), study, tmp_path / "out") == list(lw.study.read_rows(small_folder))
 
 
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
-    small_folder: Path, study: lw.Study, tmp_path: Path
+    small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:
     reports: list[StudyProgress] = []
-    rows = lw.run_study(
+    rows = lw.study.run_study(
         study, tmp_path / "out", workers=2, progress=lambda report: reports.append(report.detail)
     )
     assert rows == lw.study.read_rows(small_folder)
     assert reports[0].done == 0 and reports[0].left is None
     assert reports[-1].done == reports[-1].total == len(rows) == len(study) and reports[-1].left == 0.0
-    again = lw.run_study(study, tmp_path / "out", workers=2)
+    again = lw.study.run_study(study, tmp_path / "out", workers=2)
     assert [row.seconds for row in again] == [row.seconds for row in rows]
 
 
 def test_a_worker_that_dies_loses_only_what_it_was_at(
-    small_folder: Path, study: lw.Study, tmp_path: Path
+    small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:
     known = list(lw.study.read_rows(small_folder))
     unlucky = list(study.cases())[-1]
@@ -108,7 +108,7 @@ def test_a_worker_that_dies_loses_only_what_it_was_at(
     assert [row for row in rows if not row.failed] == [row for row in known if row.case != deadly]
 
 
-def test_workers_that_cannot_work_end_the_study(study: lw.Study, tmp_path: Path) -> None:
+def test_workers_that_cannot_work_end_the_study(study: lw.study.Study, tmp_path: Path) -> None:
     broken = Here(error=ModuleNotFoundError("No module named 'linkwise'"))
     with pytest.raises(lw.StudyError, match="a worker cannot run linkwise: ModuleNotFoundError: No module"):
         run_by(broken, study, tmp_path / "out")
@@ -143,7 +143,9 @@ class Gone(Executor):
         pass
 
 
-def test_answers_that_are_not_finite_are_no_answers(study: lw.Study, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_answers_that_are_not_finite_are_no_answers(
+    study: lw.study.Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
     case = Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
@@ -155,7 +157,7 @@ def test_answers_that_are_not_finite_are_no_answers(study: lw.Study, monkeypatch
 
 @pytest.mark.slow
 def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
-    small_folder: Path, study: lw.Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    small_folder: Path, study: lw.study.Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And nothing else: not what had an answer."""
     answered = list(lw.study.read_rows(small_folder))
@@ -178,9 +180,9 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
 
 def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
     with pytest.raises(lw.StudyError, match="and a scheduler has workers of its own; give one of the two"):
-        lw.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")
+        lw.study.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")
     with pytest.raises(lw.StudyError, match="at least one worker, got 0"):
-        lw.run_study("paper", tmp_path / "out", workers=0)
+        lw.study.run_study("paper", tmp_path / "out", workers=0)
     with pytest.raises(lw.StudyError, match="at least one worker"):
         ProcessExecutor(0)
 
@@ -220,7 +222,7 @@ def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.M
     assert timing.left == pytest.approx(40.0)
 
 
-def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.Study) -> None:
+def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.study.Study) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
     case = Case("bnes4", 20.0, "ml", 1000)
     with ProcessExecutor(1) as executor:
@@ -301,8 +303,8 @@ def test_links_with_memory_hosts_and_rigs_are_studied(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(JOINT_AND_BEAM, encoding="utf-8")
     with studies_here():
-        rows = lw.run_study(path, tmp_path / "out", workers=1)
-    study = lw.read_study(path)
+        rows = lw.study.run_study(path, tmp_path / "out", workers=1)
+    study = lw.study.read_study(path)
     for name, link in (("joint", "joint"), ("beam", "payload"), ("rig", "damper")):
         subject = study.subject(name)
         clean = subject.simulate()

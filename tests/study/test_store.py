@@ -22,18 +22,18 @@ import sys, time
 from pathlib import Path
 import linkwise as lw
 from linkwise.study.store import open_store
-with open_store(Path(sys.argv[1]), lw.read_study(sys.argv[2])):
+with open_store(Path(sys.argv[1]), lw.study.read_study(sys.argv[2])):
     print("open", flush=True)
     time.sleep(600)
 """
 
 
 @pytest.fixture
-def study(tmp_path: Path) -> lw.Study:
-    return lw.read_study(small(tmp_path))
+def study(tmp_path: Path) -> lw.study.Study:
+    return lw.study.read_study(small(tmp_path))
 
 
-def rows_of(study: lw.Study) -> list[lw.study.Row]:
+def rows_of(study: lw.study.Study) -> list[lw.study.Row]:
     """A row for every case, with numbers that JSON and SQLite must not bend."""
     answer: dict[str, Any] = {
         "coefficients": {"nes1.alpha": -100.0 / 3.0},
@@ -48,13 +48,13 @@ def rows_of(study: lw.Study) -> list[lw.study.Row]:
     ]  # fmt: skip
 
 
-def refused(folder: Path, study: lw.Study, match: str) -> None:
+def refused(folder: Path, study: lw.study.Study, match: str) -> None:
     """The folder is not opened for the study."""
     with pytest.raises(lw.StudyError, match=match), open_store(folder, study):
         pass
 
 
-def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None:
+def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.study.Study) -> None:
     rows = rows_of(study)
     folder = tmp_path / "out"
     with open_store(folder, study) as store:
@@ -78,7 +78,7 @@ def test_rows_come_back_as_they_went_in(tmp_path: Path, study: lw.Study) -> None
     assert lw.study.stored_study(folder).text() == study.text()
 
 
-def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.Study) -> None:
+def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.study.Study) -> None:
     folder = tmp_path / "out"
     command = [sys.executable, "-c", HOLD, str(folder), str(small(tmp_path))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
@@ -90,7 +90,7 @@ def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.Study) -> None
 
 
 def test_a_changed_definition_is_noticed(
-    tmp_path: Path, study: lw.Study, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, study: lw.study.Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "out"
     with open_store(folder, study) as store:
@@ -124,7 +124,7 @@ def test_differences_name_the_key() -> None:
     assert differences({"a": "x" * 200}, {"a": "y"}) == ["a has changed"]
 
 
-def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.Study) -> None:
+def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.study.Study) -> None:
     foreign = tmp_path / "foreign"
     foreign.mkdir()
     (foreign / "thesis.tex").write_text("x")
@@ -145,7 +145,9 @@ def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.St
 
 
 @pytest.mark.parametrize("content", [b"not a database at all, but long enough to be read as one" * 20, None])
-def test_a_damaged_store_is_said_to_be_one(content: bytes | None, tmp_path: Path, study: lw.Study) -> None:
+def test_a_damaged_store_is_said_to_be_one(
+    content: bytes | None, tmp_path: Path, study: lw.study.Study
+) -> None:
     if content is None:
         with closing(sqlite3.connect(tmp_path / DATABASE)) as database:
             database.execute("CREATE TABLE mine (x)")
@@ -156,7 +158,7 @@ def test_a_damaged_store_is_said_to_be_one(content: bytes | None, tmp_path: Path
     refused(tmp_path, study, "not a study of linkwise")
 
 
-def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.Study) -> None:
+def test_an_empty_store_is_begun_anew(tmp_path: Path, study: lw.study.Study) -> None:
     """As a kill between the first two system calls leaves it."""
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / DATABASE).touch()

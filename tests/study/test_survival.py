@@ -48,7 +48,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     file = small(tmp_path)
     script = tmp_path / "script.py"
     script.write_text(
-        f"import linkwise as lw\nlw.run_study({str(file)!r}, {str(tmp_path / 'out')!r}, workers=1)\n"
+        f"import linkwise as lw\nlw.study.run_study({str(file)!r}, {str(tmp_path / 'out')!r}, workers=1)\n"
     )
     result = subprocess.run(
         [sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=PATIENCE

@@ -23,7 +23,7 @@ GOOD = HEAD + STRUCTURE + METHOD
 
 
 def test_the_paper_ships_with_linkwise() -> None:
-    paper = lw.read_study("paper")
+    paper = lw.study.read_study("paper")
     assert [subject.structure.size for subject in paper.subjects] == [2, 4, 6, 8, 10]
     assert paper.snr_db == (40.0, 30.0, 20.0) and paper.first_seed == 1000 and paper.cycles == 100
     assert {"physics-informed", "weak", "ml"} < {method.name for method in paper.methods}
@@ -39,7 +39,7 @@ def test_the_paper_ships_with_linkwise() -> None:
 
 def test_the_reach_of_discovery_ships_with_linkwise() -> None:
     """Chains with 1, 2 and 4 sinks and the ring, two lengths each, 5 to 50 samples a period, 8 to 40 dB."""
-    reach = lw.read_study("reach")
+    reach = lw.study.read_study("reach")
     assert sorted(reach.snr_db) == [8.0, 16.0, 24.0, 32.0, 40.0]
     assert len(reach.subjects) == 4 * 2 * 4
     assert {subject.structure.size for subject in reach.subjects} == {2, 4, 8, 5}
@@ -72,14 +72,18 @@ def test_lists_of_lengths_and_rates_are_structures_of_their_own() -> None:
 
 
 def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
-    study = lw.read_study(small(tmp_path, cycles=3))
+    study = lw.study.read_study(small(tmp_path, cycles=3))
     assert [case.seed for case in study.cases()] == sorted([1000, 1001, 1002] * 12)
     assert len(set(study.cases())) == len(study) == 36
     assert [study.cycle(case) for case in study.cases()][::12] == [0, 1, 2]
 
 
 def test_a_study_is_the_same_from_its_document(tmp_path: Path) -> None:
-    for study in (lw.read_study("paper"), lw.read_study("reach"), lw.read_study(small(tmp_path))):
+    for study in (
+        lw.study.read_study("paper"),
+        lw.study.read_study("reach"),
+        lw.study.read_study(small(tmp_path)),
+    ):
         again = build_study(json.loads(study.text()), "again", Path())
         assert again.text() == study.text()
         for subject, subject_again in zip(some(study.subjects), again.subjects, strict=True):
@@ -94,7 +98,7 @@ def test_every_key_reaches_the_subject(tmp_path: Path) -> None:
         'forces = { m2 = "sin(9*t)" }\n[[structure.impulse]]\nmass = "m1"\nmomentum = 0.3\ntime = 0.1\n' + METHOD,
         encoding="utf-8",
     )  # fmt: skip
-    study = lw.read_study(tmp_path / "mine.toml")
+    study = lw.study.read_study(tmp_path / "mine.toml")
     (subject,) = study.subjects
     unknown = {"spring2.k", "nes1.alpha", "nes1.beta", "nes1.c"}
     assert study.name == "mine" and {p.name for p in subject.unknown_structure.parameters} == unknown
@@ -133,7 +137,7 @@ def test_names_that_are_not_there_and_what_is_no_study(tmp_path: Path) -> None:
         ),
     ):
         with pytest.raises(lw.StudyError, match=message):
-            lw.read_study(study)
+            lw.study.read_study(study)
     given = parse_study(TEXT.format(cycles=1), "small.toml", Path())
     with pytest.raises(lw.StudyError, match=r'unknown structure "bnes3"; did you mean "bnes[24]"'):
         given.subject("bnes3")

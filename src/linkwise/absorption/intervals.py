@@ -59,7 +59,7 @@ class QuantityInterval:
     missing: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AbsorptionIntervals(JudgedView):
     """The result of `absorption_intervals`; printed, that of `absorb` and a table of intervals.
 

@@ -74,7 +74,7 @@ class SweepAxis:
         return bool(not arithmetic and np.ptp(ratios) <= _EQUAL_RATIOS * np.abs(ratios).max())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AbsorptionMap(JudgedView):
     """The result of `absorption_map`; printed, a table of ranges and optima. ``map[name]`` is the grid of a quantity.
 

@@ -340,7 +340,7 @@ CLOSURE = 1e-6  # of the energy supplied: an energy balance with a larger error 
 _INTEGRATED = 0.01
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Absorption(JudgedView):
     """The result of `absorb`: a structure with and without its sinks under one excitation; printed, tables of both.
 

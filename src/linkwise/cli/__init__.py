@@ -26,16 +26,19 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 HELP = {
     "absorb": "Compare the vibration of a structure with and without its sinks.",
+    "compare": "Identify a record by every method, side by side.",
     "design": "Find the coefficients and masses at which sinks absorb best.",
     "backbone": "Follow free vibration from a linear mode to large amplitudes.",
     "basins": "Find at which rest position free motion ends, from a plane of states.",
     "discover": "Discover which masses are linked, and by which laws, from records.",
     "export": "Write an answer for other programs.",
+    "help": "Show all options of a command, or those that say how a record is read.",
     "identify": "Identify the unknown coefficients of a structure from a record.",
     "inspect": "Check records without a model: what their channels hold.",
     "limit": "Compute how well a planned test can determine the unknowns.",
     "respond": "Compute steady motion under a harmonic excitation over frequency.",
     "simulate": "Simulate a structure and write the record of its sensors.",
+    "start": "Get from the files of a test to a first answer; what is missing is asked.",
     "structure": "Write or show a structure file.",
     "study": "Run a Monte Carlo study.",
     "validate": "Predict a record with an identified structure.",
@@ -69,6 +72,7 @@ def linkwise(debug: bool) -> None:
 
     \b
     Examples:
+      linkwise start FILE
       linkwise structure bnes --dof 2 -o chain.toml
       linkwise structure bnes --dof 2 --unknown nes -o unknown.toml
       linkwise simulate chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 30 --seed 1 -o run.csv

@@ -41,6 +41,7 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
     {
         "absorption": "linkwise.report.absorption:ABSORPTION_FOLDER",
         "map": "linkwise.report.absorption:MAP_FOLDER",
+        "comparison": "linkwise.report.comparison:COMPARISON_FOLDER",
         "design": "linkwise.report.design:DESIGN_FOLDER",
         "backbone": "linkwise.report.response:BACKBONE_FOLDER",
         "basins": "linkwise.report.response:BASINS_FOLDER",

@@ -20,6 +20,7 @@ from linkwise.cli.options import (
     nmse_lines,
     pairs,
     quantity,
+    screen,
     truth_option,
     typed,
 )
@@ -70,11 +71,11 @@ class PriorOptions:
                 "those units), in the table [mass] of a file with --mapping, or in a file with --structure."
             )
         return dict(mapping.masses) | {
-            name: _mass(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
+            name: mass_value(name, text) for name, text in pairs(self.mass, "--mass", EXAMPLE).items()
         }
 
 
-def _mass(name: str, text: str) -> float | str:
+def mass_value(name: str, text: str) -> float | str:
     """A plain number, a text with a unit of inertia, or "unknown"; UsageError for anything else."""
     if text.strip() == "unknown":
         return "unknown"
@@ -84,7 +85,12 @@ def _mass(name: str, text: str) -> float | str:
         raise click.UsageError(f"--mass {name}: {error}") from error
 
 
-@click.command(cls=listing("FAMILIES", lambda: families.listed_families()))
+@click.command(
+    cls=screen(
+        *("mass", "structure", "terms", "mapping", "channel", "rate", "more", "admit", "output", "as_json"),
+        base=listing("FAMILIES", lambda: families.listed_families()),
+    )
+)
 @record_options
 @grouped(PriorOptions, "prior")
 @method_options(lw.discovery.DiscoveryOptions, "given")
@@ -102,8 +108,26 @@ def discover(
     """Discover which masses are linked, and by which laws, from RECORD and the masses alone.
 
     Every mass needs a sensor, unless the structure has hosts. Candidates are links between all pairs of masses, between every
-    mass and the ground and, if x:base is recorded, the base, each with all --terms. Beside functions of d and v, --terms
-    accepts these families:
+    mass and the ground and, if x:base is recorded, the base, each with all --terms. With --structure, links in the file keep
+    their terms, and others may be added. Exit code 3 means that the search did not settle or the fit is refused, 4 that it is
+    approximate; Ctrl-C ends the search with the best result so far.
+
+    \b
+    Examples:
+      linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction, gap"
+      linkwise discover run.csv --structure known.toml --with run2.csv --json
+      linkwise discover run.csv --mapping sensors.toml
+    \f
+    \b
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.5 --terms "cubic, bouc-wen"
+      linkwise discover hits.csv --structure two_beams.toml --terms "cubic, friction(0.02)" -o joint
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
+      linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
+
+    Beside functions of d and v, --terms accepts these families:
 
     \b
       FAMILIES
@@ -115,24 +139,9 @@ def discover(
     Without a number, S or G is estimated for each link, as is any other name inside a function: "tanh(v/vr)". The term 1 is a
     constant force on each mass.
 
-    With --structure, links in the file keep their terms, and others may be added; a link with the law "0" is known to be
-    absent, as is a term with a coefficient of 0. With hosts in the file, links may end at their points as at masses, and
-    accelerometers at some of the points are enough. What the record cannot determine is reported on standard error before the
-    search. Exit code 3 means that the search did not settle or the fit is refused, 4 that it is approximate; Ctrl-C ends the
-    search with the best result so far.
-
-    \b
-    Examples:
-      linkwise discover run.csv --mass m1=1.0 --mass "m2=10 g" -o found
-      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction(0.01)" --truth chain.toml
-      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --terms "cubic, friction, gap"
-      linkwise discover run.csv --mass m1=1.0 --mass m2=0.5 --terms "cubic, bouc-wen"
-      linkwise discover run.csv --structure known.toml --with run2.csv --json
-      linkwise discover hits.csv --structure two_beams.toml --terms "cubic, friction(0.02)" -o joint
-      linkwise discover run.csv --mapping sensors.toml
-      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
-      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
-      linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
+    A link with the law "0" is known to be absent, as is a term with a coefficient of 0. With hosts in the file, links may end
+    at their points as at masses, and accelerometers at some of the points are enough. What the record cannot determine is
+    reported on standard error before the search.
     """
     masses = prior.masses(source.record_mapping())
     try:

@@ -18,6 +18,7 @@ from linkwise.cli.options import (
     json_option,
     nmse_lines,
     option_name,
+    screen,
     truth_option,
 )
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
@@ -26,7 +27,12 @@ from linkwise.model import link
 from linkwise.output import RESULT
 
 
-@click.command()
+@click.command(
+    cls=screen(
+        *("mapping", "channel", "rate", "method", "more", "calibration", "input_noise", "admit", "profile"),
+        *("output", "as_json"),
+    )
+)
 @record_options
 @click.argument("structure", type=FILE)
 @click.option(
@@ -73,6 +79,10 @@ def identify(
     \b
     Examples:
       linkwise identify run.csv unknown.toml -o answer
+      linkwise identify run.csv unknown.toml --mapping sensors.toml --with run2.csv
+      linkwise identify run.csv unknown.toml --channel "x:m1[mm]=Laser 1" --offset x:m1
+    \f
+    \b
       linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
       linkwise identify run.csv unknown.toml --mapping sensors.toml --decimate 4
       linkwise identify run.csv unknown.toml --calibration all=1% --offset x:m1=+-0.1mm

@@ -280,6 +280,47 @@ def listing(placeholder: str, lines: Callable[[], Iterable[str]]) -> type[click.
     return Listing
 
 
+def screen(*first: str, base: type[click.Command] = click.Command) -> type[click.Command]:
+    """A kind of command whose `--help` fits a screen: its text up to a form feed, and the first sentence on
+    the options `first`, by parameter; `--help-all` shows everything.
+    """
+
+    class Screen(base):  # type: ignore[misc, valid-type]
+        def __init__(self, *arguments: Any, **keywords: Any) -> None:
+            super().__init__(*arguments, **keywords)
+            text = "Show all options and all that is said of them."
+            everything: dict[str, Any] = {
+                "is_flag": True,
+                "is_eager": True,
+                "expose_value": False,
+                "callback": self._show,
+            }
+            self.params.append(click.Option(["--help-all"], help=text, **everything))
+
+        def _show(self, ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
+            """Print the whole help."""
+            if wanted and not ctx.resilient_parsing:
+                whole = base(self.name, params=self.params, help=(self.help or "").replace("\f", ""))
+                click.echo(whole.get_help(ctx))
+                ctx.exit()
+
+        def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+            """The first options, and where the others are."""
+            shown = [
+                p for p in self.get_params(ctx) if p.name in first or {"--help", "--help-all"} & set(p.opts)
+            ]
+            records = [record for param in shown if (record := param.get_help_record(ctx)) is not None]
+            with formatter.section("Options that are needed first"):
+                formatter.write_dl([(flag, text.partition(". ")[0].rstrip(".")) for flag, text in records])
+            formatter.write_paragraph()
+            path = ctx.command_path
+            formatter.write_text(
+                f"Others: {path} --help-all; how a record is read and what is known of sensors: linkwise help reading."
+            )
+
+    return Screen
+
+
 def nmse_lines(result: Mapping[str, Any], title: str, indent: str = "  ") -> list[str]:
     """The errors of forces of a document, in lines under a title; none where it was not compared with a truth."""
     if "nmse_percent" not in result:

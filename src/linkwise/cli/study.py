@@ -60,7 +60,7 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
         raise click.UsageError(
             "--workers runs the study on this machine, --scheduler on a cluster; give only one of them."
         )
-    definition = lw.read_study(name)
+    definition = lw.study.read_study(name)
     definition = definition.quickly() if options.quick else definition
     if options.export:
         _require_stored(definition, options.output)
@@ -77,7 +77,7 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
     return (lw.Grade.REFUSED if summary.failed_cells else lw.Grade.EXPLAINED).exit_code
 
 
-def _require_stored(study: lw.Study, output: Path) -> None:
+def _require_stored(study: lw.study.Study, output: Path) -> None:
     """UsageError where what is to be exported is not what the folder holds."""
     stored = lw.study.stored_study(output)
     if stored.name != study.name:
@@ -90,7 +90,7 @@ def _require_stored(study: lw.Study, output: Path) -> None:
         )
 
 
-def _run(study: lw.Study, options: RunOptions) -> None:
+def _run(study: lw.study.Study, options: RunOptions) -> None:
     """Run what is left of the study; where it is interrupted, say how far it came."""
     last: list[lw.estimates.ProgressReport] = []
     try:
@@ -101,7 +101,7 @@ def _run(study: lw.Study, options: RunOptions) -> None:
                 step(report)
 
             workers, scheduler = options.workers, options.scheduler
-            lw.run_study(study, options.output, workers=workers, scheduler=scheduler, progress=show)
+            lw.study.run_study(study, options.output, workers=workers, scheduler=scheduler, progress=show)
     except KeyboardInterrupt:
         done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
         tell(f"{done} in {options.output}; the same command resumes it.")

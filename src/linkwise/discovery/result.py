@@ -130,7 +130,7 @@ class TermEvidence:
         return self.z**2 - self.margin if self.kept else self.z**2 + self.margin
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Discovery(JudgedView):
     """The result of `discover`; printed, a table of links and the evidence for their terms.
 

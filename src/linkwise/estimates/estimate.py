@@ -6,9 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,8 +21,6 @@ from linkwise.display import (
     align_columns,
     format_chi_square,
     format_duration,
-    format_error,
-    format_value,
     paragraph,
     remark_lines,
 )
@@ -35,11 +34,13 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.findings import bound_findings, findings_of_links, supplied_power
 from linkwise.estimates.link_estimate import (
+    COEFFICIENT_HEAD,
     NORMAL_95,
     CoefficientEstimate,
     DerivedQuantity,
     LinkEstimate,
     LinkMotion,
+    coefficient_row,
     moving_mass,
 )
 from linkwise.inspection.missing_samples import EstimatedError, unanswered_alerts
@@ -51,7 +52,13 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
+from linkwise.registry import lazy_module
 from linkwise.verdict import STATUSES, Grade, Verdict, admit_intervals, status_of
+
+if TYPE_CHECKING:
+    import pandas
+else:  # not a requirement
+    pandas = lazy_module("pandas")
 
 
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
@@ -159,7 +166,7 @@ def grade_remark(grade: Grade, status: str) -> str:
 _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate(JudgedView):
     """The result of `identify`: coefficients with their uncertainty, noise, and what limits the trust in them.
 
@@ -466,18 +473,54 @@ class Estimate(JudgedView):
             **({"modes": [mode_document(mode, self.shapes) for mode in self.modes]} if self.modes else {}),
         }
 
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The coefficients and masses as a table of pandas, which is not a requirement of linkwise.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a coefficient, by its full name, with the columns value, standard_error, lower, upper, unit and known;
+            NaN where there is no standard error or interval.
+
+        Raises
+        ------
+        IdentificationError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> chain = lw.bnes_chain(2)
+        >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=6.0, rate=1000.0).with_noise(30.0, seed=1)
+        >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+        >>> fit.to_dataframe().index.tolist()
+        ['spring1.k', 'spring1.c', 'nes1.alpha', 'nes1.beta', 'nes1.c', 'm1.mass', 'm2.mass']
+        """
+        if find_spec("pandas") is None:
+            raise IdentificationError(
+                "to_dataframe() needs pandas, which is not installed: pip install pandas, or use to_dict()"
+            )
+        rows = {
+            str(c.name): (c.value, c.standard_error, *(c.interval or (None, None)), c.unit, c.known)
+            for c in self._coefficients.values()
+            if c.name.owner not in self.structure.modes or c.name.is_shape
+        }
+        columns = ["value", "standard_error", "lower", "upper", "unit", "known"]
+        table = pandas.DataFrame.from_dict(rows, "index", columns=columns)
+        return table.astype(dict.fromkeys(columns[:4], float))
+
     def __str__(self) -> str:
         blocks = [_verdict(self), _noise(self)]
         unknown = [mass for mass in self.masses if not mass.known]
         of_modes = [c for mode in self.modes if mode.free for c in mode.coefficients]
         for title, shown in (("masses", unknown), ("modes", of_modes)):
-            rows = [_coefficient_row(one, one.name.removesuffix(".mass")) for one in shown]
+            rows = [coefficient_row(one, one.name.removesuffix(".mass")) for one in shown]
             if rows:
-                blocks.append("\n".join([title, *align_columns([_HEAD, *rows])]))
+                blocks.append("\n".join([title, *align_columns([COEFFICIENT_HEAD, *rows])]))
         if self.shapes:
             blocks.append(_shapes(self))
         links = [link for link in self.links if link.free]
-        blocks += [_link_text(link) for link in links[:_MANY]]
+        blocks += [str(link) for link in links[:_MANY]]
         if len(links) > _MANY:
             blocks.append(f"... and {len(links) - _MANY} more links; the result folder lists all of them")
         if self.profile_intervals:
@@ -619,12 +662,10 @@ class Estimator(ABC):
 
 
 _MANY = 12  # channels or links that are shown
-_RATES = 3  # states of a link whose rates are printed; the result folder has all
 _SHAPES = 6  # of modes at points, that are shown
 _CAUSES = 4  # of what is left, that are shown
 # of an interval's half: from here a profile interval says something that a standard error does not
 _DIFFERS = 0.1
-_HEAD = ("", "value", "std. error", "95 % interval", "unit")
 
 
 def _verdict(estimate: Estimate) -> str:
@@ -647,7 +688,9 @@ def _shapes(estimate: Estimate) -> str:
     )
     lines = [
         "shapes",
-        *align_columns([_HEAD, *(_coefficient_row(shape, shape.name) for _, shape in moved[:_SHAPES])]),
+        *align_columns(
+            [COEFFICIENT_HEAD, *(coefficient_row(shape, shape.name) for _, shape in moved[:_SHAPES])]
+        ),
     ]
     if len(moved) > _SHAPES:
         lines.append(
@@ -690,35 +733,3 @@ def _noise(estimate: Estimate) -> str:
     if len(channels) > _MANY:
         lines.append(f"... and {len(channels) - _MANY} more channels")
     return "\n".join(lines)
-
-
-def _link_text(link: LinkEstimate) -> str:
-    rows = [_coefficient_row(coefficient, coefficient.name.key) for coefficient in link.coefficients]
-    rows += [_derived_row(well, f"well {i}") for i, well in enumerate(link.wells, start=1)]
-    if link.barrier is not None:
-        rows.append(_derived_row(link.barrier, "barrier"))
-    rows += [
-        _derived_row(frequency, f"frequency {i}") for i, frequency in enumerate(link.frequencies, start=1)
-    ]
-    head = f"{link.link.name} ({' - '.join(link.link.between)}): {link.link.law.text}"
-    d_low, d_high, v_low, v_high = (f"{end:.4g}" for end in (*link.d_range, *link.v_range))
-    of_d, of_v = link.link.law.motion_units
-    visited = f"range: d {d_low} to {d_high} {of_d}, v {v_low} to {v_high} {of_v}"
-    rates = [f"  {rate}" for rate in link.link.rate_texts[:_RATES]]
-    if len(link.link.rate_texts) > _RATES:
-        rates.append(f"  ... and {len(link.link.rate_texts) - _RATES} more states")
-    return "\n".join([head, *rates, *align_columns([_HEAD, *rows]), f"  {visited}"])
-
-
-def _coefficient_row(coefficient: CoefficientEstimate, label: str) -> tuple[str, ...]:
-    error, unit = coefficient.standard_error, coefficient.unit
-    if coefficient.known or error is None:
-        return label, format_value(coefficient.value), "given" if coefficient.known else "none", "", unit
-    ends = coefficient.interval
-    interval = "none" if ends is None else " to ".join(format_value(end, error) for end in ends)
-    return label, format_value(coefficient.value, error), format_error(error), interval, unit
-
-
-def _derived_row(quantity: DerivedQuantity, label: str) -> tuple[str, ...]:
-    value, interval = quantity.texts
-    return label, value, "", interval, quantity.unit

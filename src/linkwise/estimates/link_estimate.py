@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.analysis.potential_wells import law_kind, lowest_escape, wells
 from linkwise.arrays import Floats
-from linkwise.display import format_value
+from linkwise.display import NotebookView, align_columns, format_error, format_value
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.names import Name
@@ -21,6 +21,8 @@ from linkwise.model.structure import Link, Structure
 T = TypeVar("T")
 
 NORMAL_95 = 1.959963984540054  # standard deviations: 97.5 % quantile of the normal distribution
+_RATES = 3  # states of a link whose rates are printed; the result folder has all
+COEFFICIENT_HEAD = ("", "value", "std. error", "95 % interval", "unit")
 _STEP = 1e-2  # of a standard error: small against the curvature of derived quantities, large against rounding
 _BEYOND = 0.25  # of the visited range: wells farther outside are not searched for
 
@@ -103,8 +105,23 @@ class DerivedQuantity:
         return format_value(self.value, error), " to ".join(format_value(end, error) for end in self.interval)
 
 
-@dataclass(frozen=True, eq=False)
-class LinkEstimate:
+def coefficient_row(coefficient: CoefficientEstimate, label: str) -> tuple[str, ...]:
+    """The cells under `COEFFICIENT_HEAD`."""
+    error, unit = coefficient.standard_error, coefficient.unit
+    if coefficient.known or error is None:
+        return label, format_value(coefficient.value), "given" if coefficient.known else "none", "", unit
+    ends = coefficient.interval
+    interval = "none" if ends is None else " to ".join(format_value(end, error) for end in ends)
+    return label, format_value(coefficient.value, error), format_error(error), interval, unit
+
+
+def _derived_row(quantity: DerivedQuantity, label: str) -> tuple[str, ...]:
+    value, interval = quantity.texts
+    return label, value, "", interval, quantity.unit
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LinkEstimate(NotebookView):
     """Estimate of one link.
 
     Attributes
@@ -140,6 +157,23 @@ class LinkEstimate:
     free: tuple[str, ...]
     covariance: Floats | None
     moving_mass: float
+
+    def __str__(self) -> str:
+        rows = [coefficient_row(coefficient, coefficient.name.key) for coefficient in self.coefficients]
+        rows += [_derived_row(well, f"well {i}") for i, well in enumerate(self.wells, start=1)]
+        if self.barrier is not None:
+            rows.append(_derived_row(self.barrier, "barrier"))
+        rows += [
+            _derived_row(frequency, f"frequency {i}") for i, frequency in enumerate(self.frequencies, start=1)
+        ]
+        head = f"{self.link.name} ({' - '.join(self.link.between)}): {self.link.law.text}"
+        d_low, d_high, v_low, v_high = (f"{end:.4g}" for end in (*self.d_range, *self.v_range))
+        of_d, of_v = self.link.law.motion_units
+        visited = f"range: d {d_low} to {d_high} {of_d}, v {v_low} to {v_high} {of_v}"
+        rates = [f"  {rate}" for rate in self.link.rate_texts[:_RATES]]
+        if len(self.link.rate_texts) > _RATES:
+            rates.append(f"  ... and {len(self.link.rate_texts) - _RATES} more states")
+        return "\n".join([head, *rates, *align_columns([COEFFICIENT_HEAD, *rows]), f"  {visited}"])
 
     def force_band(self, d: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Stiffness force (v = 0) with its 95 % band by the delta method.
@@ -314,6 +348,9 @@ class LinkMotion:
     identified_force: Floats | None = None
     measured_force: Floats | None = None
     residuals: Mapping[str, Floats] | None = None
+
+    def __repr__(self) -> str:
+        return f"<LinkMotion of {self.structure.name}: {len(self.time)} samples>"
 
     @cached_property
     def force(self) -> Floats | None:

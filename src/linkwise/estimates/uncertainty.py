@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import csv_cell, from_csv_cell
+from linkwise.display import csv_cell, from_csv_cell, listed
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.names import MASS, Name
@@ -27,7 +27,7 @@ _NAMED = 3  # edits that a message names
 _TRIES = 200  # draws at most for each that is within the bounds
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
     """An identified structure with a normal distribution of its p unknown coefficients.
 
@@ -114,6 +114,9 @@ class Posterior:
             None if dropped is None else dropped[np.ix_(which, which)],
         )
 
+    def __repr__(self) -> str:
+        return f"<Posterior of {len(self.names)} coefficients: {listed(self.names)}>"
+
     @property
     def beside_terms_kept(self) -> Floats:
         """(p, p) the covariance for a prediction by the terms of the structure alone.
@@ -168,6 +171,29 @@ class Posterior:
             f"of {_TRIES * count} draws only {inside} lie within the bounds of the coefficients: the estimate is too "
             "uncertain for draws; use a longer record, or one with less noise"
         )
+
+    def to_dict(self, draws: int = 1000, *, seed: int = 0) -> dict[str, Floats]:
+        """Draws as packages for posteriors take them, as in ``arviz.from_dict({"posterior": posterior.to_dict()})``.
+
+        Parameters
+        ----------
+        draws : int
+            Number of draws.
+        seed : int
+            Seed of the random numbers.
+
+        Returns
+        -------
+        dict of str to array of shape (1, draws)
+            A single chain of each coefficient, by its full name, in SI units.
+
+        Raises
+        ------
+        IdentificationError
+            As of `draws`.
+        """
+        drawn = self.draws(draws, seed)
+        return {str(name): drawn[None, :, number] for number, name in enumerate(self.names)}
 
 
 def write_covariance(posterior: Posterior, path: Path) -> None:

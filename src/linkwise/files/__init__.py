@@ -12,7 +12,8 @@ from pkgutil import resolve_name
 
 from linkwise.display import near_miss
 from linkwise.errors import OutputError, RecordError, expect
-from linkwise.files.assemble import first_mapping, to_record
+from linkwise.files.assemble import to_record
+from linkwise.files.guesses import first_mapping
 from linkwise.files.mapping import RecordMapping, read_mapping
 from linkwise.files.table import Table
 from linkwise.output import atomic_file, check_file
@@ -123,7 +124,7 @@ def read_record(
     stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
     chosen = given.over(stated)
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(_table(Path(path), chosen.header), chosen, masses, informative=informative)
+    return to_record(read_table(Path(path), chosen.header), chosen, masses, informative=informative)
 
 
 def write_first_mapping(record: Path, path: Path, header: str | int | None = None) -> tuple[str, ...]:
@@ -131,7 +132,7 @@ def write_first_mapping(record: Path, path: Path, header: str | int | None = Non
 
     Raises RecordError where the record cannot be read, or the mapping file is there already or cannot be written.
     """
-    text, guesses = first_mapping(_table(record, header))
+    text, guesses = first_mapping(read_table(record, header))
     if path.exists():
         raise RecordError(
             "is there already, and what was written into it by hand would be lost; give another name", path
@@ -141,7 +142,8 @@ def write_first_mapping(record: Path, path: Path, header: str | int | None = Non
     return guesses
 
 
-def _table(path: Path, header: str | int | None) -> Table:
+def read_table(path: Path, header: str | int | None) -> Table:
+    """All columns of a file; RecordError where it cannot be read."""
     _check_exists(path)
     format_ = _format(path)
     if header is not None and not format_.header:

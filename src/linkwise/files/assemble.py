@@ -6,28 +6,23 @@ units and names.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.display import near_miss, on_one_line
-from linkwise.errors import LinkwiseError, RecordError
+from linkwise.display import near_miss
+from linkwise.errors import RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
-from linkwise.model.link_file import toml_text
-from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, check_rate, is_angular, row_error, si_unit
+from linkwise.records.channel import BASE, Channel, check_rate, row_error, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.records.timeline import JITTER, resample_evenly, sampled_columns
-from linkwise.units import factor_to_si
 
 _SHOWN = 12  # columns listed in an error or a note
 
@@ -58,8 +53,8 @@ def choose(
 
     Raises RecordError for an invalid mapping, a channel that occurs twice, an unknown mass, and a table without channels.
     """
-    mapped = _mapped(table, channels)
-    chosen = (*mapped, *_recognised(table, mapped, known_masses))
+    given = mapped(table, channels)
+    chosen = (*given, *recognised(table, given, known_masses))
     if all(choice.name == "time" for choice in chosen) and not table.named:
         raise table.error(
             f"there is no header: the file starts with {table.opening!r}. The first line must name the columns, as in "
@@ -133,7 +128,7 @@ def _list(names: list[str]) -> str:
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def _mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
+def mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoice, ...]:
     """The columns that the user mapped."""
     chosen: dict[str, ColumnChoice] = {}
     for key, column in channels.items():
@@ -176,7 +171,7 @@ def _find(table: Table, key: str, column: str | int) -> int:
     )
 
 
-def _recognised(
+def recognised(
     table: Table, mapped: tuple[ColumnChoice, ...], known_masses: tuple[str, ...] | None
 ) -> tuple[ColumnChoice, ...]:
     """The columns whose headers name a channel or the time, except what the user has mapped."""
@@ -353,126 +348,3 @@ def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:
     # 12 mm are 12 / 1000, rounded once; 12 * 1e-3 is rounded twice, and a time in ms would not lie on its grid
     divisor = round(1.0 / factor)
     return values / divisor if factor < 1.0 and 1.0 / divisor == factor else values * factor
-
-
-_NAMES = (
-    (re.compile(r"acc|beschl|pcb|imu", re.IGNORECASE), "a"),
-    (re.compile(r"vel|geschw|ldv|vibrometer|geophone", re.IGNORECASE), "v"),
-    (re.compile(r"laser|lvdt|disp|pos|weg|deflection|encoder", re.IGNORECASE), "x"),
-    (re.compile(r"force|load|kraft|shaker|hammer", re.IGNORECASE), "force"),
-)
-_TIMES = re.compile(r"(?:time|zeit|t)\b|time", re.IGNORECASE)
-_HEAD = """# A mapping file of linkwise: what the columns are and what is known of the sensors, for all records of a test.
-# Written from {path}. Check the names of the masses, the quantities and the units.
-
-# rate = "1 kHz"                 # sampling rate of files without a time column
-# decimate = 4                   # keep every 4th sample, behind an anti-alias filter
-# calibration = "1 %"            # to which the gains of all sensors are known
-# Of one channel: calibration = "1 %", offset = "+- 0.1 mm" (or "0.3 mm", "unknown"), delay = "2 ms" (or "2 ms +- 0.1 ms",
-# "unknown"), gain = 1.02, noise = "5 um"; interpolation = "held" of an input.
-"""
-_MASSES = """
-# [mass]                         # for a discovery
-# m1 = "1.0 kg"
-"""
-
-
-def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
-    """The text of a mapping file for the columns of a table, and a sentence on each quantity that was guessed.
-
-    Raises RecordError where no column holds numbers.
-    """
-    blocks, guesses = [], []
-    spare: list[str | int] = []
-    names = [ColumnHeader.parse(text).leaf.name for text in table.headers]
-    headers = {
-        number: ColumnHeader.parse(column.header).leaf
-        for number, column in enumerate(table.columns)
-        if column.values is not None
-    }
-    recognised = {choice.column: choice.name for choice in _recognised(table, (), None)}
-    known = {number: (name, "") for number, name in recognised.items()} | _guessed_names(headers, recognised)
-    for number, header in headers.items():
-        label = header.name if table.named and header.name and names.count(header.name) == 1 else number + 1
-        if number not in known:
-            spare.append(label)
-            continue
-        name, why = known[number]
-        unit, remark = header.unit, f"guessed from its {why}" if why else ""
-        if why and isinstance(name, Channel):
-            remark += "; of which mass?"
-            quantity = KINDS[name.kind].quantity
-            article = "an" if quantity[0] in "aeiou" else "a"
-            guesses.append(f"Column {label} was guessed from its {why} to be {article} {quantity}, {name}.")
-        elif why:
-            unit = unit or "s"
-            guesses.append(f"Column {label} was guessed to be the time.")
-        blocks.append(_block(name, label, unit, remark))
-    if not blocks and not spare:
-        raise table.error("no column holds numbers, so there is nothing to map")
-    unused = [f"\n# not used: {', '.join(map(toml_text, spare))}\n"] if spare else []
-    if {name for name, _ in known.values()} <= {"time"} and spare:
-        example = _block(Channel("x", "m1"), spare[0], "mm", "").strip().split("\n")
-        unused += ["\n", *(f"# {line}\n" for line in example)]
-    text = _HEAD.format(path=on_one_line(Path(table.file).name))
-    return text + "".join([*blocks, *unused, _MASSES]), tuple(guesses)
-
-
-def _guessed_names(
-    headers: Mapping[int, ColumnHeader], known: Mapping[int, Channel | str]
-) -> dict[int, tuple[Channel | str, str]]:
-    """The channel or "time" that each column not `known` may be, and what says so; forces act on masses that move."""
-    guessed: dict[int, tuple[Channel | str, str]] = {}
-    of_forces = []
-    for number, header in headers.items():
-        if number in known:
-            continue
-        named = [*known.values(), *(name for name, _ in guessed.values())]
-        kind, why = _guessed(header)
-        if "time" not in named and _TIMES.match(header.name):
-            guessed[number] = "time", "name"
-        elif kind == "force":
-            of_forces.append((number, why))
-        elif kind:
-            guessed[number] = Channel(kind, _free_mass(named)), why
-    for number, why in of_forces:
-        named = [*known.values(), *(name for name, _ in guessed.values())]
-        guessed[number] = Channel("force", _driven_mass(named)), why
-    return guessed
-
-
-def _free_mass(named: Iterable[Channel | str]) -> str:
-    """The first of m1, m2, ... that none of the channels has."""
-    masses = {channel.place for channel in named if isinstance(channel, Channel)}
-    return next(f"m{number}" for number in count(1) if f"m{number}" not in masses)
-
-
-def _driven_mass(named: Iterable[Channel | str]) -> str:
-    """The first mass of a sensor among the channels on which none of them acts; without one the first of m1, m2, ..."""
-    channels = [channel for channel in named if isinstance(channel, Channel)]
-    driven = [channel.place for channel in channels if channel.is_force]
-    moving = [channel.place for channel in channels if channel.is_motion and not channel.is_input]
-    return next((mass for mass in sorted(moving) if mass not in driven), _free_mass(named))
-
-
-def _guessed(header: ColumnHeader) -> tuple[str, str]:
-    """The kind of channel that a header may stand for, and what says so; none where nothing does."""
-    for kind in (*MOTIONS, "force"):
-        if is_angular(header.unit, kind):
-            return kind, "unit"
-        try:
-            factor_to_si(header.unit, KINDS[kind].unit)
-        except LinkwiseError:
-            continue
-        return kind, "unit"
-    return next(((kind, "name") for pattern, kind in _NAMES if pattern.search(header.name)), ("", ""))
-
-
-def _block(name: Channel | str, column: str | int, unit: str, remark: str) -> str:
-    title = "[time]" if name == "time" else f"[channel.{toml_text(name)}]"
-    lines = ["", f"{title}{f'  # {remark}' if remark else ''}", f"column = {toml_text(column)}"]
-    if unit:
-        lines.append(f"unit = {toml_text(unit)}")
-    elif isinstance(name, Channel):
-        lines.append(f'# unit = "{name.unit}"')
-    return "\n".join([*lines, ""])

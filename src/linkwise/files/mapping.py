@@ -38,8 +38,8 @@ import numpy as np
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.table import Column, ColumnHeader
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS
-from linkwise.model.link_file import decode, parse_toml, read_toml_text
 from linkwise.model.rotations import is_inertia
+from linkwise.model.toml import decode, parse_toml, read_toml_text
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, attributes_of

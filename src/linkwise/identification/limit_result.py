@@ -69,7 +69,7 @@ class LinkLimit:
         return DETECTION * self.force_error
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Limit(JudgedView):
     """The smallest standard errors that a planned test allows, of p unknowns; printed, a table.
 

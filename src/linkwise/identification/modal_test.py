@@ -39,7 +39,7 @@ from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HostEstimate(JudgedView):
     """A host that was identified from the records of a modal test.
 

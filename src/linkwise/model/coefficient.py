@@ -5,8 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from linkwise.errors import StructureError, expect, located
+import msgspec
+
+from linkwise.display import near_miss
+from linkwise.errors import LinkwiseError, StructureError, expect, located
 from linkwise.model.names import Name
+from linkwise.model.toml import decode, joined
+from linkwise.units import to_si
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,16 @@ class Coefficient:
                 f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
             )
 
+    def __repr__(self) -> str:
+        if self.same_as is not None:
+            return f"Coefficient.shared({str(self.same_as)!r})"
+        if self.known:
+            return f"Coefficient.number({self.value!r})"
+        stated = (("lower", self.lower), ("upper", self.upper), ("sigma", self.sigma))
+        parts = [] if self.value is None else [repr(self.value)]
+        parts += [f"{name}={value!r}" for name, value in stated if math.isfinite(value)]
+        return f"Coefficient.unknown({', '.join(parts)})"
+
     def following(self, leader: Coefficient) -> Coefficient:
         """This shared coefficient with the fields of the coefficient it is equal to.
 
@@ -167,13 +182,75 @@ class Coefficient:
         return Coefficient(None, known=False, lower=self.lower, upper=self.upper, same_as=self.same_as)
 
 
-def as_coefficient(given: Coefficient | float, where: str) -> Coefficient:
-    """A coefficient, known where a plain number is given; `where` names one that is not finite."""
-    expect(where, given, Coefficient, float)
+class _UnknownTable(msgspec.Struct, forbid_unknown_fields=True):
+    """An unknown with start value, bounds and standard deviation, in SI units or as text with a unit."""
+
+    start: float | str | None = None
+    lower: float | str | None = None
+    upper: float | str | None = None
+    sigma: float | str | None = None
+
+
+def as_coefficient(given: Coefficient | float | str, where: str, unit: str | None = None) -> Coefficient:
+    """A coefficient, known where a plain number is given; `where` names one that is not finite.
+
+    Where its SI unit is stated a text is one too, as in a structure file: "30 kN/m", "unknown", "=nes1.alpha".
+    """
+    expect(where, given, Coefficient, float, *(() if unit is None else (str,)))
     if isinstance(given, Coefficient):
         return given
+    if isinstance(given, str):
+        return coefficient_of(given, unit or "", "", where)
     with located(where):
         return Coefficient.number(given)
+
+
+def coefficient_of(given: object, unit: str, source: str, path: str) -> Coefficient:
+    """The coefficient for a value of the file, in SI units `unit`."""
+    try:
+        if isinstance(given, dict):
+            decode(given, _UnknownTable, source, path, StructureError)
+            numbers = {key: _si(value, unit) for key, value in given.items() if key != "sigma"}
+            if (sigma := given.get("sigma")) is not None:
+                of_start = "start" in given and str(sigma).rstrip().endswith("%")
+                numbers["sigma"] = (
+                    0.01 * abs(numbers["start"]) * percentage(sigma) if of_start else _si(sigma, unit)
+                )
+            return Coefficient.unknown(**numbers)
+        if isinstance(given, str):
+            if given.strip() == "unknown":
+                return Coefficient.unknown()
+            if given.startswith("="):
+                return Coefficient.shared(given[1:].strip())
+        if isinstance(given, str | int | float) and not isinstance(given, bool):
+            return Coefficient.number(_si(given, unit))
+    except StructureError as error:
+        raise StructureError(error.message, error.where or joined(source, path)) from None
+    raise StructureError(
+        f'expected a number, a text such as "unknown", "30 kN/m" or "=link.coefficient", or a table of start, lower, upper, '
+        f"sigma; got {given!r}",
+        joined(source, path),
+    )
+
+
+def percentage(text: str, where: str = "") -> float:
+    """The number of a percentage such as "2 %". Raises StructureError with the place `where`."""
+    number, percent, rest = text.partition("%")
+    try:
+        return float(number if percent and not rest.strip() else "")
+    except ValueError:
+        raise StructureError(f'expected a percentage, such as "2 %", got {text!r}', where) from None
+
+
+def _si(given: float | str, unit: str) -> float:
+    """A number unchanged, a text converted to `unit`."""
+    if not isinstance(given, str):
+        return given
+    try:
+        return float(to_si(given, unit))
+    except LinkwiseError as error:
+        hint = near_miss(given.strip().lower(), ["unknown"])
+        raise StructureError(f"{error}{hint}") from None
 
 
 def _number(given: object, field: str) -> float:

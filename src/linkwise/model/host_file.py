@@ -25,11 +25,11 @@ import msgspec
 import numpy as np
 
 from linkwise.errors import LinkwiseError, StructureError, located
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, coefficient_of, percentage
 from linkwise.model.host import Host, HostMode, Pair, entries_of
-from linkwise.model.link_file import coefficient_of, decode, percentage, read_toml_text
 from linkwise.model.matrices import read_host_matrices
 from linkwise.model.rotations import turns_throughout, with_units
+from linkwise.model.toml import decode, read_toml_text
 from linkwise.units import to_si
 
 _DATA_AT_NODES, _NORMAL_MODE = 55, 2

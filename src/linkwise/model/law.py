@@ -329,6 +329,10 @@ class Law:
     declared: tuple[tuple[str, str], ...] = ()
     angular: bool = False
 
+    def __repr__(self) -> str:
+        rates = {rate.name: rate.text for rate in self.rates}
+        return f"Law.parse({self.text!r}{f', {rates!r}' if rates else ''})"
+
     @staticmethod
     def parse(
         text: str,

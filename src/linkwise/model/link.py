@@ -42,9 +42,9 @@ class Mass:
     ----------
     name : str
         Name of the mass.
-    mass : Coefficient or float
-        Mass in kg, or moment of inertia in kg m^2 of what turns; positive. A number is known, an unknown mass is bounded below
-        by 0.
+    mass : Coefficient, float or str
+        Mass in kg, or moment of inertia in kg m^2 of what turns; positive. A number is known, as is a text with a unit such as
+        ``"120 g"``; an unknown mass, also written ``"unknown"``, is bounded below by 0.
     unit : {"m", "rad"}, optional
         Unit of its displacement: ``"rad"`` for a body that turns. Forces on it are moments in N m.
 
@@ -53,13 +53,13 @@ class Mass:
     StructureError
         If the name is reserved or invalid, the mass is not positive, or there is no such unit.
     TypeError
-        If the mass is neither a `Coefficient` nor a number.
+        If the mass is neither a `Coefficient`, a number nor a text.
 
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.Mass("m1", 0.5).mass == lw.Coefficient.number(0.5)
-    True
+    >>> lw.Mass("sink", "120 g")
+    Mass('sink', 0.12)
     >>> lw.Mass("disc", 0.02, unit="rad").mass_unit
     'kg m^2'
     """
@@ -68,8 +68,9 @@ class Mass:
     mass: Coefficient
     unit: str
 
-    def __init__(self, name: str, mass: Coefficient | float, unit: str = LENGTH) -> None:
-        vars(self).update(name=name, mass=as_coefficient(mass, f'mass "{name}"'), unit=unit)
+    def __init__(self, name: str, mass: Coefficient | float | str, unit: str = LENGTH) -> None:
+        own = as_coefficient(mass, f'mass "{name}"', MASS_UNITS.get(unit, "kg"))
+        vars(self).update(name=name, mass=own, unit=unit)
         check_name(self.name, "mass")
         if self.name in (GROUND, BASE):
             raise StructureError(f'"{self.name}" is reserved as an end of links; choose another name', "mass")
@@ -89,6 +90,10 @@ class Mass:
                 f"the upper bound must be positive, got {self.mass.upper!r} {self.mass_unit}", where
             )
 
+    def __repr__(self) -> str:
+        unit = "" if self.unit == LENGTH else f", unit={self.unit!r}"
+        return f"Mass({self.name!r}, {_shown(self.mass)!r}{unit})"
+
     @property
     def mass_unit(self) -> str:
         """SI unit of its mass, which is a moment of inertia where it turns."""
@@ -105,10 +110,11 @@ class Link:
         Name of the link.
     between : tuple of two str
         First and second end: names of masses, ``"ground"`` or ``"base"``. The elongation is d = x_first - x_second.
-    law : Law
-        Force in N on the first end, with reversed sign.
-    coefficients : mapping of str to Coefficient or float
-        One coefficient for each name in the law and in the rates of its states; a number is known.
+    law : Law or str
+        Force in N on the first end, with reversed sign; a text is parsed.
+    coefficients : mapping of str to Coefficient, float or str
+        One coefficient for each name in the law and in the rates of its states; a number is known, and a text is read as in a
+        structure file: ``"30 kN/m"``, ``"unknown"``, or ``"=nes1.alpha"`` for one that is equal to another.
     states : mapping of str to LinkState or str, optional
         The states of a link with memory, such as ``{"z": "(v - abs(v)*z)/x0"}``: the rate of each, or a `LinkState` with its
         initial value and unit too. By default those that `law` was parsed with. Where `dataclasses.replace` changes the law
@@ -119,17 +125,15 @@ class Link:
     StructureError
         If coefficients are missing or unknown to the law, or the ends are equal or no masses.
     LawError
-        If the rate of a state is not valid.
+        If the law or the rate of a state is not valid.
     TypeError
-        If `between`, the law or a coefficient has another type, as a law that was not parsed.
+        If `between`, the law or a coefficient has another type.
 
     Examples
     --------
     >>> import linkwise as lw
-    >>> law = lw.Law.parse("k*d + c*v")
-    >>> link = lw.Link("spring", ("m1", "ground"), law, {"k": 100.0, "c": lw.Coefficient.unknown()})
-    >>> link.coefficients["k"] == lw.Coefficient.number(100.0)
-    True
+    >>> lw.Link("spring", ("m1", "ground"), "k*d + c*v", {"k": "30 N/mm", "c": "unknown"})
+    Link('spring', ('m1', 'ground'), 'k*d + c*v', {'k': 30000.0, 'c': 'unknown'})
     """
 
     name: str
@@ -142,16 +146,17 @@ class Link:
         self,
         name: str,
         between: tuple[str, str],
-        law: Law,
-        coefficients: Mapping[str, Coefficient | float],
+        law: Law | str,
+        coefficients: Mapping[str, Coefficient | float | str],
         states: Mapping[str, LinkState | str] = MappingProxyType({}),
     ) -> None:
-        vars(self).update(name=name, between=between, law=law, coefficients=coefficients, states=states)
-        check_name(self.name, "link")
-        where = f'link "{self.name}"'
-        expect(f"{where}: law", self.law, Law)
-        expect(f"{where}: coefficients", self.coefficients, Mapping)
-        expect(f"{where}: states", self.states, Mapping)
+        check_name(name, "link")
+        where = f'link "{name}"'
+        expect(f"{where}: law", law, Law, str)
+        expect(f"{where}: coefficients", coefficients, Mapping)
+        expect(f"{where}: states", states, Mapping)
+        parsed = Law.parse(law) if isinstance(law, str) else law
+        vars(self).update(name=name, between=between, law=parsed, coefficients=coefficients, states=states)
         self._bind_states(where)
         expect(f"{where}: between", self.between, tuple, list)  # a name would be taken letter by letter
         object.__setattr__(self, "between", tuple(self.between))
@@ -172,11 +177,18 @@ class Link:
                 f"{_list(self.law.coefficients)}{near_miss(extra[0], self.law.coefficients)}",
                 where,
             )
+        units = self.law.units if any(isinstance(given, str) for given in coefficients.values()) else {}
         ordered = {
-            key: as_coefficient(coefficients[key], f"{where}, coefficient {key}")
+            key: as_coefficient(coefficients[key], f"{where}, coefficient {key}", units.get(key, ""))
             for key in self.law.coefficients
         }
         object.__setattr__(self, "coefficients", MappingProxyType(ordered))
+
+    def __repr__(self) -> str:
+        coefficients = {name: _shown(coefficient) for name, coefficient in self.coefficients.items()}
+        rates = {name: state.rate for name, state in as_link_states(self.states).items()}
+        memory = f", {rates!r}" if rates else ""
+        return f"Link({self.name!r}, {self.between!r}, {self.law.text!r}, {coefficients!r}{memory})"
 
     def __reduce__(self) -> tuple[type[Link], tuple[object, ...]]:
         return Link, (self.name, self.between, self.law, dict(self.coefficients), dict(self.states))
@@ -318,6 +330,15 @@ class Link:
             Energy in J, zero at d = 0, in the shape of `d`.
         """
         return _full(self.law.potential(d, self.values), d, 0.0)
+
+
+def _shown(coefficient: Coefficient) -> Coefficient | float | str | None:
+    """The shortest of what a coefficient is made from."""
+    if coefficient.same_as is not None:
+        return f"={coefficient.same_as}"
+    if coefficient.known:
+        return coefficient.value
+    return "unknown" if coefficient == Coefficient.unknown() else coefficient
 
 
 def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:

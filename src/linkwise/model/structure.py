@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.display import NotebookView, align_columns, as_html, near_miss, text_html
+from linkwise.display import NotebookView, align_columns, near_miss
 from linkwise.errors import StructureError, expect
 from linkwise.model.coefficient import Coefficient, as_coefficient
 from linkwise.model.host import Host, counted, is_between_modes, with_modes
@@ -66,10 +66,12 @@ def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence
         )
 
 
+_MOST = 40  # masses or links that are shown
+
 __all__ = ["BASE", "GROUND", "Coefficient", "Link", "Mass", "Parameter", "Structure"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Structure(NotebookView):
     """Masses joined by links; immutable, every change returns a new structure.
 
@@ -201,6 +203,19 @@ class Structure(NotebookView):
     @cached_property
     def _link_index(self) -> dict[str, int]:
         return {link.name: index for index, link in enumerate(self.links)}
+
+    def __str__(self) -> str:
+        masses = [
+            (mass.name, "unknown" if mass.mass.value is None else f"{mass.mass.value:g} {mass.mass_unit}")
+            for mass in self.masses[:_MOST]
+        ]
+        links = [(link.name, " - ".join(link.between), link.law.equations) for link in self.links[:_MOST]]
+        count = f"{len(self.masses)} masses, {len(self.links)} links"
+        lines = [f"{self.name or 'structure'}: {count}", *align_columns([("mass", ""), *masses])]
+        if links:
+            lines += align_columns([("link", "between", "law"), *links])
+        left_out = max(len(self.masses), len(self.links)) - _MOST
+        return "\n".join([*lines, *([f"... and {left_out} more"] if left_out > 0 else [])])
 
     def mass(self, name: str) -> Mass:
         """Look up a mass.
@@ -440,25 +455,6 @@ class Structure(NotebookView):
             LinkShape(column, float(base), link.law.expression, link.law.named_rates)
             for column, base, link in zip(topology.columns, topology.base_incidence, self.links, strict=True)
         )
-
-
-_MOST = 40  # masses or links that are shown
-
-
-@as_html.register
-def structure_html(structure: Structure) -> str:
-    """The name of the structure, its masses and the laws of its links."""
-    masses = [
-        (mass.name, "unknown" if mass.mass.value is None else f"{mass.mass.value:g} {mass.mass_unit}")
-        for mass in structure.masses[:_MOST]
-    ]
-    links = [(link.name, " - ".join(link.between), link.law.equations) for link in structure.links[:_MOST]]
-    count = f"{len(structure.masses)} masses, {len(structure.links)} links"
-    lines = [f"{structure.name or 'structure'}: {count}", *align_columns([("mass", ""), *masses])]
-    if links:
-        lines += align_columns([("link", "between", "law"), *links])
-    left_out = max(len(structure.masses), len(structure.links)) - _MOST
-    return text_html("\n".join([*lines, *([f"... and {left_out} more"] if left_out > 0 else [])]))
 
 
 def refuse_hosts(structure: Structure, feature: str) -> None:

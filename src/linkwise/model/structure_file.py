@@ -17,28 +17,21 @@ from typing import Any
 import msgspec
 
 from linkwise.errors import StructureError, expect, located
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, coefficient_of
 from linkwise.model.host import Host
 from linkwise.model.host_file import HostTable, host_of
 from linkwise.model.law import as_link_states
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
-from linkwise.model.link_file import (
-    LinkTable,
-    coefficient_of,
-    decode,
-    link_of,
-    parse_toml,
-    read_toml_text,
-    toml_text,
-)
+from linkwise.model.link_file import LinkTable, link_of
 from linkwise.model.rotations import is_inertia, rotations_of
 from linkwise.model.structure import Structure
+from linkwise.model.toml import decode, parse_toml, read_toml_text, toml_text
 from linkwise.output import atomic_file
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-class _MassTable(msgspec.Struct, forbid_unknown_fields=True):
+class MassTable(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     mass: float | str | dict[str, Any]
     unit: str = ""
@@ -49,7 +42,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     name: str = ""
     host: list[HostTable] = []
-    mass: list[_MassTable] = []
+    mass: list[MassTable] = []
     link: list[LinkTable] = []
 
 
@@ -58,7 +51,7 @@ class _StructureTable(_Table, kw_only=True):
 
 
 class _PartialTable(_Table, kw_only=True):
-    mass: list[_MassTable]
+    mass: list[MassTable]
 
 
 @dataclass(frozen=True)
@@ -246,7 +239,7 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
 
 def _parts(table: _Table, source: str) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:
     hosts = tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
-    masses = tuple(_mass(entry, index, source) for index, entry in enumerate(table.mass))
+    masses = tuple(mass_of(entry, index, source) for index, entry in enumerate(table.mass))
     rotations = rotations_of(hosts, masses)
     links = tuple(link_of(entry, index, source, rotations) for index, entry in enumerate(table.link))
     return masses, links, hosts
@@ -318,7 +311,8 @@ def _host_text(host: Host, structure: Structure) -> str:
     return f"[[host]]\nname = {toml_text(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
 
 
-def _mass(entry: _MassTable, index: int, source: str) -> Mass:
+def mass_of(entry: MassTable, index: int, source: str) -> Mass:
+    """The mass of entry `index` of the file `source`; StructureError with the place of what is wrong."""
     path = f"mass[{index}]"
     where = f'{source}, {path} "{entry.name}"'
     unit = entry.unit or (ANGLE if is_inertia(entry.mass) else LENGTH)

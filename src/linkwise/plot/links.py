@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import LinkwiseError, StructureError
 from linkwise.estimates.curves import ForceCurve, force_curve, force_loop
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.link_estimate import LinkEstimate
+from linkwise.identification.compare import Comparison
 from linkwise.model.structure import Link, Structure
 from linkwise.plot.style import (
     IDENTIFIED,
@@ -481,6 +483,49 @@ def force_comparison_figure(
         if title:
             heading(figure, literal(title), size=9.0)
     return figure
+
+
+_MOST = 4  # links that are compared in one figure
+_STYLES = ("-", "--", ":", "-.")
+
+
+def comparison_figure(comparison: Comparison) -> Figure:
+    """The force of each identified link by every method over the motion that the record visited, and less that of maximum
+    likelihood: one row a link.
+
+    It is that at v = 0 over the elongation, or at d = 0 over the rate of a law without an elastic force; the band is the 95 %
+    interval of maximum likelihood.
+    """
+    links = [link for link in comparison.best.links if link.free][:_MOST]
+    with sheet(max(len(links), 1), 2, height=0.8 + 2.5 * len(links)) as (figure, panels):
+        for number, link in enumerate(links):
+            _compare_link(panels[2 * number : 2 * number + 2], comparison, link)
+        legend_below(figure, *panels, columns=4)
+    return figure
+
+
+def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEstimate) -> None:
+    """The two panels of a link."""
+    name, law = link.link.name, link.link.law
+    elastic = bool(np.any(link.link.force(np.linspace(*link.d_range, 9)) != link.link.force(0.0)))
+    motion = np.linspace(*(link.d_range if elastic else link.v_range), _CURVE_POINTS)
+    found = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
+    forces = {
+        method: one.force(motion) if elastic else one.force(0.0, motion) for method, one in found.items()
+    }
+    best = forces["ml"]
+    band = link.force_band(motion)[1:] if elastic and link.covariance is not None else (best, best)
+    to_x, unit_x = scale(float(np.abs(motion).max()), law.motion_units[0 if elastic else 1])
+    of, still = ("elongation d", "v = 0") if elastic else ("rate v", "d = 0")
+    for axes, less, title in zip(panels, (0.0 * best, best), (name, f"{name}, less ml"), strict=True):
+        shown = {method: force - less for method, force in forces.items()}
+        to_f, unit_f = scale(max(float(np.abs(force).max()) for force in shown.values()), law.force_unit)
+        lower, upper = ((end - less) * to_f for end in band)
+        axes.fill_between(motion * to_x, lower, upper, color=SERIES[0], alpha=0.25, linewidth=0.0)
+        for number, (method, force) in enumerate(shown.items()):
+            style = _STYLES[number % len(_STYLES)]
+            axes.plot(motion * to_x, force * to_f, color=SERIES[number], linestyle=style, label=label(method))
+        axes.set(xlabel=f"{of}, {unit_x}", ylabel=f"force at {still}, {unit_f}", title=literal(title))
 
 
 def _elongations(d_range: tuple[float, float]) -> Floats:

@@ -71,7 +71,7 @@ def study(
     Parameters
     ----------
     result : StudySummary or iterable of Row
-        What `linkwise.study.study_summary`, `linkwise.run_study` or `linkwise.study.read_rows` returns.
+        What `linkwise.study.study_summary`, `linkwise.study.run_study` or `linkwise.study.read_rows` returns.
     quantity : {"nmse", "seconds"}, default "nmse"
         The error of the force in % (paper Eq. 8), or the time of one estimate in s.
     snr_db : float, optional

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,7 +87,7 @@ class Record(NotebookView):
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
     >>> record
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2
-    >>> record.between(0.1, 0.2).channel("x:m1").shape
+    >>> record.between(0.1, 0.2)["x:m1"].shape
     (101,)
     >>> sorted(record.with_noise(20.0, seed=1).simulated.noise)
     ['x:m1', 'x:m2']
@@ -358,10 +358,17 @@ class Record(NotebookView):
         }
         return replace(self, channels=channels, values=self.values[:, columns], **selected)
 
-    def __getitem__(self, which: slice) -> Record:
+    @overload
+    def __getitem__(self, which: str) -> Floats: ...
+    @overload
+    def __getitem__(self, which: slice) -> Record: ...
+    def __getitem__(self, which: str | slice) -> Floats | Record:
+        if isinstance(which, str):
+            return self.channel(which)
         if not isinstance(which, slice) or which.step not in (None, 1):
             raise RecordError(
-                "records are sliced as record[first:last] without a step; record.decimate(factor) reduces the rate"
+                'a record is asked for a channel, record["x:m1"], or sliced as record[first:last] without a step; '
+                "record.decimate(factor) reduces the rate"
             )
         first, last, _ = which.indices(len(self))
         if last <= first:

@@ -129,6 +129,9 @@ class SimulationTruth:
     samples: range | None = None
     states: Mapping[str, Floats] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<SimulationTruth of {self.structure.name}: {len(self.displacement)} samples>"
+
     @cached_property
     def energy(self) -> EnergyBalance:
         """The energy balance at these samples; the first access costs about as much as the simulation."""

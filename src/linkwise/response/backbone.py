@@ -26,8 +26,8 @@ from linkwise.response.continuation import Point, Steps, follow, locate, solve, 
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, require_smooth, run_time_parameters
 from linkwise.simulation.energy import potential_energy
-from linkwise.simulation.integrator.formulas import BASE_INPUT, MotionFormulas, SystemShape
-from linkwise.simulation.integrator.periods import PhaseIntegrator
+from linkwise.simulation.integrator.compiled import compiled_system, phase_integrator
+from linkwise.simulation.integrator.formulas import BASE_INPUT, PhaseIntegrator, SystemShape
 from linkwise.verdict import Verdict
 
 _SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a mode should be linear
@@ -62,9 +62,9 @@ class FreeMotion:
             shape._replace(law=link.law.elastic) for shape, link in zip(links, structure.links, strict=True)
         ]
         inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
-        motion = MotionFormulas(SystemShape(masses, tuple(elastic), inputs))
-        require_smooth(structure, motion)
-        return cls(structure, PhaseIntegrator(motion))
+        shape = SystemShape(masses, tuple(elastic), inputs)
+        require_smooth(structure, compiled_system(shape))
+        return cls(structure, phase_integrator(shape))
 
     @cached_property
     def parameters(self) -> Floats:

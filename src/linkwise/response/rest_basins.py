@@ -21,8 +21,8 @@ from linkwise.records.channel import Channel
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import channel_rows, require_smooth, run_time_parameters
 from linkwise.simulation.energy import kinetic_energy, potential_energy
-from linkwise.simulation.integrator.formulas import BASE_INPUT, MotionFormulas, SystemShape
-from linkwise.simulation.integrator.periods import PhaseIntegrator
+from linkwise.simulation.integrator.compiled import compiled_system, phase_integrator
+from linkwise.simulation.integrator.formulas import BASE_INPUT, PhaseIntegrator, SystemShape
 from linkwise.verdict import Verdict
 
 _TURNS = 10  # periods of the slowest mode between two looks at the energy
@@ -209,9 +209,9 @@ class _FreeMotion:
         if not points.stable:
             raise StructureError("no stable equilibrium was found, so motion has nowhere to end")
         inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
-        motion = MotionFormulas(SystemShape(*structure.shape_key, inputs))
-        require_smooth(structure, motion)
-        integrator = PhaseIntegrator(motion)
+        shape = SystemShape(*structure.shape_key, inputs)
+        require_smooth(structure, compiled_system(shape))
+        integrator = phase_integrator(shape)
         integrator.set_parameters(run_time_parameters(structure, integrator.layout))
         slowest = modes(structure, points.stable[0].x).frequencies
         omega = 2.0 * np.pi * float(slowest[slowest > 0.0].min())

@@ -16,15 +16,17 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.response.continuation import Point
 from linkwise.response.drive import FORCE, Drive
+from linkwise.simulation.integrator import compiled
+from linkwise.simulation.integrator.compiled import compiled_system
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
     SCALE,
-    MotionFormulas,
+    CompiledSystem,
     ParameterLayout,
+    PhaseIntegrator,
     SystemShape,
     input_symbols,
 )
-from linkwise.simulation.integrator.periods import PhaseIntegrator
 
 SAMPLES = 256  # of a turn
 _FINER = 8  # times as many samples between which peaks are looked for
@@ -49,11 +51,11 @@ def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator | No
     inputs = [(topology.weights(topology.index[drive.place]), drive.expression)]
     if drive.kind == FORCE and np.any(structure.base_incidence):
         inputs.append((BASE_INPUT, Number(0.0)))
-    motion = MotionFormulas(SystemShape(*structure.shape_key, tuple(inputs)))
-    return None if motion.kinks else PhaseIntegrator(motion)
+    shape = SystemShape(*structure.shape_key, tuple(inputs))
+    return None if compiled_system(shape).kinks else compiled.phase_integrator(shape)
 
 
-def require_smooth(structure: Structure, motion: MotionFormulas) -> None:
+def require_smooth(structure: Structure, motion: CompiledSystem) -> None:
     """Raise StructureError for laws with kinks."""
     if motion.kinks:
         number = motion.link_of(0)

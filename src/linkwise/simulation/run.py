@@ -32,15 +32,17 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import KINDS, Channel
 from linkwise.records.channel_units import places_of, unit_in
 from linkwise.runtime import available_memory
+from linkwise.simulation.integrator.compiled import compiled_system
 from linkwise.simulation.integrator.formulas import (
     SCALE,
+    CompiledSystem,
+    Integrator,
     Outcome,
     ParameterLayout,
     Placement,
     SystemShape,
     Time,
 )
-from linkwise.simulation.integrator.taylor import CompiledSystem, TaylorIntegrator, compiled_system
 
 BLOCK = 4096  # output samples between two stops, at which progress is reported and divergence detected ...
 _BUFFER = 500_000  # ... but at most this over the number of masses, to limit memory
@@ -521,7 +523,7 @@ class _Run:
         self.handed = 0  # index of the first output time that has not been handed over
         self.stopped = False
 
-    def place(self, integrator: TaylorIntegrator, time: Time, state: Floats) -> None:
+    def place(self, integrator: Integrator, time: Time, state: Floats) -> None:
         """Start an integrator of any precision from the current time and state."""
         parameters = self.schedule.parameters(self.system.layout, integrator.dtype)
         integrator.place(Placement(time, state, parameters))

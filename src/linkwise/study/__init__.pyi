@@ -1,10 +1,13 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
+from linkwise.study.definition import Study as Study
+from linkwise.study.definition import read_study as read_study
 from linkwise.study.method import StudyMethod as StudyMethod
 from linkwise.study.row import Case as Case
 from linkwise.study.row import MethodResult as MethodResult
 from linkwise.study.row import Row as Row
 from linkwise.study.runner import StudyProgress as StudyProgress
+from linkwise.study.runner import run_study as run_study
 from linkwise.study.store import read_rows as read_rows
 from linkwise.study.store import stored_study as stored_study
 from linkwise.study.subject import Subject as Subject

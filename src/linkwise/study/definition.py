@@ -28,9 +28,9 @@ from linkwise.errors import (
 )
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
-from linkwise.model.link_file import decode, parse_toml, read_toml_text
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import parse_structure, read_structure
+from linkwise.model.toml import decode, parse_toml, read_toml_text
 from linkwise.registry import Registry
 from linkwise.study.method import StudyMethod
 from linkwise.study.row import Case
@@ -66,7 +66,7 @@ class Study:
     Examples
     --------
     >>> import linkwise as lw
-    >>> study = lw.read_study("paper")
+    >>> study = lw.study.read_study("paper")
     >>> len(study), len(study.quickly())
     (10500, 525)
     """
@@ -78,6 +78,10 @@ class Study:
     first_seed: int = 1000
     cycles: int = 100
     quick: int = 5
+
+    def __repr__(self) -> str:
+        parts = f"{len(self.subjects)} structures, {len(self.methods)} methods"
+        return f"<Study {self.name}: {parts}, {len(self.snr_db)} noise levels, {self.cycles} seeds>"
 
     def __post_init__(self) -> None:
         named: dict[str, list[object]] = {
@@ -335,7 +339,7 @@ def read_study(study: str | Path) -> Study:
     Examples
     --------
     >>> import linkwise as lw
-    >>> lw.read_study("paper").snr_db
+    >>> lw.study.read_study("paper").snr_db
     (40.0, 30.0, 20.0)
     """
     expect("read_study(study): study", study, str, Path)

@@ -32,7 +32,7 @@ class StudyMethod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Examples
     --------
     >>> import linkwise as lw
-    >>> method = lw.read_study("paper").method("physics-informed")
+    >>> method = lw.study.read_study("paper").method("physics-informed")
     >>> isinstance(method, lw.study.StudyMethod), method.document()["kind"]
     (True, 'physics-informed')
     """

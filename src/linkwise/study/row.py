@@ -28,7 +28,7 @@ class Case:
     Examples
     --------
     >>> import linkwise as lw
-    >>> print(next(lw.read_study("paper").cases()))
+    >>> print(next(lw.study.read_study("paper").cases()))
     2 masses, 40 dB, classical, displacement, seed 1000
     """
 
@@ -66,7 +66,7 @@ class MethodResult:
     Examples
     --------
     >>> import linkwise as lw
-    >>> study = lw.read_study("paper")
+    >>> study = lw.study.read_study("paper")
     >>> subject, method = study.subjects[0], study.method("weak")
     >>> result = method.evaluate(subject, subject.simulate(), snr_db=40.0, seed=1)
     >>> result.status, sorted(result.coefficients)

@@ -199,7 +199,7 @@ def run_study(
     Examples
     --------
     >>> import linkwise as lw
-    >>> rows = lw.run_study("mine.toml", "results/mine", workers=1)
+    >>> rows = lw.study.run_study("mine.toml", "results/mine", workers=1)
     >>> [(row.case.method, row.status) for row in rows]
     [('weak', 'converged'), ('weak', 'converged')]
     """

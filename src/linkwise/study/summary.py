@@ -186,7 +186,7 @@ class Cell:
 _TERMS = ("exact", "wrong, trusted", "extra, trusted")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StudySummary(JudgedView):
     """The summary of a study; printed, a table for each structure and noise level.
 

@@ -20,7 +20,7 @@ from linkwise.records.record import Record
 from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.integrator.formulas import SCALE, Placement
-from linkwise.simulation.integrator.taylor import CompiledSystem
+from linkwise.simulation.integrator.taylor import HeyokaSystem
 from linkwise.simulation.run import RunOptions, RunSchedule, integrate, room
 from linkwise.simulation.simulate import simulate
 
@@ -91,7 +91,7 @@ def test_compact_code_for_many_masses_is_the_same_as_unrolled_code() -> None:
     schedule = RunSchedule(bnes_chain(4), Excitation.of({"v:m1": 1.0}), times)
     states = []
     for unrolled in (2, 4):
-        system = CompiledSystem(schedule.shape, unrolled=unrolled)
+        system = HeyokaSystem(schedule.shape, unrolled=unrolled)
         system.double.place(Placement(0.0, schedule.start / SCALE, schedule.parameters(system.layout)))
         states.append(system.double.propagate(times[1:]).states * SCALE)
     assert np.abs(states[0]).max() > 1e-3  # they moved

@@ -191,7 +191,7 @@ class ErrorSpectrum:
     error: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Validation(JudgedView):
     """The result of `validate`: how well a structure predicts a record.
 

@@ -29,7 +29,7 @@ _OF_WINDOWS = ("amplitude", "frequency", "frequency_error", "damping", "damping_
 _GROWTH = 2.0  # times what linear modes leave of the lowest level, noise allowed for: shares of taps scatter by less
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LevelComparison(JudgedView):
     """Records of one test at several levels, from the lowest to the highest; of a single one, its modes as they ring down.
 

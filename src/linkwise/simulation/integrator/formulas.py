@@ -1,4 +1,4 @@
-"""Equations of motion as heyoka expressions, what they are compiled for, and the interface of integrators.
+"""Equations of motion in the algebra of an integrator, what they are compiled for, and the interface of integrators.
 
     m s y'' = -B f(d, d'),  d = s B'y + e x_base(t),  x = s y       (METHODS section 1)
 
@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-import heyoka
 import numpy as np
 from numpy.typing import NDArray
 
+from linkwise.arrays import Bools, Floats
 from linkwise.expression import (
     FUNCTIONS,
     Call,
@@ -157,19 +157,185 @@ class Propagation:
     outcome: Outcome
 
 
-Formula = Any  # heyoka.expression: the library has no type information
+class Integrator(Protocol):
+    """An integrator of one structure; its state moves on with every propagation.
+
+    States are scaled: displacements, velocities and states of links over `SCALE`.
+    """
+
+    dtype: type[np.floating[Any]]
+    """The precision: `np.float64` or `np.longdouble`."""
+
+    @property
+    def time(self) -> Time:
+        """Current time in s."""
+
+    @property
+    def state(self) -> NDArray[Any]:
+        """A copy of the scaled state, shape (2n + S,)."""
+
+    @property
+    def parameters(self) -> NDArray[Any]:
+        """A copy of the run-time parameters, shape (P,)."""
+
+    def place(self, placement: Placement) -> None:
+        """Set time, state and parameters."""
+
+    def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
+        """Set some of the parameters."""
+
+    def add_to_state(self, jump: NDArray[Any]) -> None:
+        """Add a scaled jump (2n + S,) to the state."""
+
+    def propagate(
+        self,
+        times: NDArray[Any],
+        *,
+        most_steps: int = 0,
+        longest_step: float = np.inf,
+        log: list[float] | None = None,
+    ) -> Propagation:
+        """Integrate from the current time to the last of `times` (M,) in s.
+
+        At most `most_steps` steps are taken, or any number for 0, of at most `longest_step` in s. The time after each step is
+        appended to `log`.
+        """
+
+    def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
+        """State (2n + S,) and time in s after a `fraction` of the next step, which is at most `longest` in s.
+
+        Time and state move on by the whole step.
+        """
+
+    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
+        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
+
+
+class BatchIntegrator(Protocol):
+    """An integrator of several structures of one shape without kinks, each in a lane.
+
+    States (2n + L + 1, lanes) are y, y', the energy in J that each link has dissipated and the work of the inputs. Parameters
+    (size + W, lanes) are those of the layout and, for each of the W `watched` links, the elongation in m whose crossings are
+    recorded.
+    """
+
+    crossings: list[list[tuple[int, float]]]
+    """For each watched link, (lane, time in s) of its crossings."""
+
+    @property
+    def state(self) -> Floats:
+        """A copy of the states, shape (2n + L + 1, lanes)."""
+
+    def place(self, state: Floats, parameters: Floats) -> None:
+        """Start at time 0 from these states and parameters, with no crossings recorded."""
+
+    def set_parameters(self, where: slice, values: Floats) -> None:
+        """Set some of the parameters, (k, lanes), or (k, 1) for the same in all lanes."""
+
+    def set_state(self, state: Floats) -> None:
+        """Set the states (2n + L + 1, lanes)."""
+
+    def propagate(self, times: Floats, most_steps: int) -> tuple[Floats, Bools]:
+        """States (M, 2n + L + 1, lanes) at `times` (M,) in s, and which lanes failed.
+
+        If one lane fails, no longer finite or out of steps, the others may not reach the last time either.
+        """
+
+
+class Turn(NamedTuple):
+    """The end (N,) of a motion in SI units, and its derivatives by the start (N, N) and by omega (N,) in s/rad."""
+
+    end: Floats
+    by_start: Floats
+    by_omega: Floats
+
+
+class PhaseIntegrator(Protocol):
+    """The equations of motion of one shape without kinks over the phase of its excitation in rad.
+
+    `parameters` (P,) are those of `ParameterLayout`; the angular frequency stands apart from them.
+    """
+
+    layout: ParameterLayout
+    """The layout of the run-time parameters."""
+
+    def set_parameters(self, parameters: Floats) -> None:
+        """Set the parameters (P,)."""
+
+    def turn(self, start: Floats, omega: float, phase: float) -> Turn:
+        """The motion from `start` (N,) at phase 0 to a `phase` in rad; NaN where it diverges."""
+
+    def motion(self, start: Floats, omega: float, phases: Floats) -> Floats:
+        """(M, N) the motion from `start` at phases[0] at all `phases` (M,) in rad; NaN from where it diverges."""
+
+
+class CompiledSystem(Protocol):
+    """The integrators of one shape, compiled on first use; one object for each thread, since they hold a state."""
+
+    layout: ParameterLayout
+    """The layout of the run-time parameters."""
+    kinks: int
+    """The number of kinks of laws and inputs."""
+
+    @property
+    def double(self) -> Integrator:
+        """The integrator in double precision, which ends its steps at kinks."""
+
+    @property
+    def without_events(self) -> Integrator:
+        """The same, which does not detect kinks."""
+
+    @property
+    def extended(self) -> Integrator | None:
+        """The integrator in 80-bit arithmetic; None where there is none, and for shapes with kinks."""
+
+    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> BatchIntegrator:
+        """The integrator of `lanes` structures of a shape without kinks, which records crossings of `watched` links."""
+
+    def link_of(self, kink: int) -> int | None:
+        """The number of the link whose law has this kink; None for an input."""
+
+    def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        """Values (kinks,) of the kinks at a scaled state (2n + S,), parameters (P,) and time in s."""
+
+    def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        """Sizes (kinks,) of the terms of the kinks there, to which their rounding is relative."""
+
+
+Formula = Any  # of an algebra: what +, -, *, / and ** combine
 _INPUT = -1  # owner of a kink of an input
 
 
+class Algebra(Protocol):
+    """How an integrator writes formulas; they are combined by the operators of Python."""
+
+    time: Formula
+
+    def number(self, value: float) -> Formula:
+        """A constant."""
+
+    def variable(self, name: str) -> Formula:
+        """A component of the state."""
+
+    def parameter(self, index: int) -> Formula:
+        """A run-time parameter."""
+
+    def total(self, parts: Sequence[Formula]) -> Formula:
+        """A sum."""
+
+    def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
+        """A function of `FUNCTIONS` without kinks."""
+
+
 class MotionFormulas:
-    """The equations of motion of one shape as heyoka expressions.
+    """The equations of motion of one shape in an algebra.
 
     States are y of every mass, then y', then the states of the links over s. `kinks` is the number of expressions at whose
     zeros a law, a rate or an input is not smooth, or leaves a flat part (`flat_ends`).
     """
 
-    def __init__(self, shape: SystemShape) -> None:
-        self.shape = shape
+    def __init__(self, shape: SystemShape, algebra: Algebra) -> None:
+        self.shape, self.algebra = shape, algebra
         trees = [(number, link.law) for number, link in enumerate(shape.links)]
         trees += [(number, rate) for number, link in enumerate(shape.links) for _, rate in link.rates]
         trees += [(_INPUT, kind) for _, kind in shape.inputs if isinstance(kind, Expression)]
@@ -187,12 +353,14 @@ class MotionFormulas:
     def variables(self) -> tuple[list[Formula], list[Formula]]:
         """Symbols of y and y' of every mass."""
         numbers = range(self.shape.masses)
-        return [heyoka.expression(f"y{i}") for i in numbers], [heyoka.expression(f"u{i}") for i in numbers]
+        return [self.algebra.variable(f"y{i}") for i in numbers], [
+            self.algebra.variable(f"u{i}") for i in numbers
+        ]
 
     @cached_property
     def states(self) -> dict[tuple[int, str], Formula]:
         """Symbols of the scaled states of links, each by number of the link and name."""
-        return {key: heyoka.expression(f"s{number}") for number, key in enumerate(self.shape.states)}
+        return {key: self.algebra.variable(f"s{number}") for number, key in enumerate(self.shape.states)}
 
     @cached_property
     def equations(self) -> list[tuple[Formula, Formula]]:
@@ -211,29 +379,31 @@ class MotionFormulas:
             for mass, part in where:
                 forces[mass].append(_weighted(part, self._input(number)[0]))
         inverse = self.layout.inverse_masses.start
-        accelerations = [heyoka.sum(f) * heyoka.par[inverse + i] for i, f in enumerate(forces)]
+        accelerations = [
+            self.algebra.total(f) * self.algebra.parameter(inverse + i) for i, f in enumerate(forces)
+        ]
         return [*zip(y, u, strict=True), *zip(u, accelerations, strict=True), *rates]
 
     @cached_property
     def energy_equations(self) -> list[tuple[Formula, Formula]]:
         """Equations of the energy in J that each link dissipates, and of the work of forces and base, (L + 1,)."""
-        dissipated, work = [], [heyoka.expression(0.0)]
+        dissipated, work = [], [self.algebra.number(0.0)]
         base = [self._input(i)[1] for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for number, link in enumerate(self.shape.links):
             names = self._link_names(number)
             power = self._translated(dissipated_power(link.law, link.states), names, number)
-            dissipated.append((heyoka.expression(f"h{number}"), power))
+            dissipated.append((self.algebra.variable(f"h{number}"), power))
             if link.base:
                 work.append(link.base * self._translated(link.law, names, number) * base[0])
         for number, (where, _) in enumerate(self.shape.inputs):
             for mass, part in where:
                 work.append(SCALE * part * self._input(number)[0] * self.variables[1][mass])
-        return [*dissipated, (heyoka.expression("w"), heyoka.sum(work))]
+        return [*dissipated, (self.algebra.variable("w"), self.algebra.total(work))]
 
     @cached_property
     def kink_formulas(self) -> list[Formula]:
         """The expressions whose zeros are the kinks, (kinks,)."""
-        clock = {"t": heyoka.time}
+        clock = {"t": self.algebra.time}
         return [
             self._translated(kink, clock if owner == _INPUT else self._link_names(owner), owner)
             for owner, kink in self._kinks
@@ -242,7 +412,7 @@ class MotionFormulas:
     @cached_property
     def kink_sizes(self) -> list[Formula]:
         """Sums of the sizes of the terms of `kink_formulas`, to which their rounding is relative, (kinks,)."""
-        clock = {"t": heyoka.time}
+        clock = {"t": self.algebra.time}
         sizes = []
         for owner, kink in self._kinks:
             names = clock if owner == _INPUT else self._link_names(owner)
@@ -250,18 +420,8 @@ class MotionFormulas:
                 self._translated(part, names, owner)
                 for part in (kink.parts if isinstance(kink, Sum) else (kink,))
             ]
-            sizes.append(heyoka.sum([heyoka.sqrt(term * term) for term in terms]))
+            sizes.append(self.algebra.total([self.algebra.call("sqrt", [term * term]) for term in terms]))
         return sizes
-
-    def kink_events(self) -> list[Any]:
-        """Terminal events of the kinks that motion or time can cross; one of coefficients alone keeps its sign."""
-        first, at_any_time = self.layout.unwatched.start, {heyoka.time: heyoka.make_vars("at")}
-        return [
-            # without cooldown: `branches.choose_branches` leaves a kink behind before the event is watched again
-            heyoka.t_event(formula + heyoka.par[first + number], cooldown=0.0)
-            for number, formula in enumerate(self.kink_formulas)
-            if heyoka.get_variables(heyoka.subs(formula, at_any_time))
-        ]
 
     def elongation(self, link: int) -> Formula:
         """Elongation of a link in m."""
@@ -271,12 +431,17 @@ class MotionFormulas:
         """Formulas of d, v, the states and the coefficients of a link."""
         link = self.shape.links[number]
         offset = sum(len(names) for names in self.layout.coefficients[:number])
-        names = {name: heyoka.par[offset + k] for k, name in enumerate(self.layout.coefficients[number])}
+        names = {
+            name: self.algebra.parameter(offset + k)
+            for k, name in enumerate(self.layout.coefficients[number])
+        }
         names |= {name: SCALE * self.states[number, name] for name in link.states}
         base = [self._input(i) for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
             # scaled mass by mass, which the links of a mass share
-            names[name] = _combination([(part, SCALE * variables[mass]) for mass, part in link.weights])
+            names[name] = _combination(
+                self.algebra, [(part, SCALE * variables[mass]) for mass, part in link.weights]
+            )
             if link.base:
                 names[name] = names[name] + link.base * base[0][derivative]
         return names
@@ -286,31 +451,32 @@ class MotionFormulas:
         _, kind = self.shape.inputs[number]
         start = self.layout.inputs[number].start
         if isinstance(kind, Expression):
-            names = {name: heyoka.par[start + k] for k, name in enumerate(input_symbols(kind))}
-            names["t"] = heyoka.time
+            symbols_of = enumerate(input_symbols(kind))
+            names = {name: self.algebra.parameter(start + k) for k, name in symbols_of}
+            names["t"] = self.algebra.time
             return self._translated(kind, names, _INPUT), self._translated(
                 differentiate(kind, "t"), names, _INPUT
             )
-        elapsed = heyoka.time - heyoka.par[start]
-        value = heyoka.par[start + 1 + kind]
+        elapsed = self.algebra.time - self.algebra.parameter(start)
+        value = self.algebra.parameter(start + 1 + kind)
         slope = kind * value
         for k in range(kind - 1, -1, -1):
-            value = heyoka.par[start + 1 + k] + elapsed * value
+            value = self.algebra.parameter(start + 1 + k) + elapsed * value
             if k:
-                slope = k * heyoka.par[start + 1 + k] + elapsed * slope
-        return value, slope if kind else heyoka.expression(0.0)
+                slope = k * self.algebra.parameter(start + 1 + k) + elapsed * slope
+        return value, slope if kind else self.algebra.number(0.0)
 
     def _translated(self, tree: Expression, names: Mapping[str, Formula], owner: int) -> Formula:
-        """A tree as a heyoka expression, on the branch that the parameters sigma select."""
+        """A tree in the algebra, on the branch that the parameters sigma select."""
 
         def translate(node: Expression) -> Formula:
             match node:
                 case Number(value):
-                    return heyoka.expression(value)
+                    return self.algebra.number(value)
                 case Symbol(name):
                     return names[name]
                 case Sum(parts):
-                    return heyoka.sum([translate(part) for part in parts])
+                    return self.algebra.total([translate(part) for part in parts])
                 case Product(factors):
                     return prod(map(translate, factors[1:]), start=translate(factors[0]))
                 case Power(base, int() as exponent):
@@ -323,15 +489,13 @@ class MotionFormulas:
                     inner = dict(zip(("x", "y"), map(translate, arguments), strict=False))
                     return self._translated(branch, {**inner, "s": self._branch(owner, kink)}, owner)
                 case Call(function, arguments):
-                    return getattr(heyoka, FUNCTIONS[function].integrator or function)(
-                        *map(translate, arguments)
-                    )
+                    return self.algebra.call(function, [translate(argument) for argument in arguments])
             raise TypeError(f"not an expression: {node!r}")
 
         return translate(tree)
 
     def _branch(self, owner: int, kink: Expression) -> Formula:
-        return heyoka.par[self.layout.branches.start + self._kinks[owner, kink]]
+        return self.algebra.parameter(self.layout.branches.start + self._kinks[owner, kink])
 
 
 def _weighted(part: float, formula: Formula) -> Formula:
@@ -341,11 +505,11 @@ def _weighted(part: float, formula: Formula) -> Formula:
     return -formula if part == -1.0 else part * formula
 
 
-def _combination(parts: Sequence[tuple[float, Formula]]) -> Formula:
+def _combination(algebra: Algebra, parts: Sequence[tuple[float, Formula]]) -> Formula:
     """A weighted sum; the difference of two, as written, where their weights are 1 and -1."""
     if [part for part, _ in parts] == [1.0, -1.0]:
         return parts[0][1] - parts[1][1]
-    return heyoka.sum([part * formula for part, formula in parts])
+    return algebra.total([part * formula for part, formula in parts])
 
 
 def _integer_power(base: Formula, exponent: int) -> Formula:

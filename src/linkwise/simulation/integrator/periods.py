@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import heyoka
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.simulation.integrator.formulas import SCALE, MotionFormulas, input_symbols
+from linkwise.simulation.integrator.formulas import SCALE, MotionFormulas, SystemShape, Turn, input_symbols
+from linkwise.simulation.integrator.taylor import HeyokaAlgebra
 
 OMEGA = "omega"  # the symbol of an input that is the angular frequency in rad/s
 _TOLERANCE = 1e-13
@@ -23,22 +24,11 @@ _LANES = 4  # numbers in a register of most processors
 _MOST_STEPS = 2_000  # in a turn: a motion that needs more diverges
 
 
-class Turn(NamedTuple):
-    """The end (N,) of a motion in SI units, and its derivatives by the start (N, N) and by omega (N,) in s/rad."""
+class HeyokaPhase:
+    """heyoka's integrator of one shape without kinks over phase, see `formulas.PhaseIntegrator`."""
 
-    end: Floats
-    by_start: Floats
-    by_omega: Floats
-
-
-class PhaseIntegrator:
-    """The equations of motion of one shape without kinks over phase.
-
-    `parameters` (P,) are those of `ParameterLayout`; the angular frequency stands apart from them.
-    """
-
-    def __init__(self, motion: MotionFormulas) -> None:
-        self._motion = motion
+    def __init__(self, shape: SystemShape) -> None:
+        self._motion = motion = MotionFormulas(shape, HeyokaAlgebra())
         self.layout = motion.layout
         self._parameters = np.zeros(self.layout.size + 1)  # omega last
 
@@ -114,11 +104,9 @@ class PhaseIntegrator:
         ]
 
     def set_parameters(self, parameters: Floats) -> None:
-        """Set the parameters (P,)."""
         self._parameters[:-1] = parameters
 
     def turn(self, start: Floats, omega: float, phase: float) -> Turn:
-        """The motion from `start` (N,) at phase 0 to a `phase` in rad; NaN where it diverges."""
         taylor, size = self._tangent, len(start)
         pars, state = taylor.pars, taylor.state
         derivatives = []
@@ -138,7 +126,6 @@ class PhaseIntegrator:
         return Turn(state[:size, 0] * SCALE, columns[:, :size], columns[:, size] * SCALE)
 
     def motion(self, start: Floats, omega: float, phases: Floats) -> Floats:
-        """(M, N) the motion from `start` at phases[0] at all `phases` (M,) in rad; NaN from where it diverges."""
         taylor = self._plain
         self._parameters[-1] = omega
         taylor.pars[:] = self._parameters[: len(taylor.pars)]

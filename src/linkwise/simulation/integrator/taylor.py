@@ -8,10 +8,9 @@ to end: with 1.7 GB there, the first simulation takes twice as long. linkwise ke
 from __future__ import annotations
 
 import os
-import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, final
 
@@ -20,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
+from linkwise.expression import FUNCTIONS
 from linkwise.simulation.integrator.formulas import (
+    Formula,
     MotionFormulas,
     Outcome,
     ParameterLayout,
@@ -66,10 +67,30 @@ _FAILED = (heyoka.taylor_outcome.err_nf_state, heyoka.taylor_outcome.step_limit)
 
 
 @final
-class TaylorIntegrator:
-    """An integrator of one structure; its state moves on with every propagation.
+class HeyokaAlgebra:
+    """Formulas as heyoka expressions."""
 
-    States are scaled: displacements, velocities and states of links over `SCALE`. `options` are heyoka's: steps end at
+    time = heyoka.time
+
+    def number(self, value: float) -> Formula:
+        return heyoka.expression(value)
+
+    def variable(self, name: str) -> Formula:
+        return heyoka.expression(name)
+
+    def parameter(self, index: int) -> Formula:
+        return heyoka.par[index]
+
+    def total(self, parts: Sequence[Formula]) -> Formula:
+        return heyoka.sum(list(parts))
+
+    def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
+        return getattr(heyoka, FUNCTIONS[function].integrator or function)(*arguments)
+
+
+@final
+class TaylorIntegrator:
+    """heyoka's integrator of one structure, see `formulas.Integrator`. `options` are heyoka's: steps end at
     `t_events`, and code in `compact_mode` has loops, which is slower, but quick to compile.
     """
 
@@ -170,13 +191,8 @@ class _StepLog:
 
 
 @final
-class BatchIntegrator:
-    """An integrator of several structures of one shape without kinks, each in a lane.
-
-    States (2n + L + 1, lanes) are y, y', the energy in J that each link has dissipated and the work of the inputs. Parameters
-    (size + W, lanes) are those of the layout and, for each of the W `watched` links, the elongation in m whose crossings are
-    recorded.
-    """
+class TaylorBatch:
+    """heyoka's integrator of several structures side by side, see `formulas.BatchIntegrator`."""
 
     def __init__(self, motion: MotionFormulas, lanes: int, watched: Sequence[int], *, compact: bool) -> None:
         self.crossings: list[list[tuple[int, float]]] = [[] for _ in watched]
@@ -240,16 +256,16 @@ def _recording(crossings: list[tuple[int, float]]) -> Callable[[Any, float, int,
 UNROLLED = 12  # masses up to which code is compiled without loops: twice as fast, but longer to compile
 
 
-class CompiledSystem:
+class HeyokaSystem:
     """The integrators of one shape, compiled on first use; one object for each thread, since they hold a state.
 
     `unrolled` is the number of masses up to which code is compiled without loops.
     """
 
     def __init__(self, shape: SystemShape, *, unrolled: int = UNROLLED) -> None:
-        self._motion = MotionFormulas(shape)
+        self._motion = MotionFormulas(shape, HeyokaAlgebra())
         self._compact = shape.masses > unrolled
-        self._batches: dict[tuple[int, tuple[int, ...]], BatchIntegrator] = {}
+        self._batches: dict[tuple[int, tuple[int, ...]], TaylorBatch] = {}
 
     @property
     def layout(self) -> ParameterLayout:
@@ -270,10 +286,20 @@ class CompiledSystem:
         options = {"fast_math": smooth, "compact_mode": self._compact, "t_events": events}
         return TaylorIntegrator(self._motion, TOLERANCE, **options)
 
+    def _kink_events(self) -> list[Any]:
+        """Terminal events of the kinks that motion or time can cross; one of coefficients alone keeps its sign."""
+        first, at_any_time = self.layout.unwatched.start, {heyoka.time: heyoka.make_vars("at")}
+        return [
+            # without cooldown: `branches.choose_branches` leaves a kink behind before the event is watched again
+            heyoka.t_event(formula + heyoka.par[first + number], cooldown=0.0)
+            for number, formula in enumerate(self._motion.kink_formulas)
+            if heyoka.get_variables(heyoka.subs(formula, at_any_time))
+        ]
+
     @cached_property
     def double(self) -> TaylorIntegrator:
         """The integrator in double precision, which ends its steps at kinks."""
-        return self._in_double(self._motion.kink_events())
+        return self._in_double(self._kink_events())
 
     @cached_property
     def without_events(self) -> TaylorIntegrator:
@@ -287,12 +313,10 @@ class CompiledSystem:
             return None
         return TaylorIntegrator(self._motion, EXTENDED_TOLERANCE, compact_mode=True, fp_type=np.longdouble)
 
-    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> BatchIntegrator:
+    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> TaylorBatch:
         """The integrator of `lanes` structures of a shape without kinks, which records crossings of `watched` links."""
         if (lanes, watched) not in self._batches:
-            self._batches[lanes, watched] = BatchIntegrator(
-                self._motion, lanes, watched, compact=self._compact
-            )
+            self._batches[lanes, watched] = TaylorBatch(self._motion, lanes, watched, compact=self._compact)
         return self._batches[lanes, watched]
 
     def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
@@ -314,14 +338,3 @@ class CompiledSystem:
         state = [*y, *u, *self._motion.states.values()]
         formulas = (self._motion.kink_formulas, self._motion.kink_sizes)
         return heyoka.cfunc(formulas[0], vars=state), heyoka.cfunc(formulas[1], vars=state)
-
-
-def compiled_system(shape: SystemShape) -> CompiledSystem:
-    """The compiled equations of a shape, kept for this thread."""
-    return system_of_thread(shape, threading.get_ident())
-
-
-@lru_cache(maxsize=128)
-def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
-    """The compiled equations of a shape for one thread."""
-    return CompiledSystem(shape)

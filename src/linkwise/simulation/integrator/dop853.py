@@ -1,0 +1,419 @@
+"""SciPy's Runge-Kutta method of order 8 (Dormand and Prince) behind the interface of integrators, where heyoka has no wheels.
+
+The laws are evaluated by NumPy, all lanes of a batch at once. Kinks are found where they change sign within a step, by
+Brent's method on the interpolant of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+from linkwise.arrays import Bools, Floats
+from linkwise.expression import Expression, Number, Program, Symbol, add, call, multiply, power
+from linkwise.simulation.integrator.formulas import (
+    SCALE,
+    Formula,
+    MotionFormulas,
+    Outcome,
+    ParameterLayout,
+    Placement,
+    Propagation,
+    SystemShape,
+)
+
+_TOLERANCE = 1e-12  # relative, of a step
+_SMALL = 1e-3  # of the largest displacement, velocity or state: below, errors are absolute
+_FLOOR = 1e-18 / SCALE  # in m and m/s: motion of no interest
+_LOOKS = np.array([0.25, 0.5, 0.75, 1.0])  # of a step, at which crossings are looked for
+_FIRST = 1e-3  # of the longest step that is tried: where nothing tells a better one
+_SEARCH = 100_000  # steps in the search for the last finite state
+
+
+@final
+class Tree:
+    """A formula as an expression tree, which the operators of Python combine."""
+
+    def __init__(self, tree: Expression) -> None:
+        self.tree = tree
+
+    def __add__(self, other: Tree | float) -> Tree:
+        return Tree(add(self.tree, _tree(other)))
+
+    def __sub__(self, other: Tree | float) -> Tree:
+        return Tree(add(self.tree, multiply(Number(-1.0), _tree(other))))
+
+    def __mul__(self, other: Tree | float) -> Tree:
+        return Tree(multiply(self.tree, _tree(other)))
+
+    def __truediv__(self, other: Tree | float) -> Tree:
+        return Tree(multiply(self.tree, power(_tree(other), -1)))
+
+    def __rtruediv__(self, other: float) -> Tree:
+        return Tree(multiply(Number(other), power(self.tree, -1)))
+
+    def __pow__(self, other: Tree | float) -> Tree:
+        return Tree(power(self.tree, other.tree if isinstance(other, Tree) else other))
+
+    def __neg__(self) -> Tree:
+        return Tree(multiply(Number(-1.0), self.tree))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def _tree(part: Tree | float) -> Expression:
+    return part.tree if isinstance(part, Tree) else Number(float(part))
+
+
+@final
+class TreeAlgebra:
+    """Formulas as trees."""
+
+    time = Tree(Symbol("time"))
+
+    def number(self, value: float) -> Formula:
+        return Tree(Number(float(value)))
+
+    def variable(self, name: str) -> Formula:
+        return Tree(Symbol(f"state {name}"))
+
+    def parameter(self, index: int) -> Formula:
+        return Tree(Symbol(f"parameter {index}"))
+
+    def total(self, parts: Sequence[Formula]) -> Formula:
+        return Tree(add(*(_tree(part) for part in parts)))
+
+    def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
+        return Tree(call(function, *(_tree(argument) for argument in arguments)))
+
+
+@final
+class _Evaluation:
+    """Formulas (k,) as functions of time in s, of states (D, lanes) and of `parameters` (P, lanes), which it holds."""
+
+    def __init__(
+        self, formulas: Sequence[Formula], variables: Sequence[Formula], size: int, lanes: int
+    ) -> None:
+        self.parameters = np.zeros((size, lanes))
+        self._time, self._state = np.zeros(lanes), np.zeros((len(variables), lanes))
+        self._out = np.zeros((len(formulas), lanes))
+        names = [
+            "time",
+            *(variable.tree.name for variable in variables),
+            *(f"parameter {i}" for i in range(size)),
+        ]
+        program = Program([formula.tree for formula in formulas], names)
+        arrays = [self._time, *self._state, *self.parameters]
+        self._operations = program.into(arrays, list(self._out)) if formulas else []
+
+    def __call__(self, time: float, state: Floats) -> Floats:
+        """Values (k, lanes)."""
+        self._time[:] = time
+        self._state[...] = state.reshape(self._state.shape)
+        for operation in self._operations:
+            operation()
+        return self._out.copy()
+
+    def flat(self, time: float, state: Floats) -> Floats:
+        """The same as a vector, of a state as a vector."""
+        return self(time, state).ravel()
+
+
+@final
+class DormandPrince:
+    """SciPy's integrator of one structure, see `formulas.Integrator`; steps end where the `watched` kinks change sign."""
+
+    dtype: type[np.floating[Any]] = np.float64
+
+    def __init__(self, motion: MotionFormulas, watched: Sequence[int]) -> None:
+        size = motion.layout.size
+        variables = [variable for variable, _ in motion.equations]
+        self._rates = _Evaluation([rate for _, rate in motion.equations], variables, size, 1)
+        self._kinks = _Evaluation([motion.kink_formulas[number] for number in watched], variables, size, 1)
+        self._offsets = motion.layout.unwatched.start + np.array(watched, dtype=int)
+        self._masses = motion.shape.masses
+        self._time, self._state = 0.0, np.zeros(len(variables))
+        self._step = 0.0  # s, the last one that was long enough for its error; 0 where there was none
+
+    @property
+    def time(self) -> float:
+        return self._time
+
+    @property
+    def state(self) -> NDArray[Any]:
+        return self._state.copy()
+
+    @property
+    def parameters(self) -> NDArray[Any]:
+        return self._rates.parameters[:, 0].copy()
+
+    def place(self, placement: Placement) -> None:
+        self.set_parameters(slice(None), placement.parameters)
+        self._time, self._state = float(placement.time), np.array(placement.state, dtype=float)
+        if self._time == 0.0:
+            self._step = 0.0  # the same run takes the same steps
+
+    def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
+        self._rates.parameters[where, 0] = values
+        self._kinks.parameters[where, 0] = values
+
+    def add_to_state(self, jump: NDArray[Any]) -> None:
+        self._state = self._state + jump
+
+    def propagate(
+        self,
+        times: NDArray[Any],
+        *,
+        most_steps: int = 0,
+        longest_step: float = np.inf,
+        log: list[float] | None = None,
+    ) -> Propagation:
+        times = np.asarray(times, dtype=float)
+        states, reached, steps, outcome = np.empty((len(times), len(self._state))), 0, 0, Outcome.DONE
+        solver = self._solver(float(times[-1]), longest_step)
+        while solver is not None and solver.status == "running":
+            if most_steps and steps == most_steps:
+                outcome = Outcome.STEP_LIMIT
+                break
+            solver.step()
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                outcome = Outcome.NOT_FINITE
+                break
+            steps += 1
+            cut = solver.status != "running"  # at the last of the times
+            self._step = max(solver.step_size, self._step if cut else 0.0)
+            dense = solver.dense_output() if len(self._offsets) else None
+            kink = None if dense is None else self._first_kink(solver.t_old, solver.t, dense)
+            self._time, self._state = solver.t, solver.y
+            if dense is not None and kink is not None:
+                self._time, self._state = kink, dense(kink)
+            if log is not None:
+                log.append(self._time)
+            passed = int(np.searchsorted(times, self._time, side="right"))
+            if passed > reached:
+                dense = dense or solver.dense_output()
+                states[reached:passed] = dense(times[reached:passed]).T
+                states[reached:passed][times[reached:passed] == self._time] = self._state
+                reached = passed
+            if kink is not None:
+                outcome = Outcome.KINK
+                break
+        if solver is None:
+            states[:], reached = self._state, len(times)
+        return Propagation(states[:reached], steps, outcome)
+
+    def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
+        self._step = self._step or _FIRST * longest
+        solver = self._solver(self._time + longest, np.inf)
+        if solver is None:
+            return self.state, self._time
+        solver.step()
+        if solver.status == "failed":
+            return self.state, self._time
+        time = solver.t_old + fraction * (solver.t - solver.t_old)
+        self._time, self._state = solver.t, solver.y
+        return solver.dense_output()(time), time
+
+    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
+        self._time, self._state = float(time), np.array(state, dtype=float)
+        solver = self._solver(np.inf, np.inf)
+        for _ in range(_SEARCH):
+            if solver is None or solver.status != "running":
+                break
+            solver.step()
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                break
+            self._time, self._state = solver.t, solver.y
+        return self._time, self.state
+
+    def _solver(self, end: float, longest: float) -> DOP853 | None:
+        """A solver from here to a time; None where there is nothing to do."""
+        if not end > self._time:
+            return None
+        absolute = _absolute(self._state, self._rates.flat(self._time, self._state), self._masses)
+        first = min(self._step, longest, end - self._time) if self._step else None
+        options = {"max_step": longest, "first_step": first, "rtol": _TOLERANCE, "atol": absolute}
+        return DOP853(self._rates.flat, self._time, self._state, end, **options)
+
+    def _watched(self, time: float, dense: Any) -> Floats:
+        """Values of the watched kinks on the interpolant, each with its offset."""
+        offsets = self._kinks.parameters[self._offsets, 0]
+        return np.asarray(self._kinks(time, dense(time))[:, 0] + offsets)
+
+    def _first_kink(self, start: float, end: float, dense: Any) -> float | None:
+        """The first time in a step at which a kink changes its sign."""
+        last, before = start, self._watched(start, dense)
+        for look in start + _LOOKS * (end - start):
+            after = self._watched(look, dense)
+            crossed = np.flatnonzero(before * after < 0.0)
+            if crossed.size:
+                roots = [
+                    brentq(
+                        lambda t, one=one: self._watched(t, dense)[one], last, look, xtol=1e-300, rtol=1e-15
+                    )
+                    for one in crossed.tolist()
+                ]
+                return float(min(roots))
+            last, before = look, after
+        return None
+
+
+def _absolute(state: Floats, rates: Floats, masses: int) -> Floats:
+    """Errors that are allowed whatever a component is: a small part of the largest one of its kind; a velocity counts as that
+    of an oscillation with this displacement and acceleration.
+    """
+    x, v = slice(masses), slice(masses, 2 * masses)
+    largest = np.abs(state)
+    largest[x] = np.max(largest[x], initial=0.0)
+    swing = np.sqrt(np.max(largest[x], initial=0.0) * np.max(np.abs(rates[v]), initial=0.0))
+    largest[v] = max(float(np.max(largest[v], initial=0.0)), float(swing))
+    largest[2 * masses :] = np.max(largest[2 * masses :], initial=0.0)
+    return np.asarray(_TOLERANCE * np.maximum(_SMALL * largest, _FLOOR))
+
+
+@final
+class DormandPrinceBatch:
+    """SciPy's integrator of several structures side by side with common steps, see `formulas.BatchIntegrator`.
+
+    Steps are chosen by the motion; energies follow.
+    """
+
+    def __init__(self, motion: MotionFormulas, lanes: int, watched: Sequence[int]) -> None:
+        self.crossings: list[list[tuple[int, float]]] = [[] for _ in watched]
+        equations = [*motion.equations, *motion.energy_equations]
+        size, self._motion_size = motion.layout.size + len(watched), len(motion.equations)
+        variables = [variable for variable, _ in equations]
+        self._rates = _Evaluation([rate for _, rate in equations], variables, size, lanes)
+        levels = [
+            motion.elongation(link) - motion.algebra.parameter(motion.layout.size + number)
+            for number, link in enumerate(watched)
+        ]
+        self._levels = _Evaluation(levels, variables, size, lanes)
+        self._masses, self._time = motion.shape.masses, 0.0
+        self._state = np.zeros((len(equations), lanes))
+
+    @property
+    def state(self) -> Floats:
+        return self._state.copy()
+
+    def place(self, state: Floats, parameters: Floats) -> None:
+        self._time = 0.0
+        self.set_parameters(slice(None), parameters)
+        self.set_state(state)
+        for crossings in self.crossings:
+            crossings.clear()
+
+    def set_parameters(self, where: slice, values: Floats) -> None:
+        self._rates.parameters[where] = values
+        self._levels.parameters[where] = values
+
+    def set_state(self, state: Floats) -> None:
+        self._state = np.array(state, dtype=float)
+
+    def propagate(self, times: Floats, most_steps: int) -> tuple[Floats, Bools]:
+        times, shape = np.asarray(times, dtype=float), self._state.shape
+        states = np.full((len(times), *shape), np.nan)
+        absolute = np.full(shape, np.inf)  # of energies
+        rates = self._rates(self._time, self._state)
+        for lane in range(shape[1]):
+            of_motion = slice(self._motion_size), lane
+            absolute[of_motion] = _absolute(self._state[of_motion], rates[of_motion], self._masses)
+        solver = DOP853(
+            self._rates.flat,
+            self._time,
+            self._state.ravel(),
+            times[-1],
+            rtol=_TOLERANCE,
+            atol=absolute.ravel(),
+        )
+        reached = 0
+        for _ in range(most_steps):
+            if solver.status != "running":
+                break
+            solver.step()
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                break
+            dense = solver.dense_output()
+            self._record(solver.t_old, solver.t, dense)
+            passed = int(np.searchsorted(times, solver.t, side="right"))
+            states[reached:passed] = dense(times[reached:passed]).T.reshape(-1, *shape)
+            reached = passed
+        self._time, self._state = float(solver.t), solver.y.reshape(shape).copy()
+        if reached == len(times):
+            states[-1] = self._state
+            return states, np.zeros(shape[1], dtype=bool)
+        failed = np.array(~np.isfinite(self._rates(self._time, self._state)).all(axis=0))
+        if not failed.any():
+            failed[np.argmax(np.abs(self._state[: self._motion_size]).max(axis=0))] = True
+        return states, failed
+
+    def _record(self, start: float, end: float, dense: Any) -> None:
+        """The crossings of the levels within a step."""
+        if not self.crossings:
+            return
+        last, before = start, self._levels(start, dense(start))
+        for look in start + _LOOKS * (end - start):
+            after = self._levels(look, dense(look))
+            for level, lane in np.argwhere(before * after < 0.0).tolist():
+                time = brentq(
+                    lambda t, at=(level, lane): self._levels(t, dense(t))[at],
+                    last,
+                    look,
+                    xtol=1e-300,
+                    rtol=1e-13,
+                )
+                self.crossings[level].append((lane, float(time)))
+            last, before = look, after
+
+
+@final
+class ScipySystem:
+    """The integrators of one shape, see `formulas.CompiledSystem`."""
+
+    def __init__(self, shape: SystemShape) -> None:
+        self._motion = MotionFormulas(shape, TreeAlgebra())
+        self.layout: ParameterLayout = self._motion.layout
+        self.kinks = self._motion.kinks
+        self.extended = None
+        self._batches: dict[tuple[int, tuple[int, ...]], DormandPrinceBatch] = {}
+
+    def link_of(self, kink: int) -> int | None:
+        return self._motion.link_of(kink)
+
+    @cached_property
+    def double(self) -> DormandPrince:
+        return DormandPrince(self._motion, range(self.kinks))
+
+    @cached_property
+    def without_events(self) -> DormandPrince:
+        return DormandPrince(self._motion, ()) if self.kinks else self.double
+
+    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> DormandPrinceBatch:
+        if (lanes, watched) not in self._batches:
+            self._batches[lanes, watched] = DormandPrinceBatch(self._motion, lanes, watched)
+        return self._batches[lanes, watched]
+
+    def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        return self._evaluated(self._functions[0], state, parameters, time)
+
+    def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        return self._evaluated(self._functions[1], state, parameters, time)
+
+    def _evaluated(
+        self, function: _Evaluation, state: Floats, parameters: NDArray[Any], time: float
+    ) -> Floats:
+        function.parameters[:, 0] = parameters
+        return function(time, np.asarray(state, dtype=float))[:, 0]
+
+    @cached_property
+    def _functions(self) -> tuple[_Evaluation, _Evaluation]:
+        """The values of the kinks, and the sizes of their terms."""
+        variables, size = [variable for variable, _ in self._motion.equations], self.layout.size
+        values = _Evaluation(self._motion.kink_formulas, variables, size, 1)
+        return values, _Evaluation(self._motion.kink_sizes, variables, size, 1)

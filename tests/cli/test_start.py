@@ -1,0 +1,149 @@
+"""`linkwise start`: from a file of columns to an answer, by options or by questions; what is not known is never taken."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from commands import said
+
+import linkwise as lw
+from linkwise.inspection.forces import driven_mass
+
+MASSES = {"frame": 2.3, "sink": 0.21}
+LINKS = {"leaf": "frame - ground: k*d + c*v", "nes": "sink - frame: alpha*d + beta*d**3 + c*v"}
+TRUE = {"leaf.k": 3400.0, "leaf.c": 2.1, "nes.alpha": 130.0, "nes.beta": 4e6, "nes.c": 0.12}
+HIT = "*exp(-((t - 0.1)/0.003)**2)"
+ANSWERED = " ".join(f"--mass {name}={mass}" for name, mass in MASSES.items())
+LINKED = " ".join(f"--link {shlex.quote(f'{name}: {text}')}" for name, text in LINKS.items())
+
+
+def hammer(force: str = "frame", duration: float = 0.8) -> lw.Record:
+    rig = lw.rig(MASSES, LINKS, TRUE)
+    forces = {force: f"{100.0 * MASSES[force]}{HIT}"}
+    return lw.simulate(rig, forces=forces, duration=duration, rate=1000.0).with_noise(34.0, seed=3)
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    return hammer()
+
+
+@pytest.fixture
+def file(record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A hammer test in mm, as a data logger writes it."""
+    monkeypatch.chdir(tmp_path)
+    columns = zip(
+        record.time, *(1e3 * record[f"x:{name}"] for name in MASSES), record["force:frame"], strict=True
+    )
+    rows = (",".join(f"{value:.6f}" for value in row) for row in columns)
+    (tmp_path / "rig.csv").write_text(
+        "\n".join(["Time [s],Laser frame [mm],Laser sink [mm],Hammer [N]", *rows])
+    )
+    return tmp_path / "rig.csv"
+
+
+@pytest.mark.slow
+def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> None:
+    out, err = said(f"start rig.csv {ANSWERED} {LINKED} --known leaf.c=2.1 --yes -o found")
+    assert "Nothing wrong was seen." in out and "can be trusted" in out
+    identified = lw.read_structure("found/answer/structure.toml")
+    posterior = lw.estimates.read_posterior("found/answer")
+    for name, error in zip(posterior.names, posterior.covariance.diagonal() ** 0.5, strict=True):
+        assert abs((identified.coefficient(name).value or 0.0) - TRUE[name]) < 4.0 * error
+    assert (
+        "Laser sink        x:sink   displacement    mm  by its unit" in err
+        and "note: Hammer acts on frame" in err
+    )
+    written = lw.read_structure("found/structure.toml")
+    assert written == lw.rig(MASSES, LINKS, {"leaf.c": 2.1}, name="found")
+    repeat = [line.strip() for line in err.partition("and repeat:")[2].splitlines() if line.strip()]
+    assert (
+        repeat[1]
+        == "linkwise identify rig.csv found/structure.toml --mapping found/sensors.toml -o found/answer"
+    )
+    assert said(repeat[0].removeprefix("linkwise ")).out.strip() in out
+    assert (
+        "what was edited in it would be lost"
+        in said(f"start rig.csv {ANSWERED} {LINKED} --yes -o found", 2).err
+    )
+
+
+@pytest.mark.slow
+def test_without_links_they_are_discovered(file: Path) -> None:
+    out, err = said(f"start rig.csv {ANSWERED} --yes")
+    assert "frame-ground, linear: k*d + c*v" in out and "sink-frame, hardening: k*d + k3*d**3 + c*v" in out
+    assert "$ linkwise discover rig.csv --mapping rig/sensors.toml -o rig/answer" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--yes", "give --mass frame=KG --mass sink=KG"),
+        (ANSWERED, "give --yes to take it, or state columns by --channel"),
+        ("--mass a=1 --mass b=2 --yes", "--channel 'x:a[mm]=Laser frame' --channel 'x:b[mm]=Laser sink'"),
+        (
+            f"{ANSWERED} --link 'leaf: frame:k*d' --yes",
+            'expected "FIRST - SECOND: LAW"',
+        ),
+        (f"{ANSWERED} --link leaf --yes", "--link 'leaf' is not NAME: A - B: LAW"),
+        (f"{ANSWERED} --known leaf.c=1 --yes", "no --link is given"),
+        (f"{ANSWERED} --channel x:base=7 --yes", "does not exist"),
+        ("--mass frame=1 --channel x:frame[mm]=2 --channel x:rod[mm]=3 --yes", "give --mass rod=KG"),
+        (f"{ANSWERED} --leave-out Time --yes", "give --rate HZ"),
+    ],
+)
+def test_what_is_missing_names_its_option_and_nothing_is_written(
+    options: str, message: str, file: Path
+) -> None:
+    _, err = said(f"start rig.csv {options}", 2)
+    assert message in err and "Traceback" not in err
+    assert [path.name for path in file.parent.iterdir()] == ["rig.csv"]
+
+
+def test_a_file_without_a_motion_is_refused(file: Path) -> None:
+    Path("scope.csv").write_text("Time [s],Laser [mm]\n" + "\n".join(f"{k / 500},∞" for k in range(9)))
+    assert "[mm] holds '∞' in line 2" in said("start scope.csv --mass m1=1 --yes", 2).err
+
+
+def test_links_are_asked_of_a_person_alone(file: Path) -> None:
+    text = file.read_text().replace("Laser frame", "x:frame").replace("Laser sink", "x:sink")
+    file.write_text(text.replace("Hammer", "force:frame"))
+    assert "or --yes to discover them" in said(f"start rig.csv {ANSWERED}", 2).err
+
+
+@pytest.mark.slow
+def test_a_person_is_asked(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = file.read_text().replace("Laser frame [mm]", "CH1 [mm]").replace("Laser sink [mm]", "CH2 [mm]")
+    file.write_text(text.replace("Hammer [N]", "Hammer"))
+    answers: Iterator[str] = iter([
+        "frame, sink", "2.3", "", "heavy", "210 g",  # names, masses; what says none is asked again
+        "", "power:frame", "force:frame[N]",  # columns: the first is as guessed, and so follows the second
+        "y", "leaf", "leaf: frame - ground: k*(d",
+        "leaf: frame - ground: k*d + c*v", "nes: sink - frame: alpha*d + beta*d**3 + c*v", "",
+    ])  # fmt: skip
+    monkeypatch.setattr("builtins.input", lambda *_: next(answers))
+    monkeypatch.setattr("linkwise.cli.start._is_attended", lambda: True)
+    out, err = said("start rig.csv -o asked")
+    assert "can be trusted" in out and next(answers, None) is None
+    for told in ("--mass sink: ", "--link 'leaf' is not NAME: A - B: LAW", 'link "leaf": invalid law'):
+        assert told in err
+    assert "frame_link: frame - ground: k*d + c*v" in err and 'Column "CH1 [mm]" holds' in err
+    assert lw.read_structure("asked/structure.toml") == lw.rig(MASSES, LINKS, name="asked")
+
+
+@pytest.mark.parametrize("force", MASSES)
+def test_a_record_tells_on_which_mass_a_hammer_acts(force: str) -> None:
+    record = hammer(force, 0.4)
+    assert driven_mass(record, f"force:{force}", MASSES) == force
+    assert driven_mass(record, f"force:{force}", {"frame": 0.5, "sink": 3.0}) is None
+
+
+def test_a_record_of_a_slow_force_does_not_tell() -> None:
+    rig = lw.rig(MASSES, LINKS, TRUE)
+    slow = lw.simulate(rig, forces={"frame": "5*sin(30*t)"}, duration=0.8, rate=1000.0).with_noise(
+        40.0, seed=1
+    )
+    assert driven_mass(slow, "force:frame", MASSES) is None

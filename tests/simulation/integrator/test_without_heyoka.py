@@ -1,0 +1,122 @@
+"""SciPy's integrator behind the same interface, where heyoka has no wheels: the same motion, kinks, batches and answers."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from structures import oscillator
+
+import linkwise as lw
+from linkwise.simulation.integrator import compiled
+from linkwise.simulation.integrator.dop853 import ScipySystem
+from linkwise.simulation.integrator.formulas import CompiledSystem, SystemShape
+from linkwise.simulation.integrator.taylor import HeyokaSystem
+
+LAWS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
+    ("k*d + c*v + k3*d**3", {"k": 90.0, "c": 0.3, "k3": 500.0}, {}),
+    ("k*d + F*tanh(v/s) - q*abs(d)*d", {"k": 90.0, "F": 1.0, "s": 0.3, "q": 30.0}, {}),
+    (
+        "k*d + F*sign(v) + kg*max(d - g, 0)",
+        {"k": 400.0, "F": 0.3, "kg": 2000.0, "g": 0.01},
+        {"forces": {"m1": "4*sin(13*t)"}},
+    ),
+    ("k*d + c*v", {"k": 90.0, "c": 0.3}, {"impulses": (lw.model.Impulse("m1", 0.2, 0.11),)}),
+]
+BOUC_WEN = {"k": 500.0, "c": 1.0, "F": 5.0, "x0": 5e-3, "s": 0.6}
+
+
+@pytest.fixture
+def by_scipy(monkeypatch: pytest.MonkeyPatch) -> list[CompiledSystem]:
+    """SciPy's systems in place of heyoka's, and those that were made."""
+    made: list[CompiledSystem] = []
+
+    def system(shape: SystemShape) -> CompiledSystem:
+        made.append(ScipySystem(shape))
+        return made[-1]
+
+    monkeypatch.setattr("linkwise.simulation.run.compiled_system", system)
+    monkeypatch.setattr("linkwise.simulation.batch.compiled_system", system)
+    return made
+
+
+def moved(law: str, values: dict[str, Any], drive: dict[str, Any]) -> lw.Record:
+    return lw.simulate(
+        oscillator(law, mass=0.7, **values),
+        release={"v:m1": 0.8},
+        duration=0.6,
+        rate=200.0,
+        sensors=["x:m1", "v:m1"],
+        **drive,
+    )
+
+
+@pytest.mark.parametrize(("law", "values", "drive"), LAWS, ids=[law for law, _, _ in LAWS])
+def test_motion_is_that_of_heyoka(
+    law: str, values: dict[str, Any], drive: dict[str, Any], request: pytest.FixtureRequest
+) -> None:
+    by_heyoka = moved(law, values, drive).values
+    made = request.getfixturevalue("by_scipy")
+    error = np.abs(moved(law, values, drive).values - by_heyoka).max(axis=0) / np.abs(by_heyoka).max(axis=0)
+    assert made and error.max() < 1e-9  # steps of a tolerance of 1e-12, some hundred of them
+
+
+def test_energies_balance_and_states_of_links_follow(by_scipy: list[CompiledSystem]) -> None:
+    record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 0.3}, duration=0.1, rate=500.0)
+    truth = record.simulated
+    assert truth is not None and np.abs(truth.energy.residual).max() < 1e-9 and truth.horizon is None
+    joint = lw.rig(
+        {"m1": 1.0}, {"joint": "m1 - ground: bouc-wen"}, {f"joint.{k}": v for k, v in BOUC_WEN.items()}
+    )
+    slid = lw.simulate(
+        joint, release={"v:m1": 0.4}, duration=0.3, rate=200.0, sensors=["x:m1", "state:joint.z"]
+    )
+    assert np.abs(slid["state:joint.z"]).max() > 0.5 and by_scipy
+
+
+def test_a_force_that_is_not_finite_is_refused_alike(by_scipy: list[CompiledSystem]) -> None:
+    with pytest.raises(lw.SimulationError, match=r"diverges|not finite"):
+        lw.simulate(oscillator("k*d - q*d**3", k=1.0, q=1e6), release={"x:m1": 1.0}, duration=1.0, rate=100.0)
+
+
+BLOCKED = """
+import json, sys
+sys.modules["heyoka"] = None
+import linkwise as lw
+chain = lw.bnes_chain(2)
+record = lw.simulate(chain, release={"v:m1": 0.3}, duration=0.4, rate=500.0).with_noise(20.0, seed=1)
+fit = lw.identify(record, chain.unknown("nes"))
+names = ("nes1.alpha", "nes1.beta", "nes1.c")
+found = {name: (fit.coefficient(name).value, fit.coefficient(name).standard_error) for name in names}
+second = lw.simulate(chain, release={"v:m1": 0.2}, duration=0.2, rate=500.0).with_noise(40.0, seed=2)
+scores = lw.validate(second, chain).channels
+limited = lw.limit(chain, release={"v:m1": 0.3}, duration=0.06, rate=500.0, noise=20.0)
+absorbed = lw.absorb(chain, duration=0.05, release={"v:m1": 0.3})
+print(json.dumps([found, sorted(scores), limited.grade.value, str(absorbed)[:9]]))
+"""
+
+
+@pytest.mark.slow
+def test_questions_are_answered_with_heyoka_blocked(chain: lw.Structure) -> None:
+    done = subprocess.run([sys.executable, "-c", BLOCKED], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found, channels, grade, absorbed = json.loads(done.stdout)
+    record = lw.simulate(chain, release={"v:m1": 0.3}, duration=0.4, rate=500.0).with_noise(20.0, seed=1)
+    fit = lw.identify(record, chain.unknown("nes"))
+    for name, (value, error) in found.items():
+        assert abs(value - fit.coefficient(name).value) < 1e-3 * error
+    assert channels == ["x:m1", "x:m2"] and absorbed == "With its " and grade == "explained"
+
+
+def test_the_system_is_that_of_the_library_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module, kind in (("there", HeyokaSystem), (None, ScipySystem)):
+        compiled._kind.cache_clear()
+        with monkeypatch.context() as patch:
+            if module is None:
+                patch.setitem(sys.modules, "heyoka", None)
+            assert compiled._kind() is kind
+    compiled._kind.cache_clear()
