@@ -131,7 +131,10 @@ def test_errors_of_sensors_are_found_where_they_are_asked_for() -> None:
     # 1000 samples at 30 dB: five deviations of 3 %, over their root
     assert factor == pytest.approx(1.2, rel=0.005)
 
-    said("identify gain.csv unknown.toml --from 0.5", 3)
+    said("identify gain.csv unknown.toml --from 0.5 --as-stated", 3)
+    [added] = document("identify gain.csv unknown.toml --from 0.5")["added"]
+    assert (added["cause"], added["where"]) == ("gain", "x:m1")
+    assert added["size"] == pytest.approx(0.2, abs=0.02)
     admitted = document("identify gain.csv unknown.toml --let offset,gain --from 0.5")
     assert admitted["trusted"]
 

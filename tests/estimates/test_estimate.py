@@ -138,7 +138,7 @@ def test_the_structure_is_complete_and_unknown_names_list_those_there_are(
 def test_result_has_the_keys_that_were_promised(fit: lw.Estimate) -> None:
     result = json.loads(to_json(fit.to_dict()))
     assert " ".join(sorted(result)) == (
-        "alerts diagnosis findings fit grade links masses message method model_error_percent noise notes "
+        "added alerts diagnosis findings fit grade links masses message method model_error_percent noise notes "
         "random_forces seconds sensor_errors status trusted unseen_terms verdicts"
     )
     assert set(result["fit"]) == {"chi_square_per_sample", "samples"}

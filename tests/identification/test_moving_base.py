@@ -156,7 +156,7 @@ def test_gain_and_delay_of_the_base_are_told() -> None:
     signal = lw.model.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))
     for kind, size, values in (("gain", 0.02, 1.02 * motion), ("delay", 1e-3, late)):
-        fit = lw.identify(changed(record, "a:base", values), two_storeys().unknown("all"))
+        fit = lw.identify(changed(record, "a:base", values), two_storeys().unknown("all"), as_stated=True)
         assert not fit.trusted or near(fit)
         cause = fit.diagnosis[0]
         assert (cause.kind, cause.where) == (kind, "a:base")
@@ -168,7 +168,7 @@ def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     """It shows the base as well, which the relative coordinates do not hold; 4 standard deviations of the noise per sample."""
     record = measured("a", "a:base", duration=2.0)
     record = changed(record, "a:m1", 1.02 * record.channel("a:m1"))
-    estimate = lw.identify(record, two_storeys().unknown("all"))
+    estimate = lw.identify(record, two_storeys().unknown("all"), as_stated=True)
     assert not estimate.trusted
     assert (estimate.diagnosis[0].kind, estimate.diagnosis[0].where) == ("gain", "a:m1")
     fit = lw.identify(record, two_storeys().unknown("all"), gains=["a:m1"])

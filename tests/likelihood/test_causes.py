@@ -66,7 +66,7 @@ FAULTS: dict[str, tuple[Callable[[np.ndarray, lw.Record], np.ndarray], float]] =
 @pytest.mark.parametrize("kind", FAULTS)
 def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     change, size = FAULTS[kind]
-    fit = lw.identify(faulty(change), CHAIN.unknown("all"))
+    fit = lw.identify(faulty(change), CHAIN.unknown("all"), as_stated=True)
     assert not fit.trusted and fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR
     named = [cause for cause in fit.diagnosis if cause.kind == kind and cause.where == "x:m2"]
     # where two sensors move together, the other one's is as good
@@ -84,7 +84,7 @@ def test_a_filter_of_all_sensors_is_named() -> None:
     pole = 0.4
     values = scipy.signal.lfilter([1.0 - pole], [1.0, -pole], clean.values, axis=0)
     noisy = replace(clean, values=values, simulated=None).with_noise(20.0, seed=43)
-    fit = lw.identify(noisy, CHAIN.unknown("all"))
+    fit = lw.identify(noisy, CHAIN.unknown("all"), as_stated=True)
     assert fit.verdicts[0] is lw.Verdict.MEASUREMENT_ERROR
     cause = fit.diagnosis[0]
     assert cause.kind == "filter" and cause.is_instrument
@@ -101,7 +101,7 @@ def test_missing_friction_is_no_filter() -> None:
     slider = link("slider", "block-table", "k*d + F*tanh(v/0.01)", k=500.0, F=0.4)
     true = structure({"table": 2.0, "block": 0.3}, leg, slider)
     record = lw.simulate(true, release={"v:table": 0.5}, duration=4.0, rate=500.0).with_noise(30.0, seed=50)
-    fit = lw.identify(record, with_links(true, link("slider", "block-table", "k*d + c*v")))
+    fit = lw.identify(record, with_links(true, link("slider", "block-table", "k*d + c*v")), as_stated=True)
     assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
     assert fit.diagnosis[0].kind == "term" and "filter" not in [cause.kind for cause in fit.diagnosis]
 
@@ -135,11 +135,13 @@ def driven(
 @pytest.mark.slow
 def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
     known, asked = OSCILLATOR, OSCILLATOR.unknown("all")
-    scaled = lw.identify(driven(known, change=lambda force: 1.02 * force), asked)
+    scaled = lw.identify(driven(known, change=lambda force: 1.02 * force), asked, as_stated=True)
     # one ratio of them is seen
     assert {cause.kind for cause in scaled.diagnosis[:2]} <= {"mass", "force gain", "gain"}
     late = lw.identify(
-        driven(known, change=lambda force: np.concatenate([force[:1], force[:-1]])), known.unknown("all")
+        driven(known, change=lambda force: np.concatenate([force[:1], force[:-1]])),
+        known.unknown("all"),
+        as_stated=True,
     )
     kinds = [cause.kind for cause in late.diagnosis[:2]]
     assert set(kinds) <= {"force delay", "delay"}  # a force that is late, or a response that is early
@@ -157,7 +159,7 @@ def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it() -> None:
     record = lw.simulate(damped, release={"v:m1": 3.0}, duration=4.0, rate=1000.0).with_noise(
         15.0, seed=5202711
     )
-    fit = lw.identify(record, chain.unknown("all"))
+    fit = lw.identify(record, chain.unknown("all"), as_stated=True)
     first = fit.diagnosis[0]
     assert not fit.trusted and (first.kind, first.where, first.term) == ("link", "m2-ground", "v")
 
@@ -172,21 +174,23 @@ def torsional(change: Callable[[np.ndarray], np.ndarray]) -> lw.Record:
 @pytest.mark.slow
 def test_errors_and_missing_terms_of_rotations_are_told_in_rad_and_newton_metres() -> None:
     asked = torsion_chain().unknown("sink")
-    off = lw.identify(torsional(lambda x: x + 0.003), asked)
+    off = lw.identify(torsional(lambda x: x + 0.003), asked, as_stated=True)
     first = off.diagnosis[0]
     assert (first.kind, first.where, first.unit) == ("offset", "x:disc2", "rad")
     assert re.fullmatch(r"an offset of 0\.00\d+ rad in x:disc2", first.description)
     assert {cause.unit for cause in off.diagnosis if cause.kind in ("term", "drift")} == {"N m", "rad"}
     lacking = torsion_chain(sink="alpha*d + c*v", alpha=-4.0, c=0.008).unknown("sink")
-    first = lw.identify(torsional(lambda x: x), lacking).diagnosis[0]
+    first = lw.identify(torsional(lambda x: x), lacking, as_stated=True).diagnosis[0]
     assert (first.kind, first.term, first.where, first.unit) == ("term", "d**3", "sink", "N m")
     assert first.description.endswith(" N m") or " N m (" in first.description
-    degrees = lw.identify(torsional(np.degrees), asked)
+    degrees = lw.identify(torsional(np.degrees), asked, as_stated=True)
     assert "another unit of x:disc2, values 57.2958 times too large, as deg taken for rad" in degrees.message
     assert not degrees.trusted
     stated = lw.records.SensorUncertainty(offset=1e-4)
     record = replace(torsional(lambda x: x + 0.01), uncertainty={"x:disc2": stated})
-    [prior] = [cause for cause in lw.identify(record, asked).diagnosis if cause.kind == "prior"]
+    [prior] = [
+        cause for cause in lw.identify(record, asked, as_stated=True).diagnosis if cause.kind == "prior"
+    ]
     assert (prior.where, prior.unit) == ("offset of x:disc2", "rad")
 
 
@@ -244,7 +248,7 @@ ERRORS: dict[str, tuple[Callable[[], lw.Record], Change, tuple[str, str, str]]] 
 def test_an_error_of_a_whole_channel_is_the_first_cause(error: str) -> None:
     make, change, (kind, where, advice) = ERRORS[error]
     record = change(make().with_noise(20.0, seed=71))
-    fit = lw.identify(record, CHAIN.unknown("all"), method="ml")
+    fit = lw.identify(record, CHAIN.unknown("all"), method="ml", as_stated=True)
     first = fit.diagnosis[0]
     assert (first.kind, first.where) == (kind, where) and first.is_instrument
     assert not fit.trusted and fit.coefficient("nes1.alpha").interval is None
@@ -289,7 +293,7 @@ def test_what_the_equations_cannot_tell_apart_is_told_together() -> None:
     push = {"m1": "15*sin(25*t) + 10*sin(33*t)"}
     record = lw.simulate(spring, forces=push, duration=6.0, rate=500.0).with_noise(30.0, seed=1)
     wrong = changed(record, force_m1=-record.channel("force:m1"))
-    fit = lw.identify(wrong, spring.unknown("all"), method="ml")
+    fit = lw.identify(wrong, spring.unknown("all"), method="ml", as_stated=True)
     assert [(cause.kind, cause.where) for cause in fit.diagnosis[:2]] == [
         ("sign", "force:m1"),
         ("sign", "x:m1"),
@@ -338,7 +342,7 @@ def test_lost_and_repeated_samples_come_before_gains(fault: str, words: str) -> 
         values = np.insert(values, [AT] * GONE, values[AT], axis=0)
     faulty = lw.Record(record.start, record.rate, record.channels, values)
     asked = CHAIN.unknown("nes")
-    fit = lw.identify(faulty, asked)
+    fit = lw.identify(faulty, asked, as_stated=True)
     assert not fit.trusted and fit.diagnosis
     assert fit.message.startswith("The record shows by itself") and words in fit.message
     assert "shows by itself" not in lw.identify(record, asked).message
@@ -366,7 +370,9 @@ def test_noise_stated_too_small_is_the_cause(
     stated: dict[str, float], calibration: dict[str, float], verdict: Verdict
 ) -> None:
     """With how far it is exceeded, by which channels, and what it is; also where the search does not converge with it."""
-    fit = lw.identify(record_with_stated(stated), CHAIN.unknown("nes"), calibration=calibration)
+    fit = lw.identify(
+        record_with_stated(stated), CHAIN.unknown("nes"), calibration=calibration, as_stated=True
+    )
     assert not fit.trusted
     assert fit.fit_verdicts == (verdict,)
     assert "it is stated too small" in fit.message and "leave it out" in fit.message
@@ -379,14 +385,14 @@ def test_noise_stated_too_small_is_the_cause(
 def test_laws_that_lack_a_term_are_not_taken_for_noise() -> None:
     """The same statement, without the cubic term of the sink."""
     record = record_with_stated({"x:m1": 0.1, "x:m2": 0.1})
-    fit = lw.identify(record, with_links(CHAIN, link("nes1", "m2-m1", "k*d + c*v")))
+    fit = lw.identify(record, with_links(CHAIN, link("nes1", "m2-m1", "k*d + c*v")), as_stated=True)
     assert not fit.trusted and "stated too small" not in fit.message
 
 
 @pytest.mark.slow
 def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
     """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
-    fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"))
+    fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"), as_stated=True)
     assert fit.fit_verdicts == (Verdict.NOT_CONVERGED,)
     assert "neighbouring samples scatter by far more" in fit.message
     assert "times in x:m1" in fit.message and "times in x:m2" not in fit.message
@@ -412,7 +418,7 @@ def clipped(share: float, snr_db: float, seed: int) -> lw.Record:
 
 def test_clipped_samples_are_the_first_cause() -> None:
     record = clipped(0.8, 20.0, seed=81)
-    fit = lw.identify(record, CHAIN.unknown("all"), method="ml")
+    fit = lw.identify(record, CHAIN.unknown("all"), method="ml", as_stated=True)
     first = fit.diagnosis[0]
     assert (first.kind, first.where) == ("clipped", "x:m2") and not fit.trusted
     assert "goes on beyond the range of x:m2" in fit.message and "mark_missing" in fit.message
@@ -425,10 +431,12 @@ def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_of_a_re
     None
 ):
     marked = lw.inspection.mark_missing(clipped(0.8, 40.0, seed=81))
-    fit = lw.identify(marked, CHAIN.unknown("all"))
+    fit = lw.identify(marked, CHAIN.unknown("all"), as_stated=True)
     assert fit.trusted and fit.diagnosis == ()
     record = chain_record(2).with_noise(40.0, seed=82)
-    fit = lw.identify(changed(record, x_m2=1.05 * record.channel("x:m2")), CHAIN.unknown("all"))
+    fit = lw.identify(
+        changed(record, x_m2=1.05 * record.channel("x:m2")), CHAIN.unknown("all"), as_stated=True
+    )
     assert fit.diagnosis and "clipped" not in {cause.kind for cause in fit.diagnosis}
 
 

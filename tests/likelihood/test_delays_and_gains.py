@@ -68,7 +68,7 @@ def test_a_delay_of_several_samples_is_found_after_whole_shifts() -> None:
 
 def test_a_delay_is_admitted_and_without_that_not_trusted() -> None:
     record = late("x:m2", 3, seed=33)
-    alone = lw.identify(record, CHAIN_ASKED)
+    alone = lw.identify(record, CHAIN_ASKED, as_stated=True)
     assert not alone.trusted
     assert (alone.diagnosis[0].kind, alone.diagnosis[0].where) == ("delay", "x:m2")
     fit = lw.identify(record, CHAIN_ASKED, admit=["delay"])
@@ -90,7 +90,7 @@ def test_a_delay_of_the_only_force_is_admitted_as_responses_that_are_early() -> 
     columns = np.stack([record.channel("x:m1"), recorded], axis=1)
     record = lw.Record(0.0, 200.0, ("x:m1", "force:m1"), columns)
     asked = structure.unknown("all")
-    assert lw.identify(record, asked).diagnosis[0].kind == "force delay"
+    assert lw.identify(record, asked, as_stated=True).diagnosis[0].kind == "force delay"
     fit = lw.identify(record, asked, admit=["delay"])
     delay, deviation = delay_found(fit, "x:m1")
     assert fit.trusted and delay == pytest.approx(-0.01, abs=5.0 * deviation)
@@ -124,7 +124,7 @@ def test_a_delay_of_all_that_a_sensor_on_a_moving_base_shows_is_found() -> None:
 def test_a_base_that_is_late_is_admitted_as_a_response_that_is_early() -> None:
     """The diagnosis names the base, whose delay no parameter stands for."""
     record, unknown = shaken(1.5, -0.002), STOREY.unknown("all")
-    first = lw.identify(record, unknown).diagnosis[0]
+    first = lw.identify(record, unknown, as_stated=True).diagnosis[0]
     assert (first.kind, first.where) == ("delay", "a:base")
     explained(lw.identify(record, unknown, admit=["delay"]), -0.002)
 
@@ -199,7 +199,7 @@ def assert_error(
 
 def test_two_unknown_gains_are_found_with_the_laws() -> None:
     record = driven(gains={"force:m1": 1.05, "force:m2": 0.97})
-    wrong = lw.identify(record, ASKED)
+    wrong = lw.identify(record, ASKED, as_stated=True)
     of_forces = [cause for cause in wrong.diagnosis if cause.kind == "force gain"]
     assert of_forces  # less acts than the first shows, and more than the second
     assert all((cause.size < 0.0) == (cause.where == "force:m1") for cause in of_forces)

@@ -76,9 +76,9 @@ def test_the_answer_is_that_of_a_search_of_the_whole(
 def test_causes_are_those_of_the_whole(record: lw.Record, monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end within 0.05 standard errors of one optimum."""
     faulty = replace(record, values=np.add(record.values, [0.0, 2e-4, 0.0]), simulated=None)
-    parts = lw.identify(faulty, ASKED).diagnosis
+    parts = lw.identify(faulty, ASKED, as_stated=True).diagnosis
     monkeypatch.setattr(marginal, "_LONG", WHOLE)
-    whole = lw.identify(faulty, ASKED).diagnosis
+    whole = lw.identify(faulty, ASKED, as_stated=True).diagnosis
     assert parts and [(cause.kind, cause.where) for cause in parts] == [
         (cause.kind, cause.where) for cause in whole
     ]

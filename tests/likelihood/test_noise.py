@@ -90,7 +90,7 @@ def test_an_error_of_the_sensor_is_seen_beneath_the_colour() -> None:
     record = coloured("AR(1) of 0.9", 4)
     values = record.values.copy()
     values[:, 0] *= 1.05
-    fit = lw.identify(replace(record, values=values), lw.bnes_chain(2).unknown("nes"))
+    fit = lw.identify(replace(record, values=values), lw.bnes_chain(2).unknown("nes"), as_stated=True)
     assert not fit.trusted and fit.diagnosis[0].is_instrument
 
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy
 from present import present
 from problems import chain_record, truth
-from structures import asked_oscillator, torsion_chain
+from structures import asked_oscillator, oscillator, torsion_chain
 from within import assert_within, errors
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.fit import _passed, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Student
 
@@ -42,7 +44,9 @@ def test_an_unknown_gain_is_found_with_the_laws(quiet: lw.Record) -> None:
     assert_within(fit, chain, 5.0)
     assert any(line.startswith(("x:m1 shows 1.1", "x:m1 shows 1.09")) for line in fit.findings)
     assert fit.message == "The laws explain the record to within its noise."
-    assert lw.identify(record, unknown).message != fit.message  # with the gain taken as 1 they do not
+    assert (
+        lw.identify(record, unknown, as_stated=True).message != fit.message
+    )  # with the gain taken as 1 they do not
 
 
 def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
@@ -192,7 +196,7 @@ def test_an_error_that_is_admitted_is_taken_into_the_model(kind: str, said: str,
     values[:, column] = 1.1 * values[:, column] if kind == "gain" else values[:, column] + 2e-4
     faulty = replace(record, values=values)
     unknown = CHAIN.unknown("nes")
-    assert not lw.identify(faulty, unknown).trusted
+    assert not lw.identify(faulty, unknown, as_stated=True).trusted
     wrong_kind = "offset" if kind == "gain" else "gain"
     assert not lw.identify(faulty, unknown, admit=[wrong_kind]).trusted
     fit = lw.identify(faulty, unknown, admit=["offset", "gain"])
@@ -368,13 +372,13 @@ def test_every_record_has_sizes_of_its_own() -> None:
         ({"calibration": {"x:m9": 0.01}}, "no calibration of x:m9 can be stated"),
         ({"calibration": {"x:m1": 1.0}}, "calibration of x:m1 must be .* got 1$"),
         ({"admit": ["gian"]}, 'unknown error of a sensor "gian"; did you mean "gain"'),
-        ({"drifts": ["x:m3"]}, "no drift or hum of x:m3 can be estimated; did you mean"),
+        ({"drifts": ["x:m3"]}, "no drift of x:m3 can be estimated; did you mean"),
         ({"drifts": {"x:m2": 1e-3}}, "the pieces of the drift of x:m2 must be 0.0312 s long at least, got 0.001 s"),
         ({"drifts": {"x:m2": -1.0}}, "the pieces of the drift of x:m2 must have a positive length in s, got -1.0"),
         ({"hums": ["x:m2"]}, "hums takes frequencies in Hz by channel, as in"),
         ({"hums": {"x:m2": "50"}}, "hums takes frequencies in Hz by channel, as in"),
         ({"hums": {"x:m2": 600.0}}, "a frequency between 0 and half the rate, 500 Hz, got 600 Hz"),
-        ({"drifts": ["x:m2"], "ambient": ["m1"]}, "random forces and drift or hum of x:m2 cannot be estimated together"),
+        ({"drifts": ["x:m2"], "ambient": ["m1"]}, "random forces and drift, hum or high pass of x:m2 cannot be estimated"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_found_is_refused(options: LikelihoodOptions, reason: str) -> None:
@@ -390,3 +394,43 @@ def test_disturbances_of_rotations_are_told_in_rad() -> None:
     )
     told = [remark for remark in fit.remarks if "drifts over" in remark or "50 Hz" in remark]
     assert len(told) == 2 and all(" rad " in remark for remark in told), fit.remarks
+
+
+@cache
+def coupled() -> tuple[lw.Record, lw.Structure, float]:
+    """An accelerometer behind a high pass at 0.3 Hz on a mass at 2.5 Hz under a random force; its record and structure."""
+    corner, rate, count = 0.3, 100.0, 2001
+    rng = np.random.default_rng(3)
+    frequency = np.fft.rfftfreq(8 * count, 1.0 / (8 * rate))
+    spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 0.5) & (frequency < 8.0))
+    signal = np.fft.irfft(spectrum, 8 * count)
+    spring = oscillator("k*d + c*v", name="l1", k=250.0, c=1.0)
+    force = lw.model.Sampled(0.0, 8 * rate, 10.0 * signal / signal.std())
+    clean = lw.simulate(spring, duration=(count - 1) / rate, rate=rate, forces={"m1": force}, sensors=("a",))
+    values = clean.values.copy()
+    column = clean.channels.index("a:m1")
+    values[:, column] = _passed(values[:, column], 1.0 / rate, corner)
+    return replace(clean, values=values).with_noise(40.0, seed=3), spring.unknown("all"), corner
+
+
+@pytest.mark.parametrize("keywords", [{}, {"corners": ["a:m1"]}, {"corners": {"a:m1": 0.3}}])
+def test_a_high_pass_is_named_and_taken_into_the_model(keywords: dict[str, Any]) -> None:
+    record, unknown, corner = coupled()
+    fit = lw.identify(record, unknown, **keywords)
+    assert fit.trusted, fit.message
+    assert_within(fit, {"l1.k": 250.0, "l1.c": 1.0}, 4.5)
+    if keywords.get("corners") != {"a:m1": corner}:
+        [error] = fit.sensor_errors
+        assert error.kind == "high pass" and abs(error.value - corner) < 4.5 * error.standard_error
+        assert any("behind a high pass with its corner at 0.3" in line for line in fit.findings)
+    assert [cause.kind for cause in fit.added] == ([] if keywords else ["high pass"])
+
+
+def test_what_is_no_corner_is_refused() -> None:
+    record, unknown, _ = coupled()
+    with pytest.raises(
+        lw.IdentificationError, match=r"corner of a:m1 must be a positive frequency in Hz, got -1"
+    ):
+        lw.identify(record, unknown, corners={"a:m1": -1.0})
+    with pytest.raises(lw.IdentificationError, match=r"no high pass of a:m2 can be estimated"):
+        lw.identify(record, unknown, corners=["a:m2"])

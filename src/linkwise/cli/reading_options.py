@@ -14,8 +14,10 @@ from linkwise.cli.console import tell
 from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs, typed
 from linkwise.estimates.estimate import stated_grade
 from linkwise.model import rotations
+from linkwise.signals.force_window import with_force_windows
 
 _EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
+_BY_WIDTH = -1.0  # of --force-window without a time, which none below 0 is
 _NONE = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
 
 
@@ -51,6 +53,9 @@ class ReadingOptions:
         Average a periodic test over periods of this length; their scatter gives the noise.
     mark_missing : tuple[str, ...]
         Treat samples with these faults as missing: clipped, spikes.
+    force_window : float | None
+        Take each force of a hammer as 0 but from S before to S behind its hits (default: a quarter of their width). Forces
+        that are quiet between hits, beside white noise, get such a window by themselves.
     offset : tuple[str, ...]
         A constant error of this channel: 0.3mm is known and removed; 0.3mm+-0.1mm, or +-0.1mm, is known to within a
         standard deviation and estimated by identify and discover, as is one without a size. Repeatable.
@@ -77,6 +82,7 @@ class ReadingOptions:
     stop: float | None = typed("S", "--to", type=float)
     period: float | None = typed("S", type=POSITIVE)
     mark_missing: tuple[str, ...] = typed("KINDS", multiple=True, callback=comma_separated)
+    force_window: float | None = typed("[S]", type=float, is_flag=False, flag_value=_BY_WIDTH)
     offset: tuple[str, ...] = typed("CHANNEL[=SIZE]", multiple=True)
     gain: tuple[str, ...] = typed("CHANNEL[=FACTOR]", multiple=True)
     delay: tuple[str, ...] = typed("CHANNEL[=TIME]", multiple=True)
@@ -132,6 +138,9 @@ class ReadingOptions:
             start = record.start if self.start is None else self.start
             stop = record.start + record.duration if self.stop is None else self.stop
             record = record.between(start, stop)
+        if self.force_window is not None:
+            margin = None if self.force_window == _BY_WIDTH else self.force_window
+            record = with_force_windows(record, margin, required=True)
         return record if self.period is None else lw.records.average_periods(record, self.period)
 
     def record_mapping(self) -> lw.files.RecordMapping:

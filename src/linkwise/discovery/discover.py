@@ -42,6 +42,7 @@ from linkwise.records.joining import joined_notes, record_list
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
+from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Verdict, admit_intervals
 
 _SCREENED = 0.1  # of the progress, when the screen is done
@@ -118,7 +119,7 @@ def discover(
     """
     started = perf_counter()
     chosen = options_given(DiscoveryOptions, options, keywords)
-    records = record_list(record, "discover(record, masses): record")
+    records = [with_force_windows(one) for one in record_list(record, "discover(record, masses): record")]
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
     records = in_units(records, candidates)
     checks = _checked(records, candidates)

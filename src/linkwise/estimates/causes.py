@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -171,6 +171,8 @@ class CauseKind:
     relative: bool = False
 
 
+HIGH_PASS: Final = "high pass"
+
 _OFF = "{0.where} that is off by {percent:+.3g} %"
 _SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
 
@@ -188,7 +190,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "sign": CauseKind("the wrong sign of {0.where}", "1"),
         "unit": CauseKind("another unit of {0.where}, values {0._times}", "1"),
         "swapped": CauseKind("{0.where} and {0.source} in each other's place", "1"),
-        "high pass": CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
+        HIGH_PASS: CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
         "clipped": CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
         "mass": CauseKind(f"a mass of {_OFF}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),
@@ -335,7 +337,7 @@ def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) ->
     )
 
 
-ErrorKind: TypeAlias = Literal["offset", "gain", "delay"]
+ErrorKind: TypeAlias = Literal["offset", "gain", "delay", "high pass"]
 
 
 @dataclass(frozen=True)
@@ -376,6 +378,7 @@ class SensorErrorEstimate:
             "offset": f"is off by {self.value:.4g} {self.unit.replace('?', '')}".rstrip() + " throughout",
             "gain": f"shows {self.value:.6g} of its {shown}",
             "delay": f"is late by {1e3 * self.value:.4g} ms",
+            HIGH_PASS: f"is behind a high pass with its corner at {self.value:.4g} Hz",
         }[self.kind]
         error = f"{1e3 * self.standard_error:.2g} ms" if late else f"{self.standard_error:.2g}"
         return f"{self.channel} {size} (estimated with the other unknowns, standard error {error})."

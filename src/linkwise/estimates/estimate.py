@@ -207,6 +207,8 @@ class Estimate(JudgedView):
         Part of the forces that the laws leave, by root mean squares; 0 where they explain the record to within its noise.
     diagnosis : tuple of Cause
         What would explain what the laws leave, in sensors, masses, applied forces and terms, the largest gain first.
+    added : tuple of Cause
+        Errors of sensors and inputs that were taken into the model, since laws as stated leave more than noise without them.
     more_records : tuple of Record
         The records that were fitted together with `record`.
     random_forces, sensor_errors : tuple of RandomForceEstimate, tuple of SensorErrorEstimate
@@ -263,6 +265,7 @@ class Estimate(JudgedView):
     for_dropped_terms: Floats | None = None
     profile_intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     approximate: bool = False
+    added: tuple[Cause, ...] = ()
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -369,7 +372,17 @@ class Estimate(JudgedView):
         bounds = bound_findings(self.parameters, self.free, self.given_structure)
         judged = [(number, self._every_link[number]) for number, _ in self._judged]
         sentences = findings_of_links(judged, self.supplies, self.motion)
-        return (*map(str, self.alerts), *self.remarks, *bounds, *sentences)
+        return (*map(str, self.alerts), *self._of_added, *self.remarks, *bounds, *sentences)
+
+    @property
+    def _of_added(self) -> tuple[str, ...]:
+        """That errors of sensors and inputs were added to what was stated; nothing without any."""
+        if not self.added:
+            return ()
+        causes = " and ".join(cause.description for cause in self.added)
+        return (
+            f"Laws as stated leave more than noise; beside {causes}, which was taken into the model, they leave noise alone.",
+        )
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
@@ -461,6 +474,7 @@ class Estimate(JudgedView):
             "fit": {"chi_square_per_sample": self.chi_square_per_sample, "samples": self.samples},
             "model_error_percent": 100.0 * self.model_error,
             "diagnosis": [cause.to_dict() for cause in self.diagnosis],
+            "added": [cause.to_dict() | {"standard_error": cause.standard_error} for cause in self.added],
             "random_forces": [force.to_dict() for force in self.random_forces],
             "sensor_errors": [error.to_dict() for error in self.sensor_errors],
             "unseen_terms": [term.to_dict() for term in self.unseen_terms],

@@ -22,6 +22,7 @@ from linkwise.records.channel import Channel
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.joining import check_distinct, check_stated_noise, joined_notes, record_list
 from linkwise.records.record import Record
+from linkwise.signals.force_window import with_force_windows
 from linkwise.weak.estimate import WeakForm
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
@@ -89,7 +90,7 @@ def identify(
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
     check_stated_noise(records)
-    records = [in_units_of(given, structure) for given in records]
+    records = [with_force_windows(in_units_of(given, structure)) for given in records]
     if not structure.parameters:
         raise IdentificationError(
             'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'

@@ -15,7 +15,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, expect
-from linkwise.estimates.causes import ErrorKind, NoiseEstimate, SensorErrorEstimate, unseen_remark
+from linkwise.estimates.causes import HIGH_PASS, ErrorKind, NoiseEstimate, SensorErrorEstimate, unseen_remark
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.inspection.missing_samples import EstimatedError
 from linkwise.likelihood.checks.horizons import over_horizons
@@ -23,7 +23,8 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
-from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit, motion_of_links, require_told
+from linkwise.likelihood.fit import LikelihoodFit, denoised, likelihood_fit, motion_of_links, require_told
+from linkwise.likelihood.ladder import with_errors_added
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
     is_loosened,
@@ -55,7 +56,11 @@ from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
-from linkwise.likelihood.shooting.segments import frequencies_by_channel, lengths_by_channel
+from linkwise.likelihood.shooting.segments import (
+    corners_by_channel,
+    frequencies_by_channel,
+    lengths_by_channel,
+)
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts, memory_starts_by_links
@@ -75,6 +80,7 @@ _LOOSENED = (
     "of the noise, which widens the intervals."
 )
 
+_DENOISED = 2  # times that a fit beside high passes is repeated: the noise left in their integrals is then that of the motion
 _INSEPARABLE = 100.0  # variance of an unknown over that beside known others: a correlation of 0.995 of two
 _NEARLY = 2.0  # times the noise, in power: laws that leave no more nearly explain the records
 
@@ -185,13 +191,32 @@ def sensor_errors(
     )
     named = [(kind, name, value) for kind, values in sizes for name, value in values.items()]
     of_kind = {"gain": "1", "delay": "s"}
-    return tuple(
+    found = (
         SensorErrorEstimate(
             name, kind, float(value), float(deviation), of_kind.get(kind, units.get(name, ""))
         )
         for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
-        if np.isfinite(value) and np.isfinite(deviation)
     )
+    return tuple(
+        error
+        for error in (*found, *_corners(fit))
+        if np.isfinite(error.value) and np.isfinite(error.standard_error)
+    )
+
+
+def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
+    """The corners of high passes that were found; of several records their mean by precision."""
+    found: dict[str, list[Floats]] = {}
+    first = 0
+    for disturbance in fit.disturbances:
+        if disturbance.high_pass and disturbance.corner is None:
+            found.setdefault(disturbance.channel, []).append(fit.waveforms[:, first])
+        first += disturbance.count
+    for channel, pairs in found.items():
+        sizes, deviations = np.array(pairs).T
+        weights = 1.0 / np.maximum(deviations, np.finfo(float).tiny) ** 2
+        mean, error = float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
+        yield SensorErrorEstimate(channel, HIGH_PASS, mean, error, "Hz")
 
 
 def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
@@ -207,7 +232,11 @@ def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
     tuple of EstimatedError
         One for each channel and frequency.
     """
-    places = dict.fromkeys((disturbance.channel, disturbance.frequency) for disturbance in fit.disturbances)
+    places = dict.fromkeys(
+        (disturbance.channel, disturbance.frequency)
+        for disturbance in fit.disturbances
+        if not disturbance.high_pass
+    )
     return tuple(
         EstimatedError("drift" if frequency is None else "hum", channel, frequency)
         for channel, frequency in places
@@ -219,7 +248,8 @@ def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
     first = 0
     for disturbance in fit.disturbances:
         sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
-        yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
+        if not disturbance.high_pass:
+            yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
         first += disturbance.count
 
 
@@ -267,12 +297,14 @@ class LikelihoodKeywords(TypedDict, total=False):
     delays: Sequence[str]
     drifts: str | Sequence[str] | Mapping[str, float | None]
     hums: Mapping[str, float | Sequence[float]]
+    corners: Sequence[str] | Mapping[str, float | None]
     ambient: Deviations
     input_noise: Deviations
     admit: str | Sequence[str]
     loss: Loss | None
     exact: bool
     profile: bool
+    as_stated: bool
 
 
 @final
@@ -304,6 +336,9 @@ class MaximumLikelihood(Estimator):
     hums : mapping of str to float or sequence of float, optional
         Frequencies in Hz of hums, one or several, by channel; their amplitude and phase in each record are estimated with
         the rest.
+    corners : sequence of str or mapping of str to float or None, optional
+        Channels behind a high pass of first order, as AC coupling and charge amplifiers are, with its corner in Hz, which is
+        estimated with the rest where none is given.
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found where none is given; ``"all"`` stands
@@ -312,7 +347,7 @@ class MaximumLikelihood(Estimator):
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
         names a channel with more noise than is stated.
-    admit : sequence of {"gain", "offset", "delay"}, optional
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
     loss : Loss, optional
@@ -321,6 +356,9 @@ class MaximumLikelihood(Estimator):
         Take the laws for exact, with no model error: chi-square says how far a free run of them is from the record.
     profile : bool
         Also give intervals that follow the likelihood (`profile_interval`), of all unknowns but shapes of hosts.
+    as_stated : bool
+        Take no error of a sensor or an input into the model by itself where what was stated leaves more than noise. So it is
+        beside errors that are admitted by kind.
 
     Raises
     ------
@@ -355,12 +393,16 @@ class MaximumLikelihood(Estimator):
         default_factory=dict,
         metadata={"typed": "CHANNEL=HZ", "unit": "Hz", "several": True, "example": "x:m1=50Hz"},
     )
+    corners: Sequence[str] | Mapping[str, float | None] = field(
+        default=(), metadata={"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
+    )
     ambient: Deviations = field(default=(), metadata=AMBIENT)
     input_noise: Deviations = field(default=(), metadata=INPUT_NOISE)
     admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
     loss: Loss = field(default_factory=Gaussian, metadata={"typed": "LOSS", "choices": LOSSES})
     exact: bool = field(default=False, metadata={"typed": ""})
     profile: bool = field(default=False, metadata={"typed": ""})
+    as_stated: bool = field(default=False, metadata={"typed": ""})
 
     def __post_init__(self) -> None:
         for name in ("offsets", "gains", "delays"):
@@ -418,6 +460,7 @@ class MaximumLikelihood(Estimator):
             **sensors,
             drifts=lengths_by_channel(self.drifts),
             hums=frequencies_by_channel(self.hums),
+            corners=corners_by_channel(self.corners),
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
             model_error=not self.exact,
@@ -426,15 +469,18 @@ class MaximumLikelihood(Estimator):
         admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
-            added = (*options.drifts, *options.hums)
+            added = (*options.drifts, *options.hums, *options.corners)
             refuse_beside_random_forces(options.delays, admitted, added, robust=robust, records=records)
-        return answer_with_sensors(
-            partial(self._search, structure),
-            records,
-            options,
-            admitted,
-            partial(estimate_of, structure),
-        )
+
+        def answer(options: LikelihoodOptions) -> Estimate:
+            return answer_with_sensors(
+                partial(self._search, structure), records, options, admitted, partial(estimate_of, structure)
+            )
+
+        stated = answer(options)
+        if self.as_stated or admitted:
+            return stated
+        return with_errors_added(stated, answer, options, records)
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
@@ -453,6 +499,7 @@ class MaximumLikelihood(Estimator):
             "delays": errors["delays"],
             "drift": self.drifts,
             "hum": self.hums,
+            "high pass": self.corners,
             "random forces": self.ambient,
             "noise of inputs": self.input_noise,
             "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
@@ -474,6 +521,16 @@ class MaximumLikelihood(Estimator):
         )
 
     def _search(
+        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+    ) -> LikelihoodFit:
+        """A fit; noise adds up in what high passes take off, so that it is repeated with what the one before shows of them."""
+        fit = self._searched(structure, records, options)
+        for _ in range(_DENOISED if options.corners else 0):
+            shown = denoised(fit, records, options.corners)
+            fit = self._searched(structure, records, replace(options, denoised=shown))
+        return fit
+
+    def _searched(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
         if structure.topology.states:

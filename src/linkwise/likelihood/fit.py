@@ -7,7 +7,7 @@ The motion of the links along a fitted orbit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
@@ -16,6 +16,7 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
@@ -34,6 +35,7 @@ from linkwise.likelihood.shooting.segments import Disturbance, Iterate, Scales, 
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed, framed_records
@@ -373,8 +375,49 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             {names.get(name, name): frequency for name, frequency in options.hums.items()},
             [frame.record for frame in frames],
             unknown_starts=drifting.keys() - free,
+            corners={names.get(name, name): corner for name, corner in options.corners.items()},
+            denoised={names.get(name, name): series for name, series in options.denoised.items()},
         ),
     )
+
+
+def denoised(
+    fit: LikelihoodFit, records: Sequence[Record], corners: Iterable[str]
+) -> dict[str, list[Floats]]:
+    """What high passes leave of the motion of a fit in some channels of each record (N,), without the noise of the samples."""
+    segments, responses, shown = fit.segments, records[0].responses, {}
+    ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
+    assert segments.waveforms is not None
+    for name in corners:
+        number = responses.index(Channel.parse(name))
+        left = fit.misfit.residuals[:, number] * fit.optimum.scales.sigma[number]
+        if segments.relative_noise is not None:
+            left = left * segments.relative_noise[number]
+        taken = left + segments.waveforms.added(number, fit.waveforms[0])
+        series = []
+        for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
+            motion = record.channel(name) - taken[:, part].T.ravel()[: len(record)]
+            series.append(_passed(motion, record.step, _corner(fit, name)))
+        shown[name] = series
+    return shown
+
+
+def _corner(fit: LikelihoodFit, channel: str) -> float:
+    """The corner in Hz of the high pass of a channel that was found, in the first record."""
+    first = 0
+    for disturbance in fit.disturbances:
+        if disturbance.high_pass and disturbance.channel == channel:
+            return float(fit.waveforms[0, first])
+        first += disturbance.count
+    raise LookupError(channel)
+
+
+def _passed(motion: Floats, step: float, corner: float) -> Floats:
+    """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
+    half = np.pi * corner * step
+    bands = np.array([[1.0 + half], [half - 1.0]]).repeat(len(motion), axis=1)
+    integral = solve_banded((1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1])))
+    return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
 def _fitted(
@@ -448,7 +491,9 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:
     if segments.random is None:
         return ()
-    return force_estimates(sensing.random, segments.random.present * segments.random.deviation[:, 0], rate)
+    return force_estimates(
+        sensing.random, segments.random.present * segments.random.deviation.max(axis=1), rate
+    )
 
 
 def _prior_conflicts(segments: Segments, explained: ExplainedFit) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import Cause
+from linkwise.estimates.causes import HIGH_PASS, Cause
 from linkwise.likelihood.random_forces import RandomForce
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
@@ -28,7 +28,7 @@ from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
-ADMIT = {"typed": "gain,offset,delay"}
+ADMIT = {"typed": "gain,offset,delay,drift"}
 AMBIENT = {"typed": "MASS[=DENSITY]", "unit": "N/sqrt(Hz)", "example": "m1=0.5"}
 INPUT_NOISE = {"typed": "CHANNEL[=SIGMA]", "unit": "channel", "example": "force:m1=0.5"}
 
@@ -53,6 +53,10 @@ class LikelihoodOptions:
         Channels with an unknown slow drift, and the lengths of its pieces in s.
     hums : mapping of str to sequence of float, optional
         Frequencies in Hz of hums of unknown amplitude and phase, by channel.
+    corners : mapping of str to float or None, optional
+        Channels behind a high pass, with its corner in Hz, or None for one to be found.
+    denoised : mapping of str to sequence of array, optional
+        What an earlier fit shows in these channels, by record.
     random : sequence of RandomForce, optional
         Random forces on masses.
     loss : Loss, optional
@@ -82,6 +86,8 @@ class LikelihoodOptions:
     shifts: Mapping[str, float] = field(default_factory=dict)
     drifts: Mapping[str, float | None] = field(default_factory=dict)
     hums: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    corners: Mapping[str, float | None] = field(default_factory=dict)
+    denoised: Mapping[str, Sequence[Floats]] = field(default_factory=dict, repr=False)
     random: Sequence[RandomForce] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
@@ -99,7 +105,7 @@ class LikelihoodOptions:
 
 
 ALL = "all"
-ADMISSIBLE = ("gain", "offset", "delay")
+ADMISSIBLE = ("gain", "offset", "delay", "drift", HIGH_PASS)
 _OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
@@ -188,18 +194,23 @@ def answer_with_sensors(
     require_known_kinds((options.offsets, options.gains, options.delays), admitted)
     while True:
         answer, interrupted = _with_delays(search, records, options, report)
-        instruments = [
-            cause for cause in answer.diagnosis if cause.is_instrument and cause.kind != "input noise"
-        ]
-        kind = instruments[0].kind.removeprefix(_OF_FORCE) if instruments else ""
-        if interrupted or kind not in admitted:
+        error = distinct_error(answer.diagnosis)
+        if interrupted or error is None or error.kind.removeprefix(_OF_FORCE) not in admitted:
             return answer
-        if kind != "delay" and any(_rivals(instruments[0], rival) for rival in instruments[1:]):
-            return answer
-        wider = with_error(options, instruments[0], records[0])
+        wider = with_error(options, error, records[0])
         if wider is None:
             return answer
         options = wider
+
+
+def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
+    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
+    instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
+    if not instruments or not is_admissible(instruments[0]):
+        return None
+    first = instruments[0]
+    is_late = first.kind.endswith("delay")
+    return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
 
 
 def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[str]) -> None:
@@ -248,7 +259,13 @@ def is_admissible(cause: Cause) -> bool:
 def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> LikelihoodOptions | None:
     """The options with the error of a sensor that a cause names as an unknown; None where none can be, or is one already."""
     kind, channel = cause.kind.removeprefix(_OF_FORCE), cause.where
-    present = {"offset": options.offsets, "gain": options.gains, "delay": options.delays}[kind]
+    present = {
+        "offset": options.offsets,
+        "gain": options.gains,
+        "delay": options.delays,
+        "drift": tuple(options.drifts),
+        HIGH_PASS: tuple(options.corners),
+    }[kind]
     more = late_channels(record, channel) if kind == "delay" else (channel,)
     if channel in (*(() if kind == "delay" else _bases(record)), *present) or set(more) <= set(present):
         return None
@@ -257,6 +274,10 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
         return replace(options, offsets=channels)
     if kind == "gain":
         return replace(options, gains=channels)
+    if kind == "drift":
+        return replace(options, drifts={**options.drifts, channel: None})
+    if kind == HIGH_PASS:
+        return replace(options, corners={**options.corners, channel: None})
     return replace(options, delays=channels)
 
 

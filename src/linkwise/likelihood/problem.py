@@ -52,6 +52,7 @@ from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
 
 _BLOCKS = 4  # of a node with itself, or with the border, that are kept at the same time
+_OUTSIDE = 1e-3  # of the noise of a force, outside of its window: the equations take no zero
 _LOCAL = 4000  # bytes of a state with its neighbours, of two linearisations
 
 
@@ -186,9 +187,11 @@ class SensorModel:
         """
         starts = [0.0 if p.start is None else p.start for p in parameters]
         late = np.array([self.delay_priors.get(name, (0.0, np.inf)) for name in self.delays]).reshape(-1, 2)
-        waveforms = sum(disturbance.count for disturbance in self.disturbances)
-        offsets = [self.offset_deviations.get(name, np.inf) for name in self.offsets] + [np.inf] * waveforms
-        mean = np.concatenate([starts, np.zeros(len(offsets)), np.ones(len(self.gains)), late[:, 0]])
+        known = [disturbance.known for disturbance in self.disturbances]
+        waveforms = np.array([pair for pairs in known for pair in pairs]).reshape(-1, 2)
+        offsets = [*(self.offset_deviations.get(name, np.inf) for name in self.offsets), *waveforms[:, 1]]
+        of_offsets = np.concatenate([np.zeros(len(self.offsets)), waveforms[:, 0]])
+        mean = np.concatenate([starts, of_offsets, np.ones(len(self.gains)), late[:, 0]])
         sigma = [p.sigma for p in parameters]
         gains = [self.calibration.get(name, np.inf) for name in self.gains]
         prior = Prior(mean, np.concatenate([sigma, offsets, gains, late[:, 1]]))
@@ -500,23 +503,37 @@ def shooting_problem(
     cut = partial(sensing.segments, records, with_random_forces(structure, places), system)
     segments = _fine_segments(cut, point, scales, least=2 if sensing.centred else 1)
     if sensing.random:
-        segments = replace(segments, random=_random_states(segments, sensing, deviations, records[0].step))
+        segments = replace(
+            segments, random=_random_states(segments, structure, sensing, deviations, records[0].step)
+        )
     return ShootingProblem(segments, point, scales)
 
 
-def _random_states(segments: Segments, sensing: SensorModel, deviations: Floats, step: float) -> RandomStates:
+def _random_states(
+    segments: Segments, structure: Structure, sensing: SensorModel, deviations: Floats, step: float
+) -> RandomStates:
     """Random forces with `deviations` (r,) in a record with this `step`; those of ambient ones follow the rate of each."""
     rate = np.sqrt(step / (segments.step * segments.refine))
     ambient = np.array([force.ambient for force in sensing.random])
+    acting = np.stack([_noisy_part(segments, structure, force) for force in sensing.random])
     return RandomStates(
         rows=np.arange(segments.system.dimension - len(deviations), segments.system.dimension),
-        deviation=deviations[:, None] * np.where(ambient[:, None], rate, 1.0),
+        deviation=deviations[:, None] * np.where(ambient[:, None], rate, acting),
         is_estimated=np.array([force.deviation is None for force in sensing.random]),
         shown=shown_directly(sensing.random, sensing.frames[0]),
         varying=None
         if (segments.sensors.kind == A).any() and not segments.centred
         else ambient,  # of accelerations
     )
+
+
+def _noisy_part(segments: Segments, structure: Structure, force: RandomForce) -> Floats:
+    """(K,) the part of the deviation of a force that acts in each segment: little outside of a force window."""
+    applied = segments.inputs.force
+    if force.ambient or force.of_base or applied is None:
+        return np.ones(segments.count)
+    mass = structure.mass_names.index(force.place)
+    return np.asarray(np.maximum(np.sqrt(np.mean(applied[:, 0, mass] != 0.0, axis=0)), _OUTSIDE))
 
 
 def _fine_segments(

@@ -27,12 +27,17 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord, framed
+from linkwise.signals.noise import noise_variance
 
 ALL = "all"
 _INPUT = "force:"
 # of the force of inertia, by root mean square: where the search for an ambient force starts
 _FIRST_GUESS = 0.3
 _FIRST_NOISE = 0.01  # of an input: where the search for the noise of its channel starts
+_FLOOR = (
+    0.1  # of an input, by root mean square: a level above it may be the input itself, which fills the band
+)
+_ROUNDING = 1e-6  # of an input: a level below it is that of rounded numbers
 _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 """Law of a link to the ground that carries a force; the force is constant within a segment."""
 
@@ -133,6 +138,32 @@ def random_forces(
     return tuple(forces[name] for name in (*names, *_OF_BASE) if name in forces)
 
 
+def noise_of_channels(records: Sequence[Record], structure: Structure) -> dict[str, float]:
+    """Standard deviations of the noise of the inputs that act, in their SI units, as records state or show them.
+
+    What a record shows is the floor of its spectrum beyond the band of the input, or where the input rests; an input that
+    fills the band throughout shows none.
+    """
+    found: dict[str, float] = {}
+    base = exciting_base(records[0], structure)
+    for channel in (*records[0].forces, *(() if base is None else (base,))):
+        powers = [_noise_power(record, channel) for record in records]
+        if any(powers):
+            found[channel] = float(np.sqrt(np.mean(powers)))
+    return found
+
+
+def _noise_power(record: Record, channel: str) -> float:
+    """The variance of the noise of an input; 0 where nothing tells it from the input."""
+    values = record.channel(channel)
+    if not np.isfinite(values).all():
+        return 0.0
+    power = float(noise_variance(record, [channel], values[None])[0])
+    size = float(np.mean(values**2))
+    stated = channel in record.noise
+    return power if stated or _ROUNDING**2 * size < power < _FLOOR**2 * size else 0.0
+
+
 def exciting_base(record: Record, structure: Structure) -> str | None:
     """The channel of the base by which it acts on the structure; None where it does not."""
     named = [f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in record.inputs]
@@ -217,7 +248,7 @@ def refuse_beside_random_forces(
             f"errors of sensors to be admitted ({', '.join(admitted)})",
             "name the channels (offsets, gains)",
         ),
-        (disturbed, f"drift or hum of {', '.join(disturbed)}", "filter these channels"),
+        (disturbed, f"drift, hum or high pass of {', '.join(disturbed)}", "filter these channels"),
         (robust, "a robust loss", "mark outliers as missing (mark_missing)"),
         (of_links, ", ".join(of_links), "leave these channels out of the record"),
     )

@@ -272,6 +272,9 @@ _STEP = 0.1  # of a standard error: departures of runs are linear in it, and gro
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
 _GROWN = 10.0  # times that over the burn: what is as uncertain from the start has not grown
 _STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
+_BEGINNING = (
+    5_000  # samples: chaos loses the state in fewer, and the runs through a long record need not be made
+)
 _FEWEST = 50  # samples of that time at least: after a shorter burn the uncertainty grows for as long without any chaos
 _SHORTEST = 4  # samples that a window predicts at least
 _LONGEST = 8  # windows at least
@@ -306,20 +309,27 @@ class Prediction:
 def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
     """Predict a record from the state in its first `burn` samples, as far as chaos lets it, else in windows."""
     progress(ProgressReport(0.0, "state at the start"))
-    run = _free_run(predictor, burn, progress)
     record = predictor.record
     size = np.nanstd(record.select(record.responses).values, axis=0)
+    for samples in dict.fromkeys((min(burn + _BEGINNING, len(record)), len(record))):
+        run = _free_run(predictor, burn, samples, progress)
+        horizon = _horizon(run, burn, size)
+        told = samples == len(record) or (horizon or 0) < samples - 2 * max(burn, _FEWEST)
+        if horizon is not None and told:  # that it stays lost shows only before the end of a beginning
+            progress(ProgressReport(0.6, "windows"))
+            return _windows(predictor, burn, horizon, size)
+    return run
+
+
+def _horizon(run: Prediction, burn: int, size: Floats) -> int | None:
+    """Samples after the burn from which a run has lost the state, beside channels of that `size` (C,); None for none."""
     deviation = np.sqrt(run.by_state)
     span = max(burn, _FEWEST)
     early = np.sqrt(np.mean(run.by_state[:span], axis=0))
     lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
     lost = (lost & (_ahead(lost, span) > _STAYS)).any(axis=1)
     lost[:burn] = False
-    if not lost.any():
-        return run
-    horizon = max(int(np.argmax(lost)) - burn, 2 * _SHORTEST)
-    progress(ProgressReport(0.6, "windows"))
-    return _windows(predictor, burn, horizon, size)
+    return max(int(np.argmax(lost)) - burn, 2 * _SHORTEST) if lost.any() else None
 
 
 def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
@@ -339,9 +349,9 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
     return predicted, variance
 
 
-def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
-    """One run, and runs from states and with coefficients that are a little off."""
-    record, structure = predictor.record, predictor.structure
+def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
+    """One run of so many samples, and runs from states and with coefficients that are a little off."""
+    record, structure = predictor.record[:samples], predictor.structure
     channels = record.responses
     start = predictor(np.zeros(1, dtype=int), burn, burn)
     state, root = start.state[:, 0], start.state_root[0]
@@ -377,7 +387,7 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     for column, moved in zip(predictor.root.T, follow.T, strict=True):
         theta = predictor.values + _STEP * column
         by_theta += (departure(state + _STEP * moved, theta) / _STEP) ** 2
-    for name, force in _law_errors(predictor, whole).items():
+    for name, force in _law_errors(predictor, record, whole).items():
         by_laws += departure(state, predictor.values, {name: force}) ** 2
     base = record.channel(f"x:{BASE}") if f"x:{BASE}" in record.channels else None
     truth = whole.simulated
@@ -392,11 +402,11 @@ def _free_run(predictor: WindowPredictor, burn: int, progress: Progress) -> Pred
     )
 
 
-def _law_errors(predictor: WindowPredictor, run: Record) -> dict[Channel, Floats]:
+def _law_errors(predictor: WindowPredictor, record: Record, run: Record) -> dict[Channel, Floats]:
     """Forces on each mass that its links leave out or add, as large a part of theirs as the laws are off."""
     if not predictor.law_error:
         return {}
-    record, structure = predictor.record, predictor.structure
+    structure = predictor.structure
     masses = structure.with_values(
         dict(zip((p.name for p in structure.parameters), map(float, predictor.values), strict=True))
     ).mass_values

@@ -48,6 +48,7 @@ from linkwise.records.channel_units import in_units_of, places_of, unit_in
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.signals.base_frame import framed
+from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Verdict
 
 
@@ -280,7 +281,7 @@ def validate(
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)
-    record = in_units_of(record, structure)
+    record = with_force_windows(in_units_of(record, structure))
     scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
     unscored = _unscored(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})

@@ -16,6 +16,7 @@ from linkwise.likelihood.checks.held_closer import CloserFit, held_closer
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import lag_one_autocorrelation
+from linkwise.likelihood.random_forces import noise_of_channels
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose, likeliest_first
 from linkwise.likelihood.tests.variances import SPECTRAL_KINDS, InputNoise, noise_of_inputs
@@ -33,6 +34,7 @@ LARGEST_TERM = 0.05
 engineer can neglect."""
 LIKELIER = 16.0
 """Of -2 log likelihood: what a likelier cause gains more than another where chance gives that to one in 3000 (Vuong 1989)."""
+_SHOWN = 1.2  # times the noise that a channel shows: stated noise below it is no error of the laws
 _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
 _CONTRADICTED = frozenset({"sign", "unit", "swapped", "high pass", "clipped"})
@@ -141,6 +143,11 @@ class Examined:
         return noise_of_inputs(self.fit, self.identified, self.channels)
 
     @cached_property
+    def levels_of_inputs(self) -> dict[str, float]:
+        """Standard deviations of the noise of the inputs, as the records state or show them."""
+        return noise_of_channels(self.records, self.identified)
+
+    @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """All that would explain what is left, the likeliest first; what spectra of forces show comes last."""
         noisy = (noise.cause for noise in self.inputs if noise.cause is not None)
@@ -150,7 +157,10 @@ class Examined:
 
     @cached_property
     def closer(self) -> CloserFit | None:
-        """The fit with its motion held closer to the laws."""
+        """The fit with its motion held closer to the laws; None beside noise of inputs that channels show to be there."""
+        shown, forces = self.levels_of_inputs, self.fit.random_forces
+        if forces and all(force.deviation <= _SHOWN * shown.get(force.where, 0.0) for force in forces):
+            return None
         return held_closer(self.fit, self.identified, self.channels)
 
     @cached_property

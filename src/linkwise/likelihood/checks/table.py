@@ -31,7 +31,7 @@ VERDICTS = (
 FINDINGS = (
     Check("hidden terms", "approximates", verdicts.term_hidden_by_model_error),
     Check("unrecorded forces", "names", verdicts.remarks_on_forces),
-    Check("hints at noise of inputs", "widens", verdicts.hinted_noise_of_inputs),
+    Check("noise of inputs", "widens", verdicts.noise_of_inputs),
     Check("hints at masses", "widens", verdicts.hinted_masses),
     Check("hints at missing terms", "widens", verdicts.hinted_terms),
     Check("stated noise", "names", recording.understated_noise),

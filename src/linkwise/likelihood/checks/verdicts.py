@@ -41,6 +41,7 @@ _NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some s
 _AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
 such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
+_NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _SMALL_ERRORS = frozenset(
     {"gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay"}
@@ -372,10 +373,15 @@ def _of_forces(of: Examined, verdict: Verdict) -> str:
     return ""
 
 
-def hinted_noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
-    """Whether residuals hint at noise of an input, though it is not significant."""
-    noise = for_noise_of_inputs(of.fit, of.inputs) if before.leaves_noise else None
-    return None if noise is None else _widened(before, {"input noise": noise[1]}, noise[0].description)
+def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether inputs have noise, by their channels or by what residuals hint at, though it is not significant."""
+    if not before.leaves_noise:
+        return None
+    noise = for_noise_of_inputs(of.fit, of.inputs, of.levels_of_inputs)
+    if noise is None or not np.any(np.diag(noise[1]) > _NEGLIGIBLE * np.diag(of.fit.covariance)):
+        return None
+    message = f"{before.message} The intervals allow for {noise[0]}."
+    return replace(before, message=message, added={**before.added, "input noise": noise[1]})
 
 
 def hinted_masses(of: Examined, before: Judgement) -> Judgement | None:

@@ -10,7 +10,7 @@ several times as long have the same optimum, and elimination, whose cost is that
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -20,9 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
+from linkwise.estimates.causes import HIGH_PASS
 from linkwise.likelihood.shooting.flow import Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.loss import ClippedMisfit, Gaussian, Loss
-from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X, cost_of_starts
+from linkwise.likelihood.shooting.segments import (
+    A,
+    F,
+    Iterate,
+    S,
+    Scales,
+    Segments,
+    V,
+    X,
+    cost_of_starts,
+    integrated,
+)
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.registry import Registry
 
@@ -198,16 +210,19 @@ def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Traje
 
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested
 
-ADDED: Registry[Callable[[Floats, Floats, Floats], Floats]] = Registry(
+ADDED: Registry[Callable[[Floats, Floats, Floats, Segments], Floats]] = Registry(
     "error of a sensor",
     {
-        "gain": lambda shown, rate, ramp: shown,
-        "offset": lambda shown, rate, ramp: np.ones_like(shown),
-        "drift": lambda shown, rate, ramp: ramp,
-        "delay": lambda shown, rate, ramp: -rate,
+        "gain": lambda shown, rate, ramp, segments: shown,
+        "offset": lambda shown, rate, ramp, segments: np.ones_like(shown),
+        "drift": lambda shown, rate, ramp, segments: ramp,
+        "delay": lambda shown, rate, ramp, segments: -rate,
+        HIGH_PASS: lambda shown, rate, ramp, segments: -2.0 * np.pi * _integrated(segments, shown),
     },
 )
-"""What an error of unit size adds to a channel, from what it shows of the motion, its rate, and a ramp from 0 to 1 (M, K)."""
+"""What an error of unit size adds to a channel, from what it shows of the motion, its rate, and a ramp from 0 to 1 (M, K) in
+some segments. A high pass takes off its corner in Hz times the integral of what the channel shows.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +250,7 @@ class SensorErrors:
         rows = [
             (channel, kind, -1, value)
             for channel, (shown, rate) in enumerate(motions)
-            for kind, value in ((kind, added(shown, rate, ramp)) for kind, added in ADDED.items())
+            for kind, value in ((kind, added(shown, rate, ramp, segments)) for kind, added in ADDED.items())
         ]
         if len(motions) <= _COUPLED:
             rows += [
@@ -336,11 +351,25 @@ def _with_rate(segments: Segments, shown: Floats) -> tuple[Floats, Floats]:
 def _ramp(segments: Segments) -> Floats:
     """(M, K) from 0 at the start of each chain of segments to 1 at its end."""
     M, K = len(segments.samples), segments.count
-    edges = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1, [K]])
     ramp = np.empty((K, M))
-    for first, last in pairwise(edges.tolist()):
+    for first, last in _chains(segments):
         ramp[first:last] = np.linspace(0.0, 1.0, (last - first) * M).reshape(-1, M)
     return ramp.T
+
+
+def _integrated(segments: Segments, shown: Floats) -> Floats:
+    """(M, K) the integral of what is shown (M, K) beside its mean in each chain of segments."""
+    integral = np.empty(shown.T.shape)
+    steps = segments.step * segments.refine
+    for first, last in _chains(segments):
+        series = integrated(shown.T[first:last].ravel(), float(steps[first]))
+        integral[first:last] = (series - series.mean()).reshape(last - first, -1)
+    return integral.T
+
+
+def _chains(segments: Segments) -> Iterator[tuple[int, int]]:
+    """The first segment of each chain, and that after its last."""
+    yield from pairwise([0, *(np.flatnonzero(~segments.linked) + 1).tolist(), segments.count])
 
 
 _JOINED = 2  # short segments in a longer one: in more of them the influence of a mass reaches too far

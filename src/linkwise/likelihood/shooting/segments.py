@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -66,7 +67,9 @@ class Waveforms:
 class Disturbance:
     """A drift, or a hum of some `frequency` in Hz, of a channel in the record number `record`, in `count` waveforms.
 
-    A drift from an `unknown_start` has a constant as the first of them.
+    A drift from an `unknown_start` has a constant as the first of them. What a high pass of first order takes off a channel
+    is its `corner` in Hz times the integral of what it shows, beside a constant and a ramp from its state and its mean before.
+    Noise adds up in that integral, so that a fit is repeated with `denoised` (N,), the samples that the one before shows.
     """
 
     channel: str
@@ -74,6 +77,9 @@ class Disturbance:
     count: int
     frequency: float | None = None
     unknown_start: bool = False
+    high_pass: bool = False
+    corner: float | None = None
+    denoised: Floats | None = field(default=None, compare=False)
 
     @classmethod
     def of(
@@ -82,8 +88,10 @@ class Disturbance:
         hums: Mapping[str, Sequence[float]],
         records: Sequence[Record],
         unknown_starts: Collection[str] = (),
+        corners: Mapping[str, float | None] = MappingProxyType({}),
+        denoised: Mapping[str, Sequence[Floats]] = MappingProxyType({}),
     ) -> tuple[Disturbance, ...]:
-        """Those of some channels in every record, each with sizes of its own.
+        """Those of some channels in every record, each with sizes of its own; `corners` has channels behind a high pass.
 
         `drifts` has the lengths of pieces in s, `hums` frequencies in Hz; drifts of the channels in `unknown_starts` may start
         anywhere.
@@ -92,12 +100,19 @@ class Disturbance:
         beyond half the rate.
         """
         responses = records[0].responses
-        for name in (*drifts, *hums):
-            if name not in responses:
+        for argument, names in (("drifts", drifts), ("hums", hums), ("corners", corners)):
+            for name in names:
+                if name not in responses:
+                    raise IdentificationError(
+                        f"no {_WORDS[argument]} of {name} can be estimated{near_miss(name, responses)}: the record has the "
+                        f"sensors {', '.join(responses)}",
+                        arguments=(argument,),
+                    )
+        for name in corners:
+            if not all(np.isfinite(record.channel(name)).all() for record in records):
                 raise IdentificationError(
-                    f"no drift or hum of {name} can be estimated{near_miss(name, responses)}: the record has the sensors "
-                    f"{', '.join(responses)}",
-                    arguments=("drifts",) if name in drifts else ("hums",),
+                    f"no high pass of {name} can be estimated: samples of it are missing, over which it has no integral",
+                    arguments=("corners",),
                 )
         for name, seconds in drifts.items():
             longest = max(record.duration for record in records)
@@ -124,12 +139,27 @@ class Disturbance:
                     for start in [name in unknown_starts]
                 ),
                 *(cls(name, number, 2, frequency) for name, several in hums.items() for frequency in several),
+                *(
+                    cls(name, number, 3, high_pass=True, corner=corner, denoised=series)
+                    for name, corner in corners.items()
+                    for series in [denoised[name][number] if name in denoised else None]
+                ),
             )
         )
+
+    @property
+    def known(self) -> list[tuple[float, float]]:
+        """What is known of the size of each waveform, and its standard deviation: a corner that is stated."""
+        unknown = [(0.0, np.inf)] * self.count
+        return unknown if self.corner is None else [(self.corner, _STATED * self.corner), *unknown[1:]]
 
     def shapes(self, record: Record) -> Floats:
         """(N, count) its waveforms at the samples of a record."""
         elapsed = record.time - record.start
+        if self.high_pass:
+            ramp = elapsed / max(record.duration, np.finfo(float).tiny)
+            shown = record.channel(self.channel) if self.denoised is None else self.denoised
+            return np.stack([-2.0 * np.pi * integrated(shown, record.step), np.ones_like(ramp), ramp], axis=1)
         if self.frequency is not None:
             phase = 2.0 * np.pi * self.frequency * elapsed
             return np.stack([np.cos(phase), np.sin(phase)], axis=1)
@@ -153,6 +183,16 @@ class Disturbance:
             f"{self.channel} drifts over {np.ptp(path):.4g} {unit} (estimated with the other unknowns in {len(path) - 1} "
             f"pieces, standard error of each {error:.2g})."
         )
+
+
+_STATED = 1e-4  # relative: to which a corner that is stated is known, so that the equations need no case of their own
+_WORDS = {"drifts": "drift", "hums": "hum", "corners": "high pass"}
+
+
+def integrated(values: Floats, step: float) -> Floats:
+    """(N,) the integral of what samples (N,) show beside their mean, from 0 at the first."""
+    centred = values - values.mean()
+    return np.concatenate([[0.0], np.cumsum(0.5 * step * (centred[1:] + centred[:-1]))])
 
 
 def _pieces(record: Record, seconds: float | None) -> int:
@@ -214,6 +254,18 @@ def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[
             )
         frequencies[str(name)] = tuple(float(frequency) for frequency in values)
     return frequencies
+
+
+def corners_by_channel(corners: Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
+    """Channels behind a high pass, with its corner in Hz where it is stated; IdentificationError for no positive one."""
+    if not isinstance(corners, Mapping):
+        return dict.fromkeys((corners,) if isinstance(corners, str) else corners or ())
+    for name, corner in corners.items():
+        if corner is not None and not (_is_number(corner) and corner > 0.0):
+            raise IdentificationError(
+                f"the corner of {name} must be a positive frequency in Hz, got {corner!r}"
+            )
+    return dict(corners)
 
 
 def _is_number(value: object) -> bool:

@@ -29,7 +29,7 @@ from typing import Protocol
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.estimates.causes import CAUSE_KINDS, Cause
+from linkwise.estimates.causes import CAUSE_KINDS, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, block_scores
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
@@ -542,6 +542,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     late = np.array([kind.endswith("delay") for kind in kinds])
     small = np.where(relative, np.abs(sizes) < LARGEST, ~late | (np.abs(sizes) < _LATEST * _sample(optimum)))
     at_filter = kinds.index("filter")
+    small &= np.array([kind != HIGH_PASS for kind in kinds]) | (sizes > 0.0)
     limit = least_gain(len(gains))
     significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
     significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)

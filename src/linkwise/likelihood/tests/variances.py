@@ -32,7 +32,7 @@ that draws of such noise give, with states and coefficients following; its exces
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
@@ -406,20 +406,36 @@ def noise_of_inputs(
 
 
 def for_noise_of_inputs(
-    fit: LikelihoodFit, input_noises: Sequence[InputNoise]
-) -> tuple[InputNoise, Floats] | None:
-    """The input whose noise the residuals hint at, and the covariance (p, p) that it adds to the parameters.
+    fit: LikelihoodFit, input_noises: Sequence[InputNoise], levels: Mapping[str, float]
+) -> tuple[str, Floats] | None:
+    """What noise of inputs adds to the covariance (p, p) of the parameters, with what was allowed for in words.
 
-    Its variance is taken as one standard error above the value from the score. None where nothing hints at such noise.
+    Its standard deviations are those `levels` by channel that the records state or show. Where they show none, and residuals
+    hint at such noise, its variance is taken as one standard error above the value from the score. None for no such noise.
     """
-    hinted = [
-        candidate
-        for candidate in input_noises
-        if candidate.score.normal > _HINT and candidate.score.deviation < LARGEST * candidate.rms
-    ]
-    if not hinted:
+    variances = {}
+    for noise in input_noises:
+        score = noise.score
+        if noise.channel in levels:
+            variances[noise.channel] = levels[noise.channel] ** 2
+        elif score.normal > _HINT and score.deviation < LARGEST * noise.rms:
+            variances[noise.channel] = score.deviation**2 + score.error
+    named = [noise for noise in input_noises if noise.channel in variances]
+    if not named:
         return None
-    noise, optimum = max(hinted, key=lambda candidate: candidate.score.normal), fit.optimum
+    kicks = np.concatenate([np.sqrt(variances[noise.channel]) * noise.pattern for noise in named])
+    moved = _moved_by_kicks(fit, kicks.reshape(len(named), *named[0].pattern.shape))
+    if moved is None:
+        return None
+    words = " and ".join(
+        f"noise of {noise.channel} of {np.sqrt(variances[noise.channel]):.3g} {noise.unit}" for noise in named
+    )
+    return words, np.einsum("rkp,rkq->pq", moved, moved)
+
+
+def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
+    """(r, K, p) how far kicks (r, K - 1, n) in m/s of the masses at the nodes move the parameters, each alone."""
+    optimum = fit.optimum
     segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
     misfit = evaluate(segments, optimum.point, scales, optimum.loss)
     free, p = free_of_bounds(fit), len(fit.values)
@@ -428,15 +444,15 @@ def for_noise_of_inputs(
         rows = eliminated_rows(segments, misfit, scales, optimum.loss, _RELAXED)
         if factor is None or rows is None:
             return None
-        kicks = np.zeros((segments.count, n))
-        kicks[:-1] = noise.pattern / scales.state[n : 2 * n] / _RELAXED
+        scaled = np.zeros((len(kicks), segments.count, n))
+        scaled[:, :-1] = kicks / scales.state[n : 2 * n] / _RELAXED
         pulls = np.concatenate(
-            [np.einsum("knp,kn->kp", chunk.defects[:, n : 2 * n], kicks[chunk.part]) for chunk in rows]
+            [np.einsum("knp,rkn->rkp", chunk.defects[:, n : 2 * n], scaled[:, chunk.part]) for chunk in rows],
+            axis=1,
         )
     inverse = np.zeros((len(free), len(free)))
     inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])
-    moved = (pulls @ inverse)[:, :p] * scales.theta[:p]
-    return noise, np.asarray((noise.score.deviation**2 + noise.score.error) * (moved.T @ moved))
+    return np.asarray((pulls @ inverse)[..., :p] * scales.theta[:p])
 
 
 def _beginning(optimum: Optimum, misfit: Misfit) -> tuple[Optimum, Misfit]:
@@ -474,10 +490,11 @@ def input_kicks(
         if f"force:{name}" not in channels or inputs.force is None:
             continue
         applied = inputs.applied(mechanics, slice(None))[:, 0, number]
+        noisy = np.sqrt(np.mean(applied != 0.0, axis=0))[:-1, None]  # outside of a force window there is none
         if inputs.frame is not None:
             applied = applied + mechanics.masses[number] * inputs.frame[:, 0]
         pattern = np.eye(identified.size)[number] / mechanics.masses[number]
-        yield f"force:{name}", float(np.sqrt(np.mean(applied**2))), length * pattern
+        yield f"force:{name}", float(np.sqrt(np.mean(applied**2))), length * noisy * pattern
 
 
 def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:

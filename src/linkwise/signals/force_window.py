@@ -1,0 +1,150 @@
+"""The force window of a modal test: a hammer gives no force between its hits, and what its channel shows there is noise.
+
+References
+----------
+D. J. Ewins, Modal Testing, 2nd ed. (2000), section 3.10.3, for windows of transient tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Bools, Floats
+from linkwise.errors import RecordError
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+
+_NORMAL = 1.4826  # standard deviations of a normal variable in its median absolute deviation
+_THRESHOLD = 5.0  # standard deviations of the noise, which none of a million samples of it exceeds
+_PEAK = 20.0  # standard deviations that a hit reaches at least: lower pulses may be outliers
+_QUIET = 0.5  # of a record, at least, in which there is no hit
+_FEWEST = 40  # samples without a hit, from which the noise is known to within a ninth
+_FLANK = (
+    0.25  # of the width of a pulse, by which it begins before and ends behind its samples above the threshold
+)
+_LAGS = 10  # of the autocorrelation by which noise is judged to be white
+_CHANCE = 1e-4  # of what is white
+
+
+@dataclass(frozen=True, eq=False)
+class ForceWindow:
+    """Where a force of hits acts: `inside` (N,), beside `noise`, the standard deviation in N, and `mean` in N of the rest."""
+
+    channel: Channel
+    inside: Bools
+    noise: float
+    mean: float
+
+    @property
+    def description(self) -> str:
+        """What was done, in a sentence."""
+        hits = int(np.sum(np.diff(self.inside.astype(int), prepend=0) == 1))
+        count = "one hit" if hits == 1 else f"{hits} hits"
+        return f"{self.channel} was taken as 0 outside of {count}, where it shows noise of {self.noise:.3g} N (force window)."
+
+
+def force_window(
+    channel: Channel, values: Floats, margin: int | None = None, *, hits: bool = False
+) -> ForceWindow | None:
+    """The window of a channel that is quiet but for pulses; None where it is not, or has no noise.
+
+    Parameters
+    ----------
+    channel : Channel
+        The channel of the force.
+    values : array of shape (N,)
+        Its samples in N.
+    margin : int, optional
+        Samples of the window before and behind each pulse; by default a quarter of its width.
+    hits : bool, optional
+        Whether pulses are known to be hits; the quiet part is then not asked to be white, or free of an offset.
+    """
+    if not np.isfinite(values).all():
+        return None
+    middle = float(np.median(values))
+    noise = _NORMAL * float(np.median(np.abs(values - middle)))
+    if noise == 0.0:
+        return None
+    loud = np.abs(values - middle) > _THRESHOLD * noise
+    if not loud.any() or np.abs(values - middle).max() < _PEAK * noise:
+        return None
+    inside = _widened(loud, margin)
+    quiet = values[~inside]
+    if len(quiet) < max(_FEWEST, _QUIET * len(values)):
+        return None
+    mean, deviation = float(quiet.mean()), float(quiet.std())
+    if not hits and not (_is_white(quiet) and abs(mean) < deviation):
+        return None
+    return ForceWindow(channel, inside, deviation, mean)
+
+
+def _widened(loud: Bools, margin: int | None) -> Bools:
+    """(N,) the pulses of the samples that are `loud`, with their flanks."""
+    edges = np.flatnonzero(np.diff(loud.astype(int), prepend=0, append=0))
+    inside = np.zeros_like(loud)
+    for start, stop in edges.reshape(-1, 2).tolist():
+        flank = 2 + round(_FLANK * (stop - start)) if margin is None else margin
+        inside[max(start - flank, 0) : stop + flank] = True
+    return inside
+
+
+def _is_white(quiet: Floats) -> bool:
+    """Whether the autocorrelation of quiet samples is that of white noise (Ljung and Box 1978)."""
+    centred, count = quiet - quiet.mean(), len(quiet)
+    lags = np.arange(1, _LAGS + 1)
+    power = float(centred @ centred)
+    correlation = np.array([centred[lag:] @ centred[:-lag] for lag in lags]) / power
+    statistic = count * (count + 2.0) * float(np.sum(correlation**2 / (count - lags)))
+    return float(scipy.special.chdtrc(_LAGS, statistic)) > _CHANCE
+
+
+def with_force_windows(record: Record, margin: float | None = None, *, required: bool = False) -> Record:
+    """The record with forces of hits at 0 between the hits, their noise in `noise`, and notes of what was done.
+
+    Forces that are quiet but for pulses, beside white noise, get a window by themselves.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    margin : float, optional
+        Time in s of the window before and behind each hit; by default a quarter of the hit's width.
+    required : bool, optional
+        Whether each force must have hits; what it shows between them is then not asked to be white, or free of an offset.
+
+    Returns
+    -------
+    Record
+        The record, or itself where no force has a window.
+
+    Raises
+    ------
+    RecordError
+        If windows are required, and a force has no hits, or the record no force.
+    """
+    samples = None if margin is None else round(margin * record.rate)
+    forces: Sequence[Channel] = record.forces
+    found = [force_window(name, record.channel(name), samples, hits=required) for name in forces]
+    if required and not forces:
+        raise RecordError("there is no force to window: no applied force was recorded")
+    for name, window in zip(forces, found, strict=True):
+        if required and window is None:
+            raise RecordError(
+                "it has no force window: it is not quiet but for pulses, or shows no noise between them; leave the force "
+                "window out",
+                channel=name,
+            )
+    windows = [window for window in found if window is not None]
+    if not windows:
+        return record
+    values, noise = record.values.copy(), dict(record.noise)
+    for window in windows:
+        column = record.channels.index(window.channel)
+        values[:, column] = np.where(window.inside, values[:, column] - window.mean, 0.0)
+        noise.setdefault(window.channel, window.noise)
+    notes = (*record.notes, *(window.description for window in windows))
+    return replace(record, values=values, noise=noise, notes=notes)
