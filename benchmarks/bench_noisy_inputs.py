@@ -1,7 +1,7 @@
 """Rigs under a hammer, a shaker or a moving base whose channel has noise, of which nothing is stated.
 
-Of each kind the benchmark prints how many answers are explained, what their intervals cover, the mean square of their errors in
-standard errors and the largest. LINKWISE_SEEDS says how many records of each kind (default 50; 200 hammers are asked).
+Of each kind the benchmark prints how many answers are explained, what their intervals cover, the mean square of their errors
+in standard errors and the largest. LINKWISE_SEEDS says how many records of each kind (default 50; 200 hammers are asked).
 """
 
 from __future__ import annotations
@@ -50,5 +50,7 @@ def test_right_laws_are_explained_beside_noise_of_their_input(kind: str) -> None
 def test_an_unknown_mass_under_a_hammer_is_not_biased() -> None:
     found = [errors("hammer", seed, unknown_mass=True) for seed in range(FIRST, FIRST + SEEDS)]
     of_mass = np.array([z[-1] for z in found if z is not None])
-    print(f"\nunknown mass: {len(of_mass)} of {SEEDS} explained, mean error {of_mass.mean():.2f} standard errors")
+    print(
+        f"\nunknown mass: {len(of_mass)} of {SEEDS} explained, mean error {of_mass.mean():.2f} standard errors"
+    )
     assert len(of_mass) >= EXPLAINED * SEEDS and abs(of_mass.mean()) <= 0.3

@@ -171,7 +171,7 @@ def _(intervals: lw.absorption.AbsorptionIntervals) -> Answer:
 
 
 @answer_of.register
-def _(inspection: lw.Inspection) -> Answer:
+def _(inspection: lw.inspection.Inspection) -> Answer:
     return {
         **judged(inspection),
         "alerts": [f"{alert.kind} {alert.channel}" for alert in inspection.alerts],

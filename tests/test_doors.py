@@ -65,7 +65,7 @@ DOORS: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = [
     (lw.Record, (0.0, "9", ("x:m1",), np.zeros((40, 1))), {}, "Record: rate must be of type float, got '9'; write"),
     (lw.Record.from_arrays, (RECORD.time, RECORD.values), {}, "channels must be of type Mapping, got ndarray"),
     (lw.model.Impulse, ("m1", "0.1"), {}, "Impulse: momentum must be of type float, got '0.1'; write a number without quotes"),
-    (lw.Excitation, (), {"impulses": (1.0,)}, "Excitation: impulses[0] must be of type Impulse, got 1.0"),
+    (lw.model.Excitation, (), {"impulses": (1.0,)}, "Excitation: impulses[0] must be of type Impulse, got 1.0"),
     (lw.model.HostMode, ("5 Hz", 0.01, {"tip": 1.0}), {}, "the frequency of a mode must be of type Coefficient or float"),
     (lw.Host, ("wing", (5.2,)), {}, 'host "wing": modes[0] must be of type HostMode, got 5.2'),
     (lw.MaximumLikelihood, (), {"delays": "x:m1"}, "MaximumLikelihood: delays must be of type tuple or list, got 'x:m1'"),

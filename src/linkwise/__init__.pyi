@@ -40,10 +40,8 @@ from linkwise.identification.limit_result import Limit as Limit
 from linkwise.identification.validation.result import Validation as Validation
 from linkwise.identification.validation.validate import validate as validate
 from linkwise.inspection.inspect import inspect as inspect
-from linkwise.inspection.result import Inspection as Inspection
 from linkwise.likelihood.estimate import MaximumLikelihood as MaximumLikelihood
 from linkwise.model.chains import bnes_chain as bnes_chain
-from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.host import Host as Host
 from linkwise.model.law import Law as Law
 from linkwise.model.rig import rig as rig

@@ -77,7 +77,7 @@ class Cause:
     >>> values = record.values.copy()
     >>> values[:, record.channels.index("x:m2")] *= 1.05
     >>> wrong = lw.Record(record.start, record.rate, record.channels, values)
-    >>> fit = lw.identify(wrong, chain.unknown("nes"), method="ml")
+    >>> fit = lw.identify(wrong, chain.unknown("nes"), as_stated=True)
     >>> fit.diagnosis[0].kind, fit.diagnosis[0].where
     ('gain', 'x:m2')
     """

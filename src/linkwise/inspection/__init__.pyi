@@ -11,5 +11,6 @@ from linkwise.inspection.missing_samples import EstimatedError as EstimatedError
 from linkwise.inspection.missing_samples import mark_missing as mark_missing
 from linkwise.inspection.result import Alert as Alert
 from linkwise.inspection.result import ChannelSummary as ChannelSummary
+from linkwise.inspection.result import Inspection as Inspection
 
 __all__: list[str]

@@ -1,6 +1,7 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
 from linkwise.expression.tree import Expression as Expression
+from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.excitation import Impulse as Impulse
 from linkwise.model.excitation import PiecewisePolynomial as PiecewisePolynomial
 from linkwise.model.excitation import Sampled as Sampled

@@ -415,7 +415,7 @@ class Excitation:
     Examples
     --------
     >>> import linkwise as lw
-    >>> excitation = lw.Excitation.of(release={"v:m1": 1.0}, forces={"m1": "2*sin(30*t)"})
+    >>> excitation = lw.model.Excitation.of(release={"v:m1": 1.0}, forces={"m1": "2*sin(30*t)"})
     >>> excitation.forces["m1"]
     TimeFunction(text='2*sin(30*t)')
     """

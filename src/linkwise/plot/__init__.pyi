@@ -5,11 +5,9 @@ from linkwise.plot.absorptions import crossings as crossings
 from linkwise.plot.absorptions import energy as energy
 from linkwise.plot.absorptions import map as map
 from linkwise.plot.design import designs as designs
-from linkwise.plot.design import trade_off as trade_off
 from linkwise.plot.discoveries import departures as departures
 from linkwise.plot.discoveries import evidence as evidence
 from linkwise.plot.discoveries import path as path
-from linkwise.plot.discoveries import runners_up as runners_up
 from linkwise.plot.estimates import residuals as residuals
 from linkwise.plot.estimates import shapes as shapes
 from linkwise.plot.graphs import graph as graph

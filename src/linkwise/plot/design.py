@@ -48,10 +48,11 @@ def trade_off(result: Design, *, legend: bool = True, ax: Axes | None = None) ->
     Examples
     --------
     >>> import linkwise as lw
+    >>> from linkwise.plot.design import trade_off
     >>> few = lw.absorption.DesignOptions(evaluations=24)
     >>> over = {"m2.mass": (0.002, 0.05)}
     >>> found = lw.design(lw.bnes_chain(2), over, "rms", few, duration=0.5, release={"v:m1": 1.0})
-    >>> lw.plot.trade_off(found).get_xlabel()
+    >>> trade_off(found).get_xlabel()
     'mass of the sinks, kg'
     """
     values, title = _shown(result)

@@ -271,9 +271,10 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
     Examples
     --------
     >>> import linkwise as lw
+    >>> from linkwise.plot.discoveries import runners_up
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(30.0, seed=1)
     >>> found = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> lw.plot.runners_up(found).get_title("left")
+    >>> runners_up(found).get_title("left")
     'the next best models'
     """
     models = discovery.runners_up[:_RUNNERS_UP]
