@@ -154,6 +154,7 @@ def _find(table: Table, key: str, column: str | int) -> int:
         list(table.headers),
         [header.name for header in headers],
         [header.leaf.name for header in headers],
+        [column.path for column in table.columns],
     ):
         if (times := names.count(wanted)) > 1:
             raise table.error(
