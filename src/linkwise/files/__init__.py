@@ -23,6 +23,7 @@ from linkwise.units import to_si
 __all__ = ["RecordMapping", "read_mapping", "read_record", "to_si", "write_record"]
 
 _LONGEST = 300  # characters of what a library says
+_OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ResourceWarning)
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def read_table(path: Path, header: str | int | None) -> Table:
         )
     options = {} if header is None else {"header": header}
     try:
-        with warnings.catch_warnings(action="ignore"):  # of libraries
+        with warnings.catch_warnings(record=True, action="always") as caught:  # of libraries
             table: Table = resolve_name(format_.reader)(path, **options)
     except RecordError:
         raise
@@ -163,7 +164,12 @@ def read_table(path: Path, header: str | int | None) -> Table:
         if isinstance(error, MemoryError):
             reason = "it states more numbers than memory holds"
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
-    return replace(table, file=str(path))
+    told = dict.fromkeys(
+        f"While reading: {' '.join(str(warning.message).split())[:_LONGEST]}"
+        for warning in caught
+        if not issubclass(warning.category, _OF_PROGRAMS)
+    )
+    return replace(table, file=str(path), notes=(*table.notes, *told))
 
 
 def write_record(record: Record, path: str | Path) -> None:
