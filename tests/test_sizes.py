@@ -21,7 +21,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (7, 1189),
     "files": (14, 1846),
     "identification": (15, 2347),
-    "inspection": (13, 1943),
+    "inspection": (13, 1946),
     "likelihood": (61, 16089),
     "modal": (7, 846),
     "model": (22, 3306),
