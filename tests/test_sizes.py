@@ -12,9 +12,9 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (13, 2338),
-    "analysis": (4, 529),
-    "cli": (24, 2085),
+    "absorption": (13, 2340),
+    "analysis": (5, 574),
+    "cli": (24, 2088),
     "discovery": (17, 4709),
     "estimates": (7, 1336),
     "export": (8, 1071),
