@@ -207,3 +207,20 @@ def test_a_first_mapping_of_volts_can_be_read(tmp_path: Path) -> None:
     write_first_mapping(path, written)
     assert '"x:m1"]  # nothing says what it is, in V: which quantity, of which mass?' in written.read_text()
     assert np.array_equal(lw.read_record(path, mapping=written).channel("x:m1"), X)
+
+
+def test_times_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:
+    path, clock = tmp_path / "run.csv", tmp_path / "clock.csv"
+    path.write_text("\n".join(["Laser,x:m2", *(f"{x},{a}" for x, a in zip(X, A, strict=True))]))
+    clock.write_text(
+        "\n".join(["Sample,Time (ms)", *(f"{n},{1000.0 * float(t)!r}" for n, t in enumerate(T))])
+    )
+    channels: dict[str, str | int] = {"time": f"{clock}:Time", "x:m1": "Laser"}
+    record = lw.read_record(path, channels=channels)
+    assert np.array_equal(record.channel("x:m1"), X) and np.array_equal(record.channel("x:m2"), A)
+    assert record.time == pytest.approx(T, abs=1e-12)
+    clock.write_text("\n".join(clock.read_text().split("\n")[:-1]))
+    with pytest.raises(lw.RecordError, match=rf"clock\.csv has {len(T) - 1} times for {len(T)} rows"):
+        lw.read_record(path, channels=channels)
+    with pytest.raises(lw.RecordError, match="time is mapped to column 'clock'"):
+        lw.read_record(path, channels={**channels, "time": f"{clock}:clock"})

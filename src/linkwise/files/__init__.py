@@ -12,10 +12,10 @@ from pkgutil import resolve_name
 
 from linkwise.display import near_miss
 from linkwise.errors import OutputError, RecordError, expect
-from linkwise.files.assemble import to_record
+from linkwise.files.assemble import find_column, to_record
 from linkwise.files.guesses import first_mapping
 from linkwise.files.mapping import RecordMapping, read_mapping
-from linkwise.files.table import Table
+from linkwise.files.table import ColumnHeader, Table
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
 from linkwise.units import to_si
@@ -78,7 +78,8 @@ def read_record(
         ``.unv``, ``.tdms``, ``.npy``, ``.npz``, ``.json``, ``.lvm`` or ``.xlsx``.
     channels : mapping of str to str or int, optional
         Column of each channel, or of ``"time"``, for columns whose header does not say it: the header of the column or its
-        number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``.
+        number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``. Times may be in a file of their
+        own, row by row: ``{"time": "clock.csv:Time"}``.
     rate : float, optional
         Sampling rate in Hz of a file without a time column; a time column is then ignored.
     resample : float, optional
@@ -125,7 +126,30 @@ def read_record(
     stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
     chosen = given.over(stated)
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(read_table(Path(path), chosen.header), chosen, masses, informative=informative)
+    table = _with_times(read_table(Path(path), chosen.header), chosen.channels)
+    return to_record(table, chosen, masses, informative=informative)
+
+
+def _with_times(table: Table, channels: Mapping[str, str | int]) -> Table:
+    """The table, and beside its columns that of the times where it is one of another file, FILE:COLUMN."""
+    for key, place in channels.items():
+        file, colon, name = str(place).rpartition(":")
+        if not colon or not ColumnHeader.parse(key).is_time or not Path(file).is_file():
+            continue
+        other = read_table(Path(file), None)
+        column = other.columns[find_column(other, key, name)]
+        rows = max(len(column.values) for column in table.columns if column.values is not None)
+        if column.values is not None and len(column.values) != rows:
+            raise RecordError(
+                f"{file} has {len(column.values)} times for {rows} rows: times in a file of their own are those of the rows, "
+                "one by one",
+                table.file,
+                channel="time",
+            )
+        unit = ColumnHeader.parse(column.header).unit
+        header = f"{place}[{unit}]" if unit else str(place)
+        return replace(table, columns=(*table.columns, replace(column, header=header)))
+    return table
 
 
 def write_first_mapping(record: Path, path: Path, header: str | int | None = None) -> tuple[str, ...]:

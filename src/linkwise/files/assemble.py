@@ -140,13 +140,13 @@ def mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoic
         name = channel or "time"
         if name in chosen:
             raise table.error("is mapped twice in `channels`", "channels", channel=name)
-        index = _find(table, key, column)
+        index = find_column(table, key, column)
         unit = header.unit or ColumnHeader.parse(table.headers[index]).unit
         chosen[name] = ColumnChoice(channel, index, unit)
     return tuple(chosen.values())
 
 
-def _find(table: Table, key: str, column: str | int) -> int:
+def find_column(table: Table, key: str, column: str | int) -> int:
     """Index of a column given by its header, its header without unit, the last part of its path, or its number from 1."""
     wanted = str(column).strip()
     headers = [ColumnHeader.parse(header) for header in table.headers]
