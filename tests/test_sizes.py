@@ -12,22 +12,22 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (13, 2338),
-    "analysis": (4, 529),
-    "cli": (24, 2085),
+    "absorption": (13, 2340),
+    "analysis": (5, 574),
+    "cli": (24, 2091),
     "discovery": (17, 4709),
     "estimates": (7, 1336),
     "export": (8, 1071),
     "expression": (7, 1189),
-    "files": (13, 1688),
+    "files": (14, 1915),
     "identification": (15, 2347),
-    "inspection": (13, 1943),
+    "inspection": (13, 1946),
     "likelihood": (61, 16089),
     "modal": (7, 846),
     "model": (22, 3306),
     "paper": (3, 396),
     "plot": (14, 2305),
-    "records": (9, 1427),
+    "records": (9, 1439),
     "report": (11, 1352),
     "response": (13, 1510),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 951),

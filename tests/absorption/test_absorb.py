@@ -292,3 +292,11 @@ def test_metres_and_radians_are_not_added() -> None:
     )
     assert swept.axes[0].unit == "kg m^2"
     assert swept["rms_reduction"][0] == pytest.approx(present(mixed.rms_reduction), rel=1e-9)
+
+
+def test_a_sink_that_starts_on_its_hilltop_is_a_finding_with_the_release_of_a_well() -> None:
+    top = lw.absorb(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.2, rate=1000.0)
+    assert top.findings[-1].startswith("nes1 starts on the top of its barrier between two wells")
+    assert top.findings[-1].endswith("add the release x:m2=0.01.")
+    well = lw.absorb(lw.bnes_chain(2), release={"v:m1": 1.0, "x:m2": 0.01}, duration=0.2, rate=1000.0)
+    assert "barrier" not in " ".join(well.findings)

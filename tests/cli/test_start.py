@@ -104,8 +104,8 @@ def test_what_is_missing_names_its_option_and_nothing_is_written(
 
 
 def test_a_file_without_a_motion_is_refused(file: Path) -> None:
-    Path("scope.csv").write_text("Time [s],Laser [mm]\n" + "\n".join(f"{k / 500},∞" for k in range(9)))
-    assert "[mm] holds '∞' in line 2" in said("start scope.csv --mass m1=1 --yes", 2).err
+    Path("scope.csv").write_text("Time [s],Laser [mm]\n" + "\n".join(f"{k / 500},OL" for k in range(9)))
+    assert "[mm] holds 'OL' in line 2" in said("start scope.csv --mass m1=1 --yes", 2).err
 
 
 def test_links_are_asked_of_a_person_alone(file: Path) -> None:

@@ -206,7 +206,7 @@ REFUSED = [
     (changed(4, "0.04,abc,1"), "line 6, channel x:m1: 'abc' is not a number; leave the cell of a missing"),
     (changed(4, "noon,0.1,1"), "line 6, channel time: 'noon' is not a number; times are in seconds; for clock"),
     (changed(4, "0.04,1.2.3,1"), "line 6, channel x:m1: '1.2.3' is not a number"),
-    (changed(4, "0.04,inf,1"), "line 6, channel x:m1: the value is infinite; leave the cell of an overloaded sample empty"),
+    (changed(4, "0.04,0.1,inf"), "line 6, channel force:m1: the value is infinite; leave the cell of an overloaded sample"),
     (
         changed(4, "0.04,-9.9E+37,1", "time,x:m1[mm],force:m1"),
         "line 6, channel x:m1: the value is -9.9e+37, which instruments write for an overload or no reading",
@@ -342,3 +342,26 @@ def test_whatever_is_in_a_file_it_is_a_record_or_an_error(
         assert str(error).startswith(str(path))
     else:
         assert np.all(np.isfinite(record.values) | record.missing)
+
+
+@pytest.mark.parametrize(("above", "below"), [("\N{INFINITY}", "-\N{INFINITY}"), ("inf", "-Infinity")])
+def test_what_an_oscilloscope_had_no_range_for_is_a_bound(above: str, below: str, tmp_path: Path) -> None:
+    time = np.arange(200) / 100.0
+    motion = np.sin(9.0 * time)
+    cells = [above if x > 0.8 else below if x < -0.9 else f"{x:.6f}" for x in motion]
+    rows = [
+        f"{t:.2f},{cell}" for t, cell in zip(time, cells, strict=True) if t != 1.0
+    ]  # a row that is not there
+    path = tmp_path / "scope.csv"
+    path.write_text("time,x:m1[mm]\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    record = read_record(path)
+    samples, clipped = record.channel("x:m1"), record.clipped["x:m1"]
+    there = time != 1.0
+    assert np.array_equal(np.isnan(samples), (motion > 0.8) | (motion < -0.9) | ~there)
+    assert np.array_equal(clipped.sides, np.where(there, (motion > 0.8) * 1.0 - (motion < -0.9), 0.0))
+    assert set(clipped.readings[clipped.sides > 0.0]) == {np.nanmax(samples)}
+    assert set(clipped.readings[clipped.sides < 0.0]) == {np.nanmin(samples)}
+    assert clipped.of(samples) is clipped
+    number = int(((motion > 0.8) | (motion < -0.9)).sum())
+    assert f"x:m1: {number} samples were marked as missing (infinite," in " ".join(record.notes)
+    assert dict(read_record(path, resample=100.0).clipped) == {}

@@ -367,6 +367,9 @@ def test_uff_58_rate_from_six_digits_of_the_step_or_a_time_column(
     assert record.channel("x:m1") == pytest.approx(X, rel=1e-11, abs=1e-15)
 
 
+STRAIN = Path(__file__).parents[3] / "shared" / "cases" / "tdms-strain"
+
+
 def lab_view(path: Path, channels: dict[str, tuple[Any, str]], **properties: Any) -> None:
     """A TDMS file of one group `rig`: name -> (values, unit)."""
     objects = [
@@ -390,8 +393,55 @@ def test_tdms_with_a_waveform_step_with_a_time_channel_and_with_a_text_that_cann
     check(read_record(path), ("x:m1",))
     lab_view(path, {"x:m1": (X, "m")}, wf_increment=1.0 / RATE, remark="sound")
     path.write_bytes(path.read_bytes().replace(b"sound", b"\x87ound"))
-    check(read_record(path), ("x:m1",))
+    damaged = read_record(path)
+    check(damaged, ("x:m1",))
+    assert damaged.notes[0].startswith("nptdms: Error decoding string from bytes")
     assert not caplog.records
+
+
+@pytest.mark.parametrize("kind", ["Reciprocal", "PieceWisePolynomial"])
+def test_tdms_with_a_scale_that_the_library_does_not_know_is_refused(kind: str, tmp_path: Path) -> None:
+    """It gives counts for what the file states to be in the unit of the channel."""
+    path = tmp_path / "run.tdms"
+    counts = (1000.0 * X).astype(np.int16)
+    scale = {"wf_increment": 1.0 / RATE, "NI_Scaling_Status": "unscaled", "NI_Number_Of_Scales": 1}
+    scale |= {"NI_Scale[0]_Scale_Type": kind, f"NI_Scale[0]_{kind}_Input_Source": 2**32 - 1}
+    lab_view(path, {"x:m1": (counts, "mm")}, **scale)
+    with pytest.raises(
+        RecordError, match=f"the samples of 'x:m1' are counts, which a scale of the kind {kind}"
+    ):
+        read_record(path)
+    lab_view(path, {"x:m1": (1000.0 * X, "mm")}, **{**scale, "NI_Scaling_Status": "scaled"})
+    assert read_record(path).channel("x:m1") == pytest.approx(X, rel=1e-12)
+    linear = {key.replace(kind, "Linear"): value for key, value in scale.items()}
+    linear |= {
+        "NI_Scale[0]_Scale_Type": "Linear",
+        "NI_Scale[0]_Linear_Slope": 1e-3,
+        "NI_Scale[0]_Linear_Y_Intercept": 0.0,
+    }
+    lab_view(path, {"x:m1": (counts, "m")}, **linear)
+    assert read_record(path).channel("x:m1") == pytest.approx(1e-3 * counts, rel=1e-12)
+
+
+@pytest.mark.skipif(not STRAIN.exists(), reason="the shared cases are not here")
+def test_shared_scales_of_tdms_are_read_told_or_refused() -> None:
+    a = {"a:m1[g]": "Acc1"}
+    for kind, name in (("Reciprocal", "reciprocal"), ("PieceWisePolynomial", "piecewise")):
+        with pytest.raises(RecordError, match=f"'Acc1' are counts, which a scale of the kind {kind}"):
+            read_record(STRAIN / f"{name}.tdms", channels=a)
+    assert read_record(STRAIN / "linear.tdms", channels=a).notes == ()
+    assert "Acc1 holds a strain" in read_record(STRAIN / "halfbridge.tdms", channels=a).notes[0]
+
+
+def test_what_a_library_warns_of_is_a_note(tmp_path: Path) -> None:
+    """SciPy reads the last of two variables of one name."""
+    first, second = tmp_path / "first.mat", tmp_path / "second.mat"
+    savemat(first, {"fs": RATE, "x_m1": X})
+    savemat(second, {"x_m1": 2.0 * X})
+    first.write_bytes(first.read_bytes() + second.read_bytes()[128:])
+    record = read_record(first)
+    assert np.array_equal(record.channel("x:m1"), 2.0 * X)
+    assert record.notes[0].startswith('While reading: Duplicate variable name "x_m1" in stream')
 
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])

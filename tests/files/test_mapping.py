@@ -186,10 +186,41 @@ def test_a_guessed_force_acts_on_a_mass_that_moves(tmp_path: Path, header: str, 
     assert [name.partition("[")[0] for name in named][1:] == channels
 
 
-def test_a_first_mapping_of_columns_that_say_nothing_is_an_example(tmp_path: Path) -> None:
+def test_a_first_mapping_of_columns_that_say_nothing_can_be_read(tmp_path: Path) -> None:
     name = "run.npy" if os.name == "nt" else "run\n[x]\n.npy"  # of which the comment is one line
     path, written = tmp_path / name, tmp_path / "first.toml"
-    np.save(path, np.column_stack([X, A]))
-    assert write_first_mapping(path, written) == ()
-    assert read_mapping(written) == RecordMapping(source=str(written))
-    assert '# [channel."x:m1"]\n# column = 1\n# unit = "mm"\n' in written.read_text()
+    np.save(path, np.column_stack([X, T, A]))
+    assert write_first_mapping(path, written) == (
+        "Column 1 stands as x:m1, a displacement: nothing says what it is.",
+        "Column 2 was guessed from its values to be the time.",
+        "Column 3 stands as x:m2, a displacement: nothing says what it is.",
+    )
+    record = lw.read_record(path, mapping=written)
+    assert np.array_equal(record.channel("x:m2"), A)
+    assert record.rate == pytest.approx(1.0 / (T[1] - T[0]), rel=1e-9)
+
+
+def test_a_first_mapping_of_volts_can_be_read(tmp_path: Path) -> None:
+    path, written = tmp_path / "scope.csv", tmp_path / "first.toml"
+    rows = (f"{t},{x}" for t, x in zip(T, X, strict=True))
+    path.write_text("\n".join(["Time,Channel A", "(s),(V)", *rows]))
+    write_first_mapping(path, written)
+    assert '"x:m1"]  # nothing says what it is, in V: which quantity, of which mass?' in written.read_text()
+    assert np.array_equal(lw.read_record(path, mapping=written).channel("x:m1"), X)
+
+
+def test_times_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:
+    path, clock = tmp_path / "run.csv", tmp_path / "clock.csv"
+    path.write_text("\n".join(["Laser,x:m2", *(f"{x},{a}" for x, a in zip(X, A, strict=True))]))
+    clock.write_text(
+        "\n".join(["Sample,Time (ms)", *(f"{n},{1000.0 * float(t)!r}" for n, t in enumerate(T))])
+    )
+    channels: dict[str, str | int] = {"time": f"{clock}:Time", "x:m1": "Laser"}
+    record = lw.read_record(path, channels=channels)
+    assert np.array_equal(record.channel("x:m1"), X) and np.array_equal(record.channel("x:m2"), A)
+    assert record.time == pytest.approx(T, abs=1e-12)
+    clock.write_text("\n".join(clock.read_text().split("\n")[:-1]))
+    with pytest.raises(lw.RecordError, match=rf"clock\.csv has {len(T) - 1} times for {len(T)} rows"):
+        lw.read_record(path, channels=channels)
+    with pytest.raises(lw.RecordError, match="time is mapped to column 'clock'"):
+        lw.read_record(path, channels={**channels, "time": f"{clock}:clock"})

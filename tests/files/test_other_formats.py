@@ -113,6 +113,49 @@ def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_pat
 
 
 @pytest.mark.parametrize(
+    ("content", "time", "motion"),
+    [
+        (
+            {
+                "buffer": {
+                    name: {"size": 0, "updateMode": "full", "buffer": values.tolist()}
+                    for name, values in (("acc_time", T), ("accX", A))
+                },
+                "status": {"session": "1f", "measuring": False},
+            },
+            "acc_time",
+            "accX",
+        ),
+        (
+            {"buffers": [{"name": "t", "data": T.tolist()}, {"name": "accX", "data": A.tolist()}]},
+            "t",
+            "accX",
+        ),
+        (
+            [
+                {"sensor": sensor, "seconds_elapsed": f"{t:.9g}", "x": f"{a:.12g}"}
+                for t, a in zip(T, A, strict=True)
+                for sensor in ("Gyroscope", "Accelerometer")
+            ],
+            "Accelerometer/seconds_elapsed",
+            "Accelerometer/x",
+        ),
+        (
+            {"device": {"model": "a"}, "data": [{"s": t, "ax": a} for t, a in zip(T, A, strict=True)]},
+            "s",
+            "ax",
+        ),
+    ],
+    ids=["buffers with settings", "lists with names", "rows of sensors", "objects"],
+)
+def test_json_of_phones(content: Any, time: str, motion: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(json.dumps(content))
+    record = read_record(tmp_path / "run.json", channels={"time": time, "a:m1": motion})
+    assert record.rate == pytest.approx(RATE, rel=1e-9)
+    assert record.channel("a:m1") == pytest.approx(A, abs=1e-8)
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("{", "is not valid JSON"),

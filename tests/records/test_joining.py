@@ -121,6 +121,20 @@ def test_parts_of_a_record_are_joined(record: lw.Record) -> None:
     assert not lw.records.continued(record[:100], record[100:]).missing.any()
 
 
+def test_a_part_whose_clock_begins_anew_follows_with_a_note(record: lw.Record) -> None:
+    parts = [
+        replace(record[first : first + 100], start=0.0, source=f"part{first}.csv") for first in (0, 100, 200)
+    ]
+    joined = lw.records.continued(lw.records.continued(parts[0], parts[1]), parts[2])
+    assert np.array_equal(joined.values, record.values[:300]) and joined.start == 0.0
+    assert (
+        "part100.csv, whose clock begins anew at 0 s: its first sample was taken to follow"
+        in joined.notes[-2]
+    )
+    with pytest.raises(lw.RecordError, match="overlaps in time"):  # a file that is given twice
+        lw.records.continued(parts[0], parts[0])
+
+
 def test_parts_that_do_not_go_on_are_refused(record: lw.Record) -> None:
     first, second = record[:100], record[100:]
     with pytest.raises(lw.RecordError, match=r"overlaps in time: 0 to 0\.495 s and 0\.25 to 1\.995 s"):

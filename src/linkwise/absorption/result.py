@@ -11,6 +11,7 @@ import numpy as np
 from linkwise.absorption.harvesters import damping_unit
 from linkwise.absorption.motion import comparable
 from linkwise.absorption.sinks import Sink, dissipators, host_energy, place_motion
+from linkwise.analysis.hilltops import hilltop_finding
 from linkwise.arrays import Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.model.names import index_of
@@ -471,6 +472,8 @@ class Absorption(JudgedView):
         inactive = [result.sink.link for result in self.sinks if result.tops and not len(result.crossings)]
         if inactive:
             findings.append(f"{', '.join(inactive)} never crossed from one well to another.")
+        if hilltop := hilltop_finding(self.with_sinks.structure, self.with_sinks.x[0]):
+            findings.append(hilltop)
         return tuple(findings)
 
     def to_dict(self) -> dict[str, Any]:

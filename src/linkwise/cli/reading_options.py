@@ -29,7 +29,8 @@ class ReadingOptions:
     ----------
     channel : tuple[str, ...]
         The column that holds a channel, as in x:m1=Laser1 or x:m1[mm]=Laser1; it may be in another file that was
-        started at the same time, as in a:base=ground.csv:AccX. Repeatable.
+        started at the same time, as in a:base=ground.csv:AccX, and times in one with a time for each row, as in
+        time=clock.csv:Time. Repeatable.
     by_time : bool
         Join the files of --channel NAME=FILE:COLUMN by their times instead of by their first samples.
     then : tuple[Path, ...]
@@ -246,7 +247,10 @@ class ReadingOptions:
 
     def _columns(self) -> dict[str, tuple[Path | None, str]]:
         columns = pairs(self.channel, "--channel", "x:m1=COLUMN")
-        return {name: file_and_column(text) for name, text in columns.items()}
+        return {
+            name: (None, text) if _channel(name) == "time" else file_and_column(text)
+            for name, text in columns.items()
+        }
 
     def _sensors(self) -> dict[str, lw.records.SensorStatement]:
         """What the options state of sensors; UsageError for a text that does not say it."""

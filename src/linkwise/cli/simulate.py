@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 import linkwise as lw
 from linkwise import files
+from linkwise.analysis.hilltops import hilltop_finding
 from linkwise.cli.console import progress, tell
 from linkwise.cli.excitation_options import (
     ExcitationOptions,
@@ -67,6 +69,9 @@ def simulate(structure: Path, recording: RecordingOptions, drive: ExcitationOpti
         summary = _summary(record, output)
     if not any(keywords[kind] for kind in ("release", "impulses", "forces")) and keywords["base"] is None:
         tell("note: nothing sets the structure in motion; give --release, --impulse, --force or --base.")
+    start = np.array([keywords["release"].get(f"x:{name}", 0.0) for name in subject.mass_names])
+    if hilltop := hilltop_finding(subject, start):
+        tell(f"note: {hilltop}")
     if noise is not None:
         summary["noise"] = {"decibel": noise, "seed": recording.seed}
     click.echo(to_json(summary) if as_json else _summary_text(subject, summary))

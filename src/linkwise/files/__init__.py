@@ -12,10 +12,10 @@ from pkgutil import resolve_name
 
 from linkwise.display import near_miss
 from linkwise.errors import OutputError, RecordError, expect
-from linkwise.files.assemble import to_record
+from linkwise.files.assemble import find_column, to_record
 from linkwise.files.guesses import first_mapping
 from linkwise.files.mapping import RecordMapping, read_mapping
-from linkwise.files.table import Table
+from linkwise.files.table import ColumnHeader, Table
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
 from linkwise.units import to_si
@@ -23,6 +23,7 @@ from linkwise.units import to_si
 __all__ = ["RecordMapping", "read_mapping", "read_record", "to_si", "write_record"]
 
 _LONGEST = 300  # characters of what a library says
+_OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ResourceWarning)
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ def read_record(
         ``.unv``, ``.tdms``, ``.npy``, ``.npz``, ``.json``, ``.lvm`` or ``.xlsx``.
     channels : mapping of str to str or int, optional
         Column of each channel, or of ``"time"``, for columns whose header does not say it: the header of the column or its
-        number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``.
+        number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``. Times may be in a file of their
+        own, row by row: ``{"time": "clock.csv:Time"}``.
     rate : float, optional
         Sampling rate in Hz of a file without a time column; a time column is then ignored.
     resample : float, optional
@@ -124,7 +126,30 @@ def read_record(
     stated = read_mapping(mapping) if isinstance(mapping, str | Path) else mapping or RecordMapping()
     chosen = given.over(stated)
     masses = None if known_masses is None else tuple(known_masses)
-    return to_record(read_table(Path(path), chosen.header), chosen, masses, informative=informative)
+    table = _with_times(read_table(Path(path), chosen.header), chosen.channels)
+    return to_record(table, chosen, masses, informative=informative)
+
+
+def _with_times(table: Table, channels: Mapping[str, str | int]) -> Table:
+    """The table, and beside its columns that of the times where it is one of another file, FILE:COLUMN."""
+    for key, place in channels.items():
+        file, colon, name = str(place).rpartition(":")
+        if not colon or not ColumnHeader.parse(key).is_time or not Path(file).is_file():
+            continue
+        other = read_table(Path(file), None)
+        column = other.columns[find_column(other, key, name)]
+        rows = max(len(column.values) for column in table.columns if column.values is not None)
+        if column.values is not None and len(column.values) != rows:
+            raise RecordError(
+                f"{file} has {len(column.values)} times for {rows} rows: times in a file of their own are those of the rows, "
+                "one by one",
+                table.file,
+                channel="time",
+            )
+        unit = ColumnHeader.parse(column.header).unit
+        header = f"{place}[{unit}]" if unit else str(place)
+        return replace(table, columns=(*table.columns, replace(column, header=header)))
+    return table
 
 
 def write_first_mapping(record: Path, path: Path, header: str | int | None = None) -> tuple[str, ...]:
@@ -154,7 +179,7 @@ def read_table(path: Path, header: str | int | None) -> Table:
         )
     options = {} if header is None else {"header": header}
     try:
-        with warnings.catch_warnings(action="ignore"):  # of libraries
+        with warnings.catch_warnings(record=True, action="always") as caught:  # of libraries
             table: Table = resolve_name(format_.reader)(path, **options)
     except RecordError:
         raise
@@ -163,7 +188,12 @@ def read_table(path: Path, header: str | int | None) -> Table:
         if isinstance(error, MemoryError):
             reason = "it states more numbers than memory holds"
         raise RecordError(f"cannot be read as a {path.suffix} file: {reason}", path) from error
-    return replace(table, file=str(path))
+    told = dict.fromkeys(
+        f"While reading: {' '.join(str(warning.message).split())[:_LONGEST]}"
+        for warning in caught
+        if not issubclass(warning.category, _OF_PROGRAMS)
+    )
+    return replace(table, file=str(path), notes=(*table.notes, *told))
 
 
 def write_record(record: Record, path: str | Path) -> None:

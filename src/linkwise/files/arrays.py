@@ -179,6 +179,7 @@ def _periods(array: np.ndarray[Any, Any], samples: int | None) -> np.ndarray[Any
 
 
 _NAMES = ("columns", "names", "channels", "header")
+_SAMPLES = ("buffer", "data", "values", "samples")  # as apps of phones name the list of a sensor
 _DEEPEST = 20  # levels of objects within objects
 
 
@@ -195,23 +196,46 @@ def read_json(path: Path) -> Table:
     if not isinstance(content, dict):
         raise RecordError("holds a single value: expected columns by name, or rows of numbers", path)
     sensors = content.pop("sensors", None)
-    tree = {name: _array(value, 0) for name, value in content.items()}
+    tree = {name: _array(value, 1) for name, value in content.items()}
     columns = tuple(spelled_as_channel(column) for column in columns_of(tree))
     return Table(_renamed(columns, content), rate=stated_rate(tree), sensors=as_statements(sensors, path))
 
 
 def _by_key(rows: list[Any]) -> dict[str, Any]:
-    """Columns of a list of objects; a key that an object lacks is a missing sample."""
+    """Columns of a list of objects: a list under the name that each states, or their members, each sensor's by itself.
+
+    A key that an object lacks is a missing sample.
+    """
     objects = [row if isinstance(row, dict) else {} for row in rows]
+    lists = {
+        str(row.get("name")): row[key]
+        for row in objects
+        for key in _SAMPLES
+        if isinstance(row.get(key), list)
+    }
+    if len(lists) == len(objects):
+        return lists
+    if all(isinstance(row.get("sensor"), str) for row in objects):
+        of_sensors: dict[str, list[Any]] = {}
+        for row in objects:
+            of_sensors.setdefault(row["sensor"], []).append(
+                {name: value for name, value in row.items() if name != "sensor"}
+            )
+        return {sensor: _by_key(own) for sensor, own in of_sensors.items()}
     names = dict.fromkeys(name for row in objects for name in row)
     return {name: [row.get(name) for row in objects] for name in names}
 
 
 def _array(value: Any, depth: int) -> Any:
-    """Lists of numbers, or of rows of them, as arrays; null is NaN."""
+    """Lists of numbers, or of rows of them, as arrays; null is NaN, and a buffer, a list with its settings, is the list."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        value = _by_key(value)
     if isinstance(value, dict):
         if depth == _DEEPEST:
             return Unread("an object deep within others")
+        lists = [name for name, member in value.items() if isinstance(member, list | dict)]
+        if depth and len(lists) == 1 and lists[0] in _SAMPLES and len(value) > 1:
+            return _array(value[lists[0]], depth + 1)
         return {name: _array(member, depth + 1) for name, member in value.items()}
     if not isinstance(value, list):
         return value
@@ -219,9 +243,13 @@ def _array(value: Any, depth: int) -> Any:
         return np.empty(0)
     try:
         has_null = any(entry is None or (isinstance(entry, list) and None in entry) for entry in value)
-        return np.array(value, dtype=float if has_null else None)
+        array = np.array(value, dtype=float if has_null else None)
     except (TypeError, ValueError, OverflowError):
         return Unread("a list of rows of unequal length, or of texts")
+    try:
+        return array.astype(float) if array.dtype.kind == "U" else array  # phones write numbers as texts
+    except ValueError:
+        return array
 
 
 def _renamed(columns: tuple[Column, ...], content: Mapping[str, Any]) -> tuple[Column, ...]:

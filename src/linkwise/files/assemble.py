@@ -18,7 +18,7 @@ from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
-from linkwise.records.channel import BASE, Channel, check_rate, row_error, si_unit
+from linkwise.records.channel import BASE, Channel, ClippedSamples, check_rate, row_error, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.sensor_uncertainty import COMMON
@@ -140,13 +140,13 @@ def mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoic
         name = channel or "time"
         if name in chosen:
             raise table.error("is mapped twice in `channels`", "channels", channel=name)
-        index = _find(table, key, column)
+        index = find_column(table, key, column)
         unit = header.unit or ColumnHeader.parse(table.headers[index]).unit
         chosen[name] = ColumnChoice(channel, index, unit)
     return tuple(chosen.values())
 
 
-def _find(table: Table, key: str, column: str | int) -> int:
+def find_column(table: Table, key: str, column: str | int) -> int:
     """Index of a column given by its header, its header without unit, the last part of its path, or its number from 1."""
     wanted = str(column).strip()
     headers = [ColumnHeader.parse(header) for header in table.headers]
@@ -154,6 +154,7 @@ def _find(table: Table, key: str, column: str | int) -> int:
         list(table.headers),
         [header.name for header in headers],
         [header.leaf.name for header in headers],
+        [column.path for column in table.columns],
     ):
         if (times := names.count(wanted)) > 1:
             raise table.error(
@@ -226,7 +227,8 @@ def to_record(
     """The record in a table, see `files.read_record`; RecordError names file, line and channel."""
     chosen = choose(table, mapping.channels, known_masses)
     columns = {choice.channel: _in_si(table, choice) for choice in chosen if choice.channel}
-    notes = [*table.notes, *ignored(table, chosen), *units_over_headers(table, chosen)]
+    columns, sides, overloads = _without_overloads(table, columns)
+    notes = [*table.notes, *ignored(table, chosen), *units_over_headers(table, chosen), *overloads]
     time_column = next((choice for choice in chosen if choice.name == "time"), None)
     if time_column is not None and mapping.rate is not None:
         notes.append(f"The time column was ignored in favour of the given rate of {mapping.rate:g} Hz.")
@@ -238,7 +240,7 @@ def to_record(
         rate = mapping.resample
         start, columns, note = resample_evenly(times, columns, rate, file=table.file, lines=lines)
         notes.append(note)
-        times, lines = start + np.arange(len(next(iter(columns.values())))) / rate, None
+        times, lines, sides = start + np.arange(len(next(iter(columns.values())))) / rate, None, {}
     timeline, values, remarks = sampled_columns(times, columns, table.file, lines, informative=informative)
     stated, unread = _statements(table, chosen, mapping)
     stored: dict[str, Any] = {
@@ -256,6 +258,10 @@ def to_record(
             choice.name: choice.unit if choice.kind == "state" else si_unit(choice.unit, choice.kind)
             for choice in chosen
             if choice.unit and choice.channel
+        },
+        clipped={
+            name: _bounds(values[:, tuple(columns).index(name)], timeline.index, side)
+            for name, side in sides.items()
         },
         **stored,
     )
@@ -322,6 +328,33 @@ def _refuse_overloads(table: Table, name: str, values: NDArray[Any]) -> None:
             table.lines,
             name,
         )
+
+
+def _without_overloads(
+    table: Table, columns: dict[Channel, NDArray[Any]]
+) -> tuple[dict[Channel, NDArray[Any]], dict[Channel, NDArray[Any]], list[str]]:
+    """Columns (N,) of a text with NaN where a response is infinite, on which side it is, 0 elsewhere, and notes on these."""
+    finite, sides, notes = dict(columns), {}, []
+    for name, values in columns.items():
+        infinite = np.isinf(values)
+        if table.lines is None or name.is_input or not infinite.any() or not np.isfinite(values).any():
+            continue
+        finite[name] = np.where(infinite, np.nan, values)
+        sides[name] = np.where(infinite, np.sign(values), 0.0)
+        lowest, highest = np.nanmin(finite[name]), np.nanmax(finite[name])
+        notes.append(
+            f"{name}: {int(infinite.sum())} samples were marked as missing (infinite, as oscilloscopes write what is out of "
+            f"their range; the extreme readings {lowest:.4g} and {highest:.4g} are bounds of the motion there)."
+        )
+    return finite, sides, notes
+
+
+def _bounds(samples: NDArray[Any], index: NDArray[np.int64], side: NDArray[Any]) -> ClippedSamples:
+    """The largest readings of `samples` (N,) as bounds of those at `index` (M,) that are on a `side` (M,) of them."""
+    sides = np.zeros(len(samples))
+    sides[index] = side
+    readings = np.select([sides > 0.0, sides < 0.0], [np.nanmax(samples), np.nanmin(samples)], np.nan)
+    return ClippedSamples(samples, readings, sides)
 
 
 def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:

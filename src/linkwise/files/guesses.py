@@ -273,6 +273,8 @@ def _driven_mass(named: Iterable[Channel | str], masses: Sequence[str]) -> str:
     return next((mass for mass in ranked if mass not in driven), _free_mass(channels))
 
 
+_NOTHING = "nothing says what it is"
+_EVEN = 1.5  # times the shortest step: times as a logger prints them
 _HEAD = """# A mapping file of linkwise: what the columns are and what is known of the sensors, for all records of a test.
 # Written from {path}. Check the names of the masses, the quantities and the units.
 
@@ -294,7 +296,26 @@ def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
     Raises RecordError where no column holds numbers.
     """
     guesses = guessed_columns(table)
+    if {guess.name for guess in guesses} <= {"time", ""}:  # a mapping of nothing could not be read
+        guesses = _placeholders(table, guesses)
     return mapping_text(table.file, guesses), tuple(map(_sentence, filter(_is_guessed, guesses)))
+
+
+def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnGuess, ...]:
+    """The guesses with displacements for columns that say nothing of themselves; what grows by even steps is the time."""
+    placed: list[ColumnGuess] = []
+    columns = [column.values for column in table.columns if column.values is not None]
+    for guess, values in zip(guesses, columns, strict=True):
+        names = [other.name for other in (*placed, *guesses)]
+        steps = np.diff(np.asarray(values, dtype=float))
+        even = len(steps) > 0 and 0.0 < steps.max() < _EVEN * steps.min() and not np.all(steps == 1.0)
+        if guess.name:
+            placed.append(guess)
+        elif even and "time" not in names:
+            placed.append(replace(guess, name="time", why="values"))
+        else:
+            placed.append(replace(guess, name=Channel("x", _free_mass(names)), why=_NOTHING))
+    return tuple(placed)
 
 
 def _is_guessed(guess: ColumnGuess) -> bool:
@@ -303,7 +324,9 @@ def _is_guessed(guess: ColumnGuess) -> bool:
 
 def _sentence(guess: ColumnGuess) -> str:
     if not isinstance(guess.name, Channel):
-        return f"Column {guess.label} was guessed to be the time."
+        return f"Column {guess.label} was guessed from its {guess.why} to be the time."
+    if guess.why == _NOTHING:
+        return f"Column {guess.label} stands as {guess.name}, a displacement: {_NOTHING}."
     quantity = KINDS[guess.name.kind].quantity
     article = "an" if quantity[0] in "aeiou" else "a"
     return f"Column {guess.label} was guessed from its {guess.why} to be {article} {quantity}, {guess.name}."
@@ -332,8 +355,12 @@ def _block(guess: ColumnGuess) -> str:
     title = f"[channel.{toml_text(channel)}]" if channel else "[time]"
     remark = f"guessed from its {guess.why}" if guess.why else ""
     remark += "; of which mass?" if remark and NO_MASS in guess.doubts else ""
+    nothing = guess.why == _NOTHING
+    if nothing:
+        remark = f"{_NOTHING}{f', in {guess.unit}' if guess.unit else ''}: which quantity, of which mass?"
     lines = ["", f"{title}{f'  # {remark}' if remark else ''}", f"column = {toml_text(guess.label)}"]
     unit = guess.unit or ("s" if guess.why and not channel else "")
+    unit = channel.unit if channel and unit and nothing else unit
     if unit:
         lines.append(f"unit = {toml_text(unit)}")
     elif channel:

@@ -24,6 +24,7 @@ from linkwise.files.arrays import Unread, columns_of, scalar, spelled_as_channel
 from linkwise.files.hdf5 import open_file
 from linkwise.files.mapping import as_statements, sensors_of
 from linkwise.files.table import Column, Table
+from linkwise.files.testlab import named_signals
 from linkwise.mat_file import load_mat, sound_sparse
 from linkwise.records.channel import STORED
 from linkwise.records.record import Record
@@ -45,7 +46,7 @@ def read_table(path: Path) -> Table:
     samples = {name: value for name, value in tree.items() if not (names and name in _OWN)}
     samples |= {name: Unread("missing") for name in names if name not in tree}
     columns = tuple(_named(column, names) for column in columns_of(samples))
-    return Table(
+    table = Table(
         columns,
         start=scalar(tree.get("start")) or 0.0,
         rate=stated_rate(tree),
@@ -54,6 +55,7 @@ def read_table(path: Path) -> Table:
         stored={kind: _by_channel(tree.get(kind), kind, names.values()) for kind in STORED},
         sensors=as_statements(next(iter(_texts(tree.get("sensors"))), None), path),
     )
+    return named_signals(table, tree)
 
 
 def _named(column: Column, names: Mapping[str, str]) -> Column:

@@ -35,14 +35,15 @@ class Column:
 
     `values` (N,) are real numbers, NaN where missing, or None where `bad` is a cell that is not a number, or `instead` says
     what is there in place of a row of numbers. `meaning` is the channel that a header stands for where the format cannot
-    spell it (`x_m1` for x:m1 in MATLAB). `attributes` are what the file states of the sensor, as of
-    `SensorStatement.of`.
+    spell it (`x_m1` for x:m1 in MATLAB), and `path` the place of the values in a file that states their name elsewhere.
+    `attributes` are what the file states of the sensor, as of `SensorStatement.of`.
     """
 
     header: str
     values: NDArray[Any] | None
     bad: BadCell | None = None
     meaning: str = ""
+    path: str = ""
     instead: str = ""
     attributes: Mapping[str, object] = field(default_factory=dict)
 

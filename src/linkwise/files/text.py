@@ -59,9 +59,10 @@ def _without_units(header: str) -> str:
 
 
 def parse_number(cell: str) -> float | None:
-    """The number in a cell, NaN for a marker of a missing value, None for other text."""
+    """The number in a cell, infinite where a signal left the range, NaN for a missing value, None for other text."""
     try:
-        return None if "_" in cell else float(cell.replace(",", "."))  # Python reads 1_000
+        plain = cell.replace(",", ".").replace("\N{INFINITY}", "inf").replace("\N{MINUS SIGN}", "-")
+        return None if "_" in cell else float(plain)  # Python reads 1_000
     except ValueError:
         return float("nan") if cell.lower() in _MISSING else None
 

@@ -331,6 +331,7 @@ _EXPECTED = 4.0  # times as many repeats as rounding gives
 _FEWEST_REPEATS = 8  # repeats beyond which that is compared
 _NEVER = 1e-4  # repeats expected by rounding: below it a single one is no chance
 _SMALL = 0.02  # of the differences between neighbours: the smallest, by which their density at 0 is estimated
+_BY_CHANCE = 8  # differences within half as much again as the smallest, of which samples without a step have one or two
 _ROW = 3  # repeats in a row, which noise does not give
 _FINER = 3.0  # times the grain of the samples: noise that no two samples hide
 _NOISY = 1e-6  # of the root mean square: less is rounding
@@ -367,9 +368,15 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
 
 
 def _natural(steps: Floats, grain: Floats) -> float:
-    """Number of repeats that rounding explains, for differences `steps` of samples with a `grain`."""
+    """Number of repeats that rounding explains, for differences `steps` of samples with a `grain`.
+
+    Where many differences are about as small as the smallest, samples have a step of that size, whatever their digits: no
+    change is then half as frequent as one up or down.
+    """
     width = max(float(np.quantile(steps, _SMALL)), 10.0 * float(np.median(grain)))
-    return float(np.sum(grain[(steps > 0.0) & (steps < width)]) / width)
+    smallest = int(np.sum((steps > 0.0) & (steps < 1.5 * steps[steps > 0.0].min(initial=np.inf))))
+    by_step = 0.5 * smallest if smallest > _BY_CHANCE else 0.0
+    return max(by_step, float(np.sum(grain[(steps > 0.0) & (steps < width)]) / width))
 
 
 def _in_rows(steps: Floats, signal: ChannelSignal) -> Bools:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.arrays import Bools
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError, expect
 from linkwise.records.channel import OF_CHANNELS, ClippedSamples, interpolated
 from linkwise.records.record import Record
@@ -281,7 +281,8 @@ def continued(record: Record, other: Record) -> Record:
     Parameters
     ----------
     record, other : Record
-        The parts, with the same channels and the same clock.
+        The parts, with the same channels and the same clock. A clock that begins anew in the second part says nothing of a
+        gap: that part then follows at the next sample, with a note.
 
     Returns
     -------
@@ -318,6 +319,9 @@ def continued(record: Record, other: Record) -> Record:
                     channel=name,
                 )
     exact = (other.start - record.start) * record.rate - len(record)
+    following = other.select(record.channels).values
+    if anew := _begins_anew(record, other, following):
+        exact = 0.0
     gap = round(exact)
     if gap < 0:
         raise RecordError(f"overlaps in time: {_span(record)} and {_span(other)}", other.source or None)
@@ -341,10 +345,10 @@ def continued(record: Record, other: Record) -> Record:
         )
         clipped[name] = before.followed_by(after, gap)
     missing = np.full((gap, len(record.channels)), np.nan)
-    note = f"The record continues in {other.source or 'a second part'}"
+    note = f"The record continues in {other.source or 'a second part'}{anew}"
     return replace(
         record,
-        values=np.vstack([record.values, missing, other.select(record.channels).values]),
+        values=np.vstack([record.values, missing, following]),
         **_stated_by_both(record, other),
         clipped=clipped,
         simulated=None,
@@ -352,6 +356,18 @@ def continued(record: Record, other: Record) -> Record:
             *joined_notes((record, other)),
             f"{note}, after a gap of {gap} samples." if gap else f"{note}.",
         ),
+    )
+
+
+def _begins_anew(record: Record, other: Record, following: Floats) -> str:
+    """A remark on a part with the samples `following` whose clock begins as the first one did; a copy has none."""
+    if abs(other.start - record.start) >= record.step or np.array_equal(
+        record.values[: len(other)], following, equal_nan=True
+    ):
+        return ""
+    return (
+        f", whose clock begins anew at {other.start:.6g} s: its first sample was taken to follow the last one before; if any "
+        "were lost in between, identify from the two as records of their own"
     )
 
 
