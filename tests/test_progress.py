@@ -36,7 +36,7 @@ def test_what_starts_again_does_not_take_back_what_was_done() -> None:
 
 
 def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
-    known = {"absorb", "discover", "identify", "limit", "run_study", "simulate", "report.write_result"}
+    known = {"absorb", "discover", "identify", "limit", "study.run_study", "simulate", "report.write_result"}
     assert known <= set(LONG)
     for name, function in LONG.items():
         parameter = inspect.signature(function).parameters["progress"]

@@ -2,8 +2,8 @@
 
 Each draw starts from the motion of the identified structure, moved as at the point before, and is corrected with the
 Jacobian of the identified structure (the chord method), or by Newton's method where it has moved too far. Where a fold
-has moved, a draw has no motion at a frequency and is left out there. A long branch has its band at some points, and
-between them by interpolation of its parts of the amplitude.
+has moved, a draw has no motion at a frequency and is left out there. Stable motion alone has bands, at some points of a
+branch, and between them by interpolation of its parts of the amplitude.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from linkwise.response.shooting import amplitudes
 
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn
-_STATIONS = 40  # points of a branch at which draws are made
+_STATIONS, _FEWEST, _MOST = 120, 6, 40  # points of all branches at which draws are made, and of each
 _CORRECTIONS = 8
 _CONVERGED = 1e-5  # of the size of the motion
 _LEAST = 0.5  # of the draws must have a motion
@@ -45,14 +45,25 @@ def banded(
     ]
     if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
         return list(branches)
-    return [_with_band(curve, branch, drawn, rows) for curve, branch in zip(curves, branches, strict=True)]
+    every = sum(len(curve.points) for curve in curves)
+    shares = (round(_STATIONS * len(curve.points) / every) for curve in curves)
+    return [
+        _with_band(curve, branch, drawn, rows, min(max(share, _FEWEST), _MOST))
+        for curve, branch, share in zip(curves, branches, shares, strict=True)
+    ]
 
 
-def _with_band(curve: Curve, branch: Branch, drawn: Sequence[Structure], rows: Floats) -> Branch:
+def _with_band(
+    curve: Curve, branch: Branch, drawn: Sequence[Structure], rows: Floats, stations: int
+) -> Branch:
     """The branch with the band of structures that were drawn: at some of its points, by interpolation between."""
-    count = len(curve.points)
-    peaks = branch.amplitude.argmax(axis=0)
-    at = np.unique(np.concatenate([np.linspace(0, count - 1, _STATIONS).round().astype(int), peaks]))
+    count, stable = len(curve.points), np.flatnonzero(branch.stable)
+    if not len(stable):
+        return branch
+    peaks = stable[branch.amplitude[stable].argmax(axis=0)]
+    at = np.unique(
+        np.concatenate([stable[np.linspace(0, len(stable) - 1, stations).round().astype(int)], peaks])
+    )
     points = [curve.points[number][0] for number in at.tolist()]
     factors = [lu_factor(point.jacobian[:, :-1]) for point in points]
     values = np.array([_drawn(curve.equations.of(one), points, factors, rows) for one in drawn])
@@ -65,6 +76,7 @@ def _with_band(curve: Curve, branch: Branch, drawn: Sequence[Structure], rows: F
     lower, upper = (
         np.column_stack([np.interp(np.arange(count), at, column) for column in bound.T]) for bound in bounds
     )
+    lower[~branch.stable] = upper[~branch.stable] = np.nan
     return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
 
 
