@@ -317,3 +317,28 @@ def test_a_hit_with_noise_in_its_load_cell_gives_the_laws() -> None:
     assert fit.trusted, fit.message
     assert any("force window" in note for note in fit.notes)
     assert_within(fit, {"l1.k": STIFFNESS, "l1.c": DAMPING}, 4.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wrong_mass_is_no_gain_of_a_noisy_force(seed: int) -> None:
+    """Beside noise of the force its gain would explain a mass that is stated 20 % low, and the stiffness follow it."""
+    record = driven("force:m1", 0.02, seed)
+    light = replace(mounted("ground"), masses=(lw.Mass("m1", lw.Coefficient.number(0.8)),))
+    assert not lw.identify(record, light.unknown("all")).trusted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_intervals_beside_noise_of_an_input_hold_what_it_hides(seed: int) -> None:
+    """Friction of 2 % of the force is not significant beside noise of 3 %, and moves the damping by a dozen of its errors."""
+    rubbing = oscillator("k*d + c*v + F*tanh(v/0.01)", name="l1", k=STIFFNESS, c=DAMPING, F=0.02)
+    force = lw.model.Sampled(0.0, RATE, driven("force:m1", 0.0, seed).channel("force:m1"))
+    clean = lw.simulate(rubbing, duration=(COUNT - 1) / RATE, rate=RATE, forces={"m1": force})
+    record = clean.with_noise(40.0, seed=seed)
+    values = record.values.copy()
+    column = values[:, record.channels.index("force:m1")]
+    column += 0.03 * column.std() * np.random.default_rng(seed).standard_normal(COUNT)
+    fit = lw.identify(replace(record, values=values), mounted("ground").unknown("all"))
+    if fit.trusted:
+        assert_within(fit, {"l1.k": STIFFNESS, "l1.c": DAMPING}, 4.5)

@@ -394,7 +394,8 @@ def hinted_masses(of: Examined, before: Judgement) -> Judgement | None:
 def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
     """Whether residuals hint at missing terms, or parts of the records disagree, though nothing is significant."""
     fit = of.fit
-    if not before.leaves_noise or fit.optimum.coloured is not None or fit.random_forces:
+    ambient = any(force.ambient for force in fit.random_forces)
+    if not before.leaves_noise or fit.optimum.coloured is not None or ambient:
         return None
     doubted = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
     if doubted is None:
