@@ -112,9 +112,10 @@ def storey() -> None:
 def test_two_files_and_a_delay(storey: None) -> None:
     columns = "--channel a:m1=AccX --channel a:base=ground.csv:AccX"
     asked = f"identify top.csv unknown.toml --rate 200 {columns}"
-    cause = document(asked, 4)["diagnosis"][0]
+    cause = document(f"{asked} --as-stated", 4)["diagnosis"][0]
     assert (cause["cause"], cause["where"]) == ("delay", "a:base")
     assert cause["size"] == pytest.approx(LATE, rel=0.1)  # to first order: a tenth of a radian at 31 rad/s
+    assert [added["cause"] for added in document(asked)["added"]] == ["delay"]
     [link] = document(f"{asked} --delay a:base={LATE}")["links"]
     low, high = link["coefficients"]["k"]["interval"]
     assert low < 900.0 < high

@@ -239,7 +239,7 @@ def test_an_offset_of_a_channel_is_found(chain: lw.Structure, clean: lw.Record) 
     (remark,) = [line for line in fit.findings if "x:m2 is off by" in line]
     # off by 0 to 2.8e-5 on seeds 2000 to 2007
     assert float(remark.split("off by ")[1].split()[0]) == pytest.approx(0.002, abs=6e-5)
-    assert not lw.identify(shifted, chain.unknown("all")).trusted
+    assert not lw.identify(shifted, chain.unknown("all"), as_stated=True).trusted
 
 
 def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Record) -> None:

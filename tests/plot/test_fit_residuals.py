@@ -37,7 +37,7 @@ def test_a_missing_term_shows_over_the_motion() -> None:
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=53)
     shifted = {"x:m1": record.channel("x:m1"), "x:m2": record.channel("x:m2") + 2e-4}
     fits = [
-        lw.identify(each, CHAIN.unknown("all"))
+        lw.identify(each, CHAIN.unknown("all"), as_stated=True)
         for each in (record, lw.Record.from_arrays(record.time, shifted))
     ]
     outside = []
