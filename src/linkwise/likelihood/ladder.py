@@ -81,8 +81,8 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
     first = distinct_error(current.diagnosis)
     if first is None or first is not current.diagnosis[0]:
         return None
-    if options.random and first.kind.endswith(("delay", "gain")):  # masses, which look like a gain, are not tested then
-        return None
+    if options.random and first.kind.endswith(("delay", "gain")):
+        return None  # delays are not estimated then, and masses, which look like a gain, not tested
     wider = with_error(options, first, records[0])
     return None if wider is None else (wider, (first,))
 
