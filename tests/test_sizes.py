@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1915),
     "identification": (15, 2347),
     "inspection": (13, 1946),
-    "likelihood": (61, 16089),
+    "likelihood": (61, 16090),
     "modal": (7, 846),
     "model": (22, 3306),
     "paper": (3, 396),
