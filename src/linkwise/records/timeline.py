@@ -65,7 +65,7 @@ class Timeline:
         index = np.concatenate([[0], np.cumsum(multiples)]).astype(np.int64)
         step = float(np.dot(index - index.mean(), times - times.mean()) / np.sum((index - index.mean()) ** 2))
         resolution = _resolution(times, step)
-        column.check_even(index, step, max(JITTER * step, 1.01 * resolution))
+        column.check_even(index, step, np.maximum(JITTER * step, 1.01 * resolution))
         count = int(index[-1]) + 1
         if count > LONGEST * len(times):
             row = int(np.argmax(steps))
@@ -73,7 +73,7 @@ class Timeline:
                 row + 1,
                 f"a gap of {steps[row]:g} s in a record of {len(times)} samples every {step:g} s; split the file there",
             )
-        rate = _roundest_rate(times, index, step, resolution)
+        rate = _roundest_rate(times, index, step, float(resolution.max()))
         return cls(float(times[0]), rate, index, count, tuple(column.notes(index, rate)))
 
 
@@ -119,20 +119,21 @@ class _TimeColumn:
             f"time decreases from {previous:.12g} to {time:.12g} s; a file must hold one record, sorted by time",
         )
 
-    def check_even(self, index: NDArray[np.int64], step: float, tolerance: float) -> None:
-        """Raise RecordError unless times and steps are within `tolerance` in s of the grid `index` * `step`."""
+    def check_even(self, index: NDArray[np.int64], step: float, tolerance: Floats) -> None:
+        """Raise RecordError unless times and steps are within the `tolerance` (N,) in s of the grid `index` * `step`."""
         steps, counts = np.diff(self.times), np.diff(index)
+        of_steps = np.maximum(tolerance[1:], tolerance[:-1])
         usual = float(np.median(steps))
-        uneven = np.abs(steps - counts * step) > 2.0 * tolerance
+        uneven = np.abs(steps - counts * step) > 2.0 * of_steps
         advice = "resample it to an even rate (`resample`)"
-        wrong = uneven & (np.abs(steps - counts * usual) > 2.0 * tolerance)
+        wrong = uneven & (np.abs(steps - counts * usual) > 2.0 * of_steps)
         if np.any(wrong):
             row = int(np.argmax(wrong))
             message = f"uneven time: a step of {steps[row]:.6g} s where {usual:.6g} s was expected; {advice}"
             raise self.error(row + 1, message, "resample")
         deviation = self.times - self.times[0] - index * step
         deviation -= np.median(deviation)
-        if np.any(uneven) or np.max(np.abs(deviation)) > 2.0 * tolerance:
+        if np.any(uneven) or np.any(np.abs(deviation) > 2.0 * tolerance):
             row = int(np.argmax(np.abs(deviation)))
             time = self.times[row]
             message = f"uneven time: {time:.9g} s is {deviation[row]:.3g} s off an even grid of {step:.9g} s; {advice}"
@@ -160,20 +161,33 @@ class _TimeColumn:
         return notes
 
 
-def _resolution(times: Floats, step: float) -> float:
-    """The rounding of the column in s: the printed decimal, or single or double precision."""
+def _resolution(times: Floats, step: float) -> Floats:
+    """The rounding (N,) of the column in s: the printed decimal or significant digit, or single or double precision."""
     largest = float(np.max(np.abs(times)))
-    double = 2.0 * float(np.spacing(largest))  # start + k/rate is rounded twice
+    double = np.full(len(times), 2.0 * float(np.spacing(largest)))  # start + k/rate is rounded twice
     for digits in range(max(0, int(-np.floor(np.log10(step)))), 13):
         scaled, slack = times * 10.0**digits, 4.0 * float(np.spacing(largest * 10.0**digits))
         if slack > RESOLVED:
             break
         if np.max(np.abs(scaled - np.rint(scaled))) <= slack:
-            return max(10.0**-digits, double) if 10.0**-digits <= COARSEST * step else double
+            if 10.0**-digits > COARSEST * step:
+                return double
+            decimal = np.maximum(10.0**-digits, double)
+            return np.asarray(np.maximum(_significant_digit(times, COARSEST * step), decimal))
     if np.array_equal(times, times.astype(np.float32)):
         single = float(np.spacing(np.float32(largest)))
-        return single if single <= COARSEST * step else double
+        return np.full(len(times), single) if single <= COARSEST * step else double
     return double
+
+
+def _significant_digit(times: Floats, most: float) -> Floats:
+    """The last of the significant digits (N,) in s to which every time is printed; 0 where that would be more than `most`."""
+    decades = np.floor(np.log10(np.maximum(np.abs(times), np.finfo(float).tiny)))
+    for digits in range(4, 9):
+        last = 10.0 ** (decades + 1.0 - digits)
+        if last.max() <= most and np.all(np.abs(times / last - np.rint(times / last)) <= RESOLVED * 1e-3):
+            return np.asarray(last)
+    return np.zeros(len(times))
 
 
 def _roundest_rate(times: Floats, index: NDArray[np.int64], step: float, resolution: float) -> float:

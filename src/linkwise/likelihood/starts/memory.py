@@ -102,6 +102,9 @@ _FLAT = 1e-5  # relative change of the cost at which it ends
 _WINDOW = 0.2  # half width of a test function over the period of the motion
 _DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two valleys are different
 _MARGIN = 0.05  # of the room between two bounds, next to them
+_ROUNDING = (
+    1e-20  # of the power of a force: a constant, of which no more is left without its slow part, says nothing
+)
 _SEED = 12
 
 
@@ -374,9 +377,13 @@ class MemorySearch:
         return np.asarray(np.linalg.qr(self.project(cosines, 0))[0])
 
     def _projected_force(self, force: Floats) -> Floats:
-        """Integrals of a force (N, ...) against test functions, without its slow part."""
+        """Integrals of a force (N, ...) against test functions, without its slow part: 0 where only rounding is left of it."""
         projected = self.project(force, 0)
-        return projected - self._slow_part @ (self._slow_part.T @ projected) if self.slow else projected
+        if not self.slow:
+            return projected
+        left = projected - self._slow_part @ (self._slow_part.T @ projected)
+        rounding = _ROUNDING * np.sum(projected**2, axis=0)
+        return np.asarray(np.where(np.sum(left**2, axis=0) > rounding, left, 0.0))
 
     @cached_property
     def _inertia(self) -> list[tuple[Floats, float, float]]:
