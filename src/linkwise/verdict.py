@@ -96,7 +96,8 @@ class Verdict(Enum):
         "The laws explain the record only with a model error, which all intervals count as a random force."
     )
     NOT_CONVERGED = (
-        "The search did not converge: the values are the best so far. Give better starts or a longer record."
+        "The search did not converge: the values are the best so far. Identify a shorter part of the record, and give "
+        "its values as starts for the whole."
     )
     NOISE_MISMATCH = (
         "The residuals do not match the noise that was stated or estimated: the noise has another level, a term is missing "

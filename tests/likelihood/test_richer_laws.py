@@ -24,6 +24,7 @@ from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import BLOCKS
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 
 MASSES = {"m1": 1.0, "m2": 0.01}
 SINK = link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=0.02)
@@ -291,6 +292,26 @@ def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer() -> 
     change = judgement.diagnosis[0]
     assert (change.kind, change.source) == ("change", "10 s of record 2")
     assert change.size == pytest.approx(2.0, abs=4.0 * change.standard_error)
+
+
+@pytest.mark.parametrize(("at", "easier"), [(100, "from 0."), (1000, "up to 0.98")])
+def test_a_search_that_does_not_converge_says_where_it_is_stuck(at: int, easier: str) -> None:
+    """Here at a stretch of 30 samples that are no motion."""
+    spring = structure({"m1": 1.0}, link("spring1", "m1-ground", "k*d + c*v", k=3e4, c=1.0))
+    clean = lw.simulate(spring, release={"v:m1": 1.0}, duration=1.5, rate=1000.0)
+    values = clean.with_noise(30.0, seed=74).values.copy()
+    values[at : at + 30] *= -1.0
+    faulty = replace(clean, values=values, simulated=None)
+    asked = spring.unknown("all")
+    options = LikelihoodOptions(relaxation=2e-2)
+    fit = likelihood_fit([faulty], asked, truth(spring, asked), options=options)
+    stuck = replace(fit, status=AnnealingStatus.EXHAUSTED)
+    judgement = judge(
+        Examined(stuck, asked.with_values({"spring1.k": 3e4, "spring1.c": 1.0}), [asked], [faulty])
+    )
+    assert judgement.verdict is lw.Verdict.NOT_CONVERGED
+    assert "Half of what is left of the record lies between" in judgement.message
+    assert f"identify the record {easier}" in judgement.message
 
 
 @pytest.mark.slow

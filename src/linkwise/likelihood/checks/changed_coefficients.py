@@ -171,7 +171,7 @@ def _significant_change(
         unit=parameters.units[free[number]],
         gain=float(gains[block, number]),
         standard_error=float(changes.errors[block, number] * scales[number] * noise),
-        source=_moment(segments, int(block) + 1, records),
+        source=moment(segments, int(block_ends(segments.count, BLOCKS[0])[int(block) + 1]), records),
         remark=f"or of {' or '.join(others)}" if others else "",
     )
 
@@ -188,12 +188,11 @@ def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, 
     return fit.segments, scores
 
 
-def _moment(segments: Segments, block: int, records: Sequence[Record]) -> str:
-    """When a block of segments begins, in words."""
-    first = block_ends(segments.count, BLOCKS[0])[block]
+def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:
+    """When a segment begins, in words."""
     begins = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1])
-    number = int(np.searchsorted(begins, first, side="right")) - 1
+    number = int(np.searchsorted(begins, segment, side="right")) - 1
     record = records[number]
-    time = record.start + (first - begins[number]) * len(segments.samples) * record.step
+    time = record.start + (segment - begins[number]) * len(segments.samples) * record.step
     of_record = f" of record {number + 1}" if len(records) > 1 else ""
     return f"{time:.3g} s{of_record}"

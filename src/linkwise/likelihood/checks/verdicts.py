@@ -9,6 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
+from linkwise.likelihood.checks.changed_coefficients import moment
 from linkwise.likelihood.checks.held_closer import hidden_term
 from linkwise.likelihood.checks.judgement import (
     LARGEST_SHIFT,
@@ -42,6 +43,8 @@ _AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
 such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
+_STRETCH = 0.2  # of the record: half of the misfit in less points at what happened there
+_TOLD_BY_NOTHING = 0.5  # standard error of a coefficient over its value
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _SMALL_ERRORS = frozenset(
     {"gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay"}
@@ -73,13 +76,40 @@ def convergence(of: Examined) -> Judgement | None:
     status = of.fit.status
     if status is AnnealingStatus.CONVERGED:
         return None
-    reason = f"{status.value.capitalize()}. The values are the best so far; give better starts, or a longer record."
+    reason = f"{status.value.capitalize()}. The values are the best so far. {_stuck(of)}"
     if of.fit.chi_square > _RAN_AWAY:
         reason = (
             f"{status.value.capitalize()}. With these values the motion runs away from the record between its "
             "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
         )
     return Judgement(Verdict.NOT_CONVERGED, reason)
+
+
+def _stuck(of: Examined) -> str:
+    """Where a search is stuck, and what helps: a stretch that holds half of the misfit, or a coefficient told by nothing."""
+    fit = of.fit
+    segments = fit.segments
+    power = np.sum(fit.misfit.residuals**2, axis=(0, 1))
+    power[1:] += np.sum((fit.misfit.defects / fit.optimum.q) ** 2, axis=0)
+    power = np.cumsum(np.nan_to_num(power))
+    before = np.concatenate([[0.0], power[:-1]])
+    last = np.minimum(np.searchsorted(power, before + 0.5 * power[-1]), segments.count - 1)
+    first = int(
+        np.argmin(np.where(before <= 0.5 * power[-1], last - np.arange(segments.count), segments.count))
+    )
+    if last[first] - first < _STRETCH * segments.count:
+        start, end = (moment(segments, int(place), of.records) for place in (first, last[first]))
+        easier = f"from {end} on" if first + last[first] < segments.count else f"up to {start}"
+        return (
+            f"Half of what is left of the record lies between {start} and {end}: identify the record {easier}, and look there "
+            "for what the laws or the sensors lack."
+        )
+    names, errors = segments.system.parameters.names, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    relative = errors[: len(names)] / np.maximum(np.abs(fit.values), np.finfo(float).tiny)
+    worst = int(np.argmax(np.where(fit.free[: len(names)] & np.isfinite(relative), relative, 0.0)))
+    if relative[worst] > _TOLD_BY_NOTHING:
+        return f"The record hardly tells {names[worst]}: hold it at a known value, or give it bounds."
+    return "Identify the beginning of the record, and give its values as starts for the whole."
 
 
 def standard_errors(of: Examined) -> Judgement | None:
