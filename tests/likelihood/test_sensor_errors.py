@@ -397,9 +397,9 @@ def test_disturbances_of_rotations_are_told_in_rad() -> None:
 
 
 @cache
-def coupled() -> tuple[lw.Record, lw.Structure, float]:
-    """An accelerometer behind a high pass at 0.3 Hz on a mass at 2.5 Hz under a random force; its record and structure."""
-    corner, rate, count = 0.3, 100.0, 2001
+def coupled(corner: float = 0.3, before: int = 0) -> tuple[lw.Record, lw.Structure, float]:
+    """An accelerometer behind a high pass on a mass at 2.5 Hz under a random force, from a sample on; its record and structure."""
+    rate, count = 100.0, 2001 + before
     rng = np.random.default_rng(3)
     frequency = np.fft.rfftfreq(8 * count, 1.0 / (8 * rate))
     spectrum = np.exp(2j * np.pi * rng.random(len(frequency))) * ((frequency > 0.5) & (frequency < 8.0))
@@ -410,7 +410,7 @@ def coupled() -> tuple[lw.Record, lw.Structure, float]:
     values = clean.values.copy()
     column = clean.channels.index("a:m1")
     values[:, column] = _passed(values[:, column], 1.0 / rate, corner)
-    return replace(clean, values=values).with_noise(40.0, seed=3), spring.unknown("all"), corner
+    return replace(clean, values=values).with_noise(40.0, seed=3)[before:], spring.unknown("all"), corner
 
 
 @pytest.mark.parametrize("keywords", [{}, {"corners": ["a:m1"]}, {"corners": {"a:m1": 0.3}}])
@@ -424,6 +424,15 @@ def test_a_high_pass_is_named_and_taken_into_the_model(keywords: dict[str, Any])
         assert error.kind == "high pass" and abs(error.value - corner) < 4.5 * error.standard_error
         assert any("behind a high pass with its corner at 0.3" in line for line in fit.findings)
     assert [cause.kind for cause in fit.added] == ([] if keywords else ["high pass"])
+
+
+def test_a_high_pass_is_found_where_the_record_begins_in_motion() -> None:
+    """The state of the high pass at the start decays with its corner."""
+    record, unknown, corner = coupled(0.6, before=330)
+    fit = lw.identify(record, unknown, corners=["a:m1"])
+    assert fit.trusted, fit.message
+    assert_within(fit, {"l1.k": 250.0, "l1.c": 1.0}, 4.5)
+    assert abs(fit.sensor_errors[0].value - corner) < 4.5 * fit.sensor_errors[0].standard_error
 
 
 def test_what_is_no_corner_is_refused() -> None:

@@ -396,8 +396,15 @@ def denoised(
         taken = left + segments.waveforms.added(number, fit.waveforms[0])
         series = []
         for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
-            motion = record.channel(name) - taken[:, part].T.ravel()[: len(record)]
-            series.append(_passed(motion, record.step, _corner(fit, name)))
+            samples = record.channel(name)
+            motion, corner = samples - taken[:, part].T.ravel()[: len(record)], _corner(fit, name)
+            passed, decay = (
+                _passed(motion, record.step, corner),
+                np.exp(-2.0 * np.pi * corner * record.step * np.arange(len(record))),
+            )
+            series.append(
+                passed + decay * (decay @ (samples - passed)) / (decay @ decay)
+            )  # of its state at the start
         shown[name] = series
     return shown
 
