@@ -348,6 +348,23 @@ def test_lost_and_repeated_samples_come_before_gains(fault: str, words: str) -> 
     assert "shows by itself" not in lw.identify(record, asked).message
 
 
+def test_a_hit_that_was_not_recorded_is_told_with_its_moment() -> None:
+    """The part after it is explained."""
+    spring = oscillator("k*d + k3*d**3 + c*v", name="s", k=4e3, k3=1e7, c=3.0)
+    force = lw.model.Sampled(0.0, 1000.0, np.where(abs(np.arange(2001) - 604) < 4, 300.0, 0.0))
+    released = {"x:m1": 2e-3}
+    clean = lw.simulate(
+        spring, duration=2.0, rate=1000.0, release=released, forces={"m1": force}, sensors=("x",)
+    )
+    record = clean.select(["x:m1"]).with_noise(40.0, seed=5_001_303)
+    fit = lw.identify(record, spring.unknown("all"), as_stated=True)
+    assert not fit.trusted and fit.diagnosis[0].kind == "event"
+    assert "Identify the record from 0.61" in fit.message
+    assert_within(
+        lw.identify(record.between(0.61, 2.0), spring.unknown("all")), {"s.k": 4e3, "s.k3": 1e7, "s.c": 3.0}
+    )
+
+
 def record_with_stated(factors: dict[str, float]) -> lw.Record:
     """At 20 dB, with noise stated as that times these factors."""
     clean = chain_record(2, duration=2.0)

@@ -398,7 +398,7 @@ def test_disturbances_of_rotations_are_told_in_rad() -> None:
 
 @cache
 def coupled(corner: float = 0.3, before: int = 0) -> tuple[lw.Record, lw.Structure, float]:
-    """An accelerometer behind a high pass on a mass at 2.5 Hz under a random force, from a sample on; its record and structure."""
+    """An accelerometer behind a high pass on a mass at 2.5 Hz under a random force, from a sample on; with its structure."""
     rate, count = 100.0, 2001 + before
     rng = np.random.default_rng(3)
     frequency = np.fft.rfftfreq(8 * count, 1.0 / (8 * rate))

@@ -33,8 +33,9 @@ class Cause:
         point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
         applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, one that is a
         ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"``
-        whose level changes with time, a ``"change"`` of a coefficient at one moment, a missing ``"term"`` of a link, a
-        missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
+        whose level changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
+        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
+        ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -54,7 +55,7 @@ class Cause:
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
         The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mode of a shape, or
-        the moment of a change, else empty.
+        the moment of a change or an event, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
@@ -213,6 +214,9 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             "an ambient force on {0.where} whose level changes with time{remark}", "1"
         ),
         "change": CauseKind("a change of {0.where} by {0.size:+.3g} {0.unit} near {0.source}{remark}"),
+        "event": CauseKind(
+            "a force that was not recorded, such as a hit, or a fault of a sensor, {0.source}", "1"
+        ),
         "prior": CauseKind(
             "{0.where} {size:.3g} {0.unit} {above} the value that is stated with a sigma of {0.standard_error:.3g}"
         ),

@@ -13,6 +13,7 @@ from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 VERDICTS = (
     Check("convergence", "refuses", verdicts.convergence),
     Check("standard errors", "refuses", verdicts.standard_errors),
+    Check("event", "approximates", verdicts.event),
     Check("level of the noise", "approximates", verdicts.level_of_noise),
     Check("noise found of inputs", "approximates", verdicts.noise_found_of_inputs),
     Check("error of a measurement", "approximates", verdicts.error_of_measurement),

@@ -18,6 +18,7 @@ from linkwise.likelihood.checks.judgement import (
     Judgement,
 )
 from linkwise.likelihood.checks.usual_terms import doubt, scatter_of_blocks
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_coloured
 from linkwise.likelihood.optima.hidden_wells import about_another_rest
 from linkwise.likelihood.optima.other_optima import is_regular, undetermined_far_away, with_faint_modes
@@ -44,6 +45,7 @@ _AS_NOISE = 0.25
 such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
 _STRETCH = 0.2  # of the record: half of the misfit in less points at what happened there
+_MOMENT = 0.05  # of the record: half of the misfit in less, and not at its start, is no error of a law
 _TOLD_BY_NOTHING = 0.5  # standard error of a coefficient over its value
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _SMALL_ERRORS = frozenset(
@@ -85,21 +87,24 @@ def convergence(of: Examined) -> Judgement | None:
     return Judgement(Verdict.NOT_CONVERGED, reason)
 
 
+def _worst_stretch(fit: LikelihoodFit) -> tuple[int, int, float]:
+    """The first and last segment of the shortest stretch that holds half of the misfit beyond noise, and that half."""
+    power = np.sum(fit.misfit.residuals**2, axis=(0, 1))
+    power = np.maximum(power - 2.0 * np.median(power), 0.0)
+    power[1:] += np.sum((fit.misfit.defects / fit.optimum.q) ** 2, axis=0)
+    total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(power))])
+    last = np.searchsorted(total[1:], total[:-1] + 0.5 * total[-1])
+    first = int(np.argmin(last - np.arange(len(last)) + len(last) * (last == len(last))))
+    return first, min(int(last[first]), len(last) - 1), 0.5 * float(total[-1])
+
+
 def _stuck(of: Examined) -> str:
     """Where a search is stuck, and what helps: a stretch that holds half of the misfit, or a coefficient told by nothing."""
-    fit = of.fit
-    segments = fit.segments
-    power = np.sum(fit.misfit.residuals**2, axis=(0, 1))
-    power[1:] += np.sum((fit.misfit.defects / fit.optimum.q) ** 2, axis=0)
-    power = np.cumsum(np.nan_to_num(power))
-    before = np.concatenate([[0.0], power[:-1]])
-    last = np.minimum(np.searchsorted(power, before + 0.5 * power[-1]), segments.count - 1)
-    first = int(
-        np.argmin(np.where(before <= 0.5 * power[-1], last - np.arange(segments.count), segments.count))
-    )
-    if last[first] - first < _STRETCH * segments.count:
-        start, end = (moment(segments, int(place), of.records) for place in (first, last[first]))
-        easier = f"from {end} on" if first + last[first] < segments.count else f"up to {start}"
+    fit, segments = of.fit, of.fit.segments
+    first, last, _ = _worst_stretch(fit)
+    if last - first < _STRETCH * segments.count:
+        start, end = (moment(segments, place, of.records) for place in (first, last))
+        easier = f"from {end} on" if first + last < segments.count else f"up to {start}"
         return (
             f"Half of what is left of the record lies between {start} and {end}: identify the record {easier}, and look there "
             "for what the laws or the sensors lack."
@@ -115,6 +120,33 @@ def _stuck(of: Examined) -> str:
 def standard_errors(of: Examined) -> Judgement | None:
     """Whether an unknown has no finite standard error."""
     return None if of.fit.has_errors else Judgement(Verdict.HARDLY_DETERMINED, _NO_ERRORS)
+
+
+def event(of: Examined) -> Judgement | None:
+    """Whether half of a misfit happens in a moment of a record, to a motion on which no input acts more than elsewhere."""
+    fit, segments = of.fit, of.fit.segments
+    if not (fit.chi_square_off or of.share > _LARGEST_ERROR):
+        return None
+    first, last, gain = _worst_stretch(fit)
+    begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
+    if last - first >= _MOMENT * segments.count or first - begin < _MOMENT * segments.count:
+        return None
+    inputs = (
+        values
+        for values in (segments.inputs.force, segments.inputs.base, segments.inputs.frame)
+        if values is not None
+    )
+    for values in inputs:
+        power = np.sum(values**2, axis=tuple(range(values.ndim - 1)))
+        if power[first : last + 1].mean() > power.mean():
+            return None
+    start, end = (moment(segments, place, of.records) for place in (first, last + 1))
+    cause = Cause("event", "", 0.0, "1", gain, 0.0, source=f"between {start} and {end}")
+    message = (
+        f"{of.explained}: half of what is left would be explained by {cause.description}. Identify the record "
+        f"from {end} on, or up to {start}."
+    )
+    return Judgement(Verdict.UNEXPLAINED_FORCES, message, of.share, (cause, *of.causes))
 
 
 def level_of_noise(of: Examined) -> Judgement | None:
