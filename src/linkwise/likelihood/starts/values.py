@@ -503,7 +503,7 @@ def require_supported(record: Record, structure: Structure) -> None:
             "a moving base beside a host is not supported in identification and validation"
         )
     for channel in record.channels:
-        if not channel.of_link and channel.place not in structure.topology.index:
+        if channel.at_place and channel.place not in structure.topology.index:
             raise IdentificationError(
                 f"channel {channel} belongs to no mass or point of the structure, which are {', '.join(structure.places)}"
             )
