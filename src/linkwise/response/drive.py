@@ -94,8 +94,13 @@ class Drive:
         Raises
         ------
         SimulationError
-            If it has no such place.
+            If it has no such place, or a law that names a signal.
         """
+        if structure.signals:
+            raise SimulationError(
+                f"a law names the signal {next(iter(structure.signals))}, which is not supported in responses: put its mean "
+                "into the law as a coefficient"
+            )
         if self.kind == FORCE:
             places = (*structure.places, *structure.modes.intersection(structure.mass_names))
             if self.place not in places:
