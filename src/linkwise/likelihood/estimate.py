@@ -503,6 +503,7 @@ class MaximumLikelihood(Estimator):
             "random forces": self.ambient,
             "noise of inputs": self.input_noise,
             "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
+            "signals": structure.signals,
         }
         named = [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
         named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
@@ -533,7 +534,7 @@ class MaximumLikelihood(Estimator):
     def _searched(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        if structure.topology.states:
+        if structure.topology.states or structure.signals:
             return self._with_memory(structure, records, options)
         search = partial(likelihood_fit, records, structure)
         if structure.hosts:
@@ -574,7 +575,7 @@ class MaximumLikelihood(Estimator):
     def _with_memory(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit of a structure with memory, from the starts that the records show of it."""
+        """A fit of a structure with memory or signals, from the starts that the records show of it."""
         given = dict(self.starts or {})
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure, integrated=True)

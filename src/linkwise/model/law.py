@@ -452,6 +452,11 @@ class Law:
         """d, v, the states and the signals."""
         return (*VARIABLES, *self.states, *self.signals)
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a function of d and v alone, without states and signals."""
+        return len(self.variables) == len(VARIABLES)
+
     @cached_property
     def linear(self) -> tuple[str, ...]:
         """Coefficients in which the law is jointly linear, f = sum c_j g_j + g_0, chosen greedily from left to right."""

@@ -293,9 +293,9 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     ('elongation d, mm', 'rate v, m/s')
     """
     link_estimate = estimate.link(link)
-    if link_estimate.link.law.states:
+    if not link_estimate.link.law.is_plain:
         raise StructureError(
-            "has memory, so that its force is not a function of elongation and rate; draw its loops",
+            "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops",
             f'link "{link}"',
         )
     index = [structure_link.name for structure_link in estimate.structure.links].index(link)
