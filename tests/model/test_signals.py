@@ -71,6 +71,6 @@ def test_one_signal_has_one_unit_in_all_links() -> None:
 def test_what_takes_no_signal_says_so() -> None:
     valve = lw.parse_structure(VALVE)
     with pytest.raises(
-        lw.StructureError, match=r"has an input \(signal u\), which is not supported in basins"
+        lw.StructureError, match=r"the law names a signal \(u\), which is not supported in basins"
     ):
         lw.model.link.refuse_memory(valve.links, "basins")

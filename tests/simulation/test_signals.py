@@ -70,7 +70,7 @@ def test_signals_that_are_missing_or_of_no_law_are_named() -> None:
 
 
 def test_responses_take_no_signal() -> None:
-    with pytest.raises(lw.SimulationError, match="the signal u, which is not supported in responses"):
+    with pytest.raises(lw.StructureError, match=r"a signal \(u\), which is not supported in responses"):
         lw.respond(VALVE, hz=(1.0, 5.0), force={"m1": 1.0})
 
 

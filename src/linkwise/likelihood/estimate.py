@@ -66,6 +66,7 @@ from linkwise.likelihood.starts.drift import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts, memory_starts_by_links
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
+from linkwise.model.link import refuse_signals
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -445,6 +446,9 @@ class MaximumLikelihood(Estimator):
         for record in records:
             require_units_of_states(record, structure)
             if structure.hosts:
+                refuse_signals(
+                    structure.links, "structures with hosts", "put its mean into the law as a coefficient"
+                )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         sensors = errors_to_find(

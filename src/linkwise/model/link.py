@@ -6,7 +6,7 @@ the force in N on the first end with reversed sign (METHODS section 1): m_first 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -414,15 +414,23 @@ def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
             )
 
 
-def refuse_memory(links: Iterable[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
-    """Raise StructureError if a link has states or signals, which `feature` does not take, and say what to do `instead`."""
+def refuse_signals(links: Iterable[Link], feature: str, instead: str) -> None:
+    """Raise StructureError if a law names a signal, which `feature` does not take, and say what to do `instead`."""
     for link in links:
-        for kind, names in (
-            ("has memory (state", link.law.states),
-            ("has an input (signal", link.law.signals),
-        ):
-            if names:
-                raise StructureError(
-                    f"the law {kind} {', '.join(names)}), which is not supported in {feature}; {instead}",
-                    f'link "{link.name}"',
-                )
+        if link.law.signals:
+            raise StructureError(
+                f"the law names a signal ({', '.join(link.law.signals)}), which is not supported in {feature}; {instead}",
+                f'link "{link.name}"',
+            )
+
+
+def refuse_memory(links: Sequence[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
+    """Raise StructureError if a law has states or signals, which `feature` does not take, and say what to do `instead`."""
+    refuse_signals(links, feature, instead)
+    for link in links:
+        if link.law.states:
+            states = ", ".join(link.law.states)
+            raise StructureError(
+                f"the law has memory (state {states}), which is not supported in {feature}; {instead}",
+                f'link "{link.name}"',
+            )

@@ -30,7 +30,7 @@ def unit_in(structure: Structure, name: str) -> str:
     if channel.kind == "state":
         return structure.link(channel.link).law.state_units[channel.state].replace("?", "")
     if channel.kind == "signal":
-        return structure.signals[channel.place]
+        return structure.signals.get(channel.place, "")
     if not structure.rotations:
         return channel.unit
     if channel.of_link:

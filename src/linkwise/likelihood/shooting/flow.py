@@ -329,7 +329,7 @@ class Trajectories:
         return np.stack([middle_x, middle_u], axis=1)
 
     def ends(self, step: Floats) -> Floats:
-        """(2n + S + U, K) displacements in m, velocities in m/s, states and signals at the ends of segments, steps (K,) in s."""
+        """(2n + S + U, K) displacements in m, velocities in m/s, states, signals at the ends of segments, steps (K,) in s."""
         x, u = self.states[-1]
         return np.concatenate([x, u * (1.0 / step), self.memory[-1]])
 

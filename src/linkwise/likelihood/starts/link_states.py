@@ -107,9 +107,9 @@ def follow_states(
         own = {
             name: np.asarray(value)[away] if np.size(value) > 1 else value for name, value in values.items()
         }
-        states[:, away] = _followed(
-            law, own, _between(motion, step), step / _FINER, len(away), start
-        )[..., ::_FINER]
+        states[:, away] = _followed(law, own, _between(motion, step), step / _FINER, len(away), start)[
+            ..., ::_FINER
+        ]
     return states
 
 

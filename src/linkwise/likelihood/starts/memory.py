@@ -162,7 +162,8 @@ class MemorySearch:
     """The regression along a motion: elongations and rates (N, L), projected equations, and what is unknown.
 
     The equations are those of the `balances` of masses, and of the forces and states (N,) of links that are `shown`, by
-    channel, as are the `signals` (N,) that laws name. What forces have of the first `slow` cosines over the record is left out, where elongations are known up to drift.
+    channel; `signals` (N,) are those that laws name. What forces have of the first `slow` cosines over the record is left
+    out, where elongations are known up to drift.
     """
 
     structure: Structure
