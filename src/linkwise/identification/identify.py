@@ -89,6 +89,7 @@ def identify(
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
     check_stated_noise(records)
+    recorded = records[0]
     records = [with_force_windows(in_units_of(given, structure)) for given in records]
     if not structure.parameters:
         raise IdentificationError(
@@ -99,7 +100,7 @@ def identify(
     if isinstance(estimator, WeakForm):
         estimate = judged_by_likelihood(estimate)
     seconds, notes = perf_counter() - started, joined_notes(records)
-    remarks = (*uncounted(records, estimate.method), *_unused(records[0], structure, estimate.method))
+    remarks = (*uncounted(records, estimate.method), *_unused(recorded, structure, estimate.method))
     return replace(estimate, seconds=seconds, notes=notes, remarks=(*estimate.remarks, *remarks))
 
 

@@ -558,7 +558,7 @@ def motion_of_links(
         rate = None if base is None else np.gradient(base, record.step)
         rates.append(identified.elongations(v[own], rate))
         if segments.system.states or identified.signals:
-            forces.append(_forces_with_memory(identified, d[-1], rates[-1], inside[own], segments.system))
+            forces.append(_forces_with_memory(identified, d[-1], rates[-1], inside[own], segments))
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),
@@ -572,14 +572,15 @@ def motion_of_links(
 
 
 def _forces_with_memory(
-    identified: Structure, d: Floats, v: Floats, inside: Floats, system: System
+    identified: Structure, d: Floats, v: Floats, inside: Floats, segments: Segments
 ) -> Floats:
     """(N, L) forces in N of links with states or signals, which are `inside` (N, S + U); NaN for others."""
     forces = np.full(d.shape, np.nan)
-    signals = dict(zip(identified.signals, inside.T[len(system.states) :], strict=True))
+    states = segments.system.states
+    signals = dict(zip(segments.inputs.signals, inside.T[len(states) :], strict=True))
     for index, link in enumerate(identified.links):
         own = {name: signals[name] for name in link.law.signals}
-        own |= {name: inside[:, column] for column, (i, name) in enumerate(system.states) if i == index}
+        own |= {name: inside[:, column] for column, (i, name) in enumerate(states) if i == index}
         if own:
             forces[:, index] = link.force(d[:, index], v[:, index], own)
     return forces

@@ -41,11 +41,15 @@ def unit_in(structure: Structure, name: str) -> str:
 
 
 def in_units_of(record: Record, structure: Structure) -> Record:
-    """A record with the units of signals and of places of a structure that turn, whose channels it may have without a unit.
+    """A record with the units of signals and of places of a structure that turn, whose channels it may have without a unit,
+    and without signals that no law names.
 
     RecordError if the channel of a signal is missing or stated in another kind of unit, or a channel is stated in units of a
     rotation and its place moves in m, or the other way round.
     """
+    named = [c for c in record.channels if c.kind != "signal" or c.place in structure.signals]
+    if len(named) < len(record.channels):
+        record = record.select(named)
     if structure.signals:
         record = replace(record, units={**record.units, **_units_of_signals(record, structure)})
     if not structure.rotations and ANGULAR_UNITS.isdisjoint(record.units.values()):
@@ -66,6 +70,12 @@ def in_units_of(record: Record, structure: Structure) -> Record:
                 )
             units[channel] = unit
     return replace(record, units={**record.units, **units}) if units else record
+
+
+def signals_of(record: Record, structure: Structure) -> tuple[str, ...]:
+    """The signals of a record, those that the laws of a structure name first: in a search others may come to be named."""
+    recorded = [channel.place for channel in record.channels if channel.kind == "signal"]
+    return tuple(dict.fromkeys((*structure.signals, *recorded)))
 
 
 def _units_of_signals(record: Record, structure: Structure) -> dict[str, str]:

@@ -29,8 +29,8 @@ sample would leave an eighth of a signal at a sixth of the sampling rate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -204,8 +204,8 @@ class Inputs:
         Acceleration in m/s^2 of the coordinates; `force` has its forces of inertia by the masses that the structure states.
     points : array of shape (J, 5, k, K) or None
         Forces on points of hosts in N, where shapes are parameters; `force` has them by the shapes that the structure states.
-    signals : array of shape (J, 5, U, K) or None
-        Signals that laws name.
+    signals : mapping of str to array of shape (J, 5, K)
+        The U recorded signals by name, those that laws name first.
     uncertain : UncertainForces or None
         Those of the forces whose channels have unknown errors; `force` and `points` have them at some values of these.
     """
@@ -214,7 +214,7 @@ class Inputs:
     base: Floats | None = None
     frame: Floats | None = None
     points: Floats | None = None
-    signals: Floats | None = None
+    signals: Mapping[str, Floats] = field(default_factory=dict)
     uncertain: UncertainForces | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
@@ -230,17 +230,13 @@ class Inputs:
 
     def mapped(self, change: Callable[[Floats], Floats], unit: Floats | None) -> Inputs:
         """The inputs with each array changed, and the `unit` (K',) of uncertain ones in the segments then."""
-        every = (self.force, self.base, self.frame, self.points, self.signals)
-        changed = (None if a is None else change(a) for a in every)
+        every = (self.force, self.base, self.frame, self.points)
+        force, base, frame, points = (None if a is None else change(a) for a in every)
+        signals = {name: change(values) for name, values in self.signals.items()}
         uncertain = None
         if self.uncertain is not None and unit is not None:
             uncertain = self.uncertain.mapped(change, unit)
-        return Inputs(*changed, uncertain)
-
-    @property
-    def count(self) -> int:
-        """Number of signals U."""
-        return 0 if self.signals is None else self.signals.shape[2]
+        return Inputs(force, base, frame, points, signals, uncertain)
 
     def at(self, gains: Floats, delays: Floats) -> Inputs:
         """The inputs with uncertain forces at gains (g,) and delays (l,) in s of channels."""
@@ -428,7 +424,7 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     K = start.shape[-1]
     n, L = mechanics.gain.shape
     S = len(start) - 2 * n
-    orbit = Trajectories.empty(steps, n, L, S + inputs.count, K)
+    orbit = Trajectories.empty(steps, n, L, S + len(inputs.signals), K)
     orbit.states[0, 0] = start[:n]
     np.multiply(start[n : 2 * n], step, out=orbit.states[0, 1])
     orbit.memory[0, :S] = start[2 * n :]
@@ -468,7 +464,7 @@ class _Stages:
             for i in range(STAGES)
         ]
         self.motion, self.force, self.closing = np.empty((2, L, K)), np.empty((L, K)), np.empty((2, L, K))
-        self.inside, self.change = np.empty((S + inputs.count, K)), np.empty((S, K))
+        self.inside, self.change = np.empty((S + len(inputs.signals), K)), np.empty((S, K))
         self.memory, self.signals, self.gone = self.inside[:S], self.inside[S:], np.empty((1, S * K))
         self.law_operations = mechanics.force_operations(
             self.motion[0], self.motion[1], self.inside, self.force, self.change
@@ -501,8 +497,8 @@ class _Stages:
                 _add_base(mechanics, motion, self.inputs, (j, point), memory)
             if self.has_memory:
                 np.add(memory, np.dot(inner_row, inner_above, self.gone).reshape(memory.shape), self.memory)
-            if self.inputs.signals is not None:
-                self.signals[:] = self.inputs.signals[j, point]
+            for signal, values in zip(self.signals, self.inputs.signals.values(), strict=True):
+                signal[:] = values[j, point]
             if i == 0:
                 orbit.links[j], orbit.memory[j] = motion, self.inside
             elif i == MIDDLE:
@@ -539,8 +535,8 @@ class _Stages:
         _add_base(self.mechanics, self.motion, self.inputs, (steps - 1, 4), orbit.memory[steps])
         orbit.links[steps] = self.motion
         self.memory[:] = orbit.memory[steps, : len(self.memory)]
-        if self.inputs.signals is not None:
-            self.signals[:] = self.inputs.signals[steps - 1, 4]
+        for signal, values in zip(self.signals, self.inputs.signals.values(), strict=True):
+            signal[:] = values[steps - 1, 4]
         orbit.memory[steps] = self.inside
         self.evaluate()
         np.matmul(self.mechanics.gain, self.force, out=orbit.accelerations[steps])

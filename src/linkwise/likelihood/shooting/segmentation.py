@@ -41,6 +41,7 @@ from linkwise.records.channel import (
     interpolated,
     require_complete,
 )
+from linkwise.records.channel_units import signals_of
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.signals.base_frame import FramedRecord, frame_acceleration
@@ -319,8 +320,8 @@ def flow_inputs(
             for record, count in zip(records, counts, strict=True)
         ]
         base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
-    signals = [along(Channel("signal", name)) for name in structure.signals]
-    return Inputs(force, base, points=at_points, signals=np.stack(signals, axis=2) if signals else None)
+    signals = {name: along(Channel("signal", name)) for name in signals_of(records[0], structure)}
+    return Inputs(force, base, points=at_points, signals=signals)
 
 
 def forces_at_points(structure: Structure, places: Sequence[str], size: tuple[int, int]) -> Floats | None:

@@ -47,7 +47,7 @@ class LawGroup:
     first_state : int
         Position of their first state on the state axis: state by state, link by link.
     signals : tuple of int
-        Positions of the signals that the law names on the state axis, from its end, where signals follow the states.
+        Positions of the signals that the law names on the state axis, where signals follow the states.
     free : tuple of str
         Coefficients that are unknown in one of these links at least.
     lag : float or None
@@ -111,7 +111,7 @@ class LawGroup:
 
     def inside(self, values: Floats) -> list[Floats]:
         """As `of_states`, and the signals (..., 1, K) that the law names, which follow the states in (..., S + U, K)."""
-        signals = [values[..., place : place + 1 or None, :] for place in self.signals]
+        signals = [values[..., place : place + 1, :] for place in self.signals]
         return [*self.of_states(values), *signals]
 
     def row(self, name: str) -> slice:
@@ -463,7 +463,7 @@ class System:
                 if any((index, name) in unknown for index in indices.tolist())
             )
             which = slice(links, links + len(indices))
-            inputs = tuple(names.index(name) - len(names) for name in law.signals)
+            inputs = tuple(len(structure.topology.states) + names.index(name) for name in law.signals)
             groups.append(LawGroup(law, which, rows, len(states), inputs, free, lag))
             states += [(index, name) for name in law.states for index in indices.tolist()]
             owners += [links + number for _ in law.states for number in range(len(indices))]
