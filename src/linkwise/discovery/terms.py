@@ -333,13 +333,13 @@ class Term:
 
     @property
     def is_damping(self) -> bool:
-        """Whether the term takes energy from every motion, as v, v*abs(v) and tanh(v/0.1) do."""
-        if "v" not in symbols(self.law.expression):
+        """Whether the term takes energy from every motion, as v, v*abs(v) and tanh(v/0.1) do, whatever a signal is."""
+        if self.law.signals or "v" not in symbols(self.law.expression):
             return False
         rng = np.random.default_rng(0)
         d, v = rng.choice([-1.0, 1.0], (2, _SAMPLES)) * 10.0 ** rng.uniform(-3.0, 0.0, (2, _SAMPLES))
         with np.errstate(all="ignore"):
-            power = v * self.law.force(d, v, {**dict.fromkeys(self.parameters, 1.0), **_random_signals(self)})
+            power = v * self.law.force(d, v, dict.fromkeys(self.parameters, 1.0))
         return bool(np.all(power >= 0.0) and np.any(power > 0.0))
 
     @property

@@ -397,8 +397,11 @@ def check_name(name: object, kind: str) -> None:
 COMPARISON = "the comparison with a truth"  # of terms and forces of d and v
 
 
-def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
-    """Raise StructureError if the states of one of the links do not rest at 0 while its ends rest, as `feature` needs."""
+def require_rest_at_zero(links: Sequence[Link], feature: str) -> None:
+    """Raise StructureError if a law names a signal, or the states of a link do not rest at 0 while its ends rest, as `feature`
+    needs.
+    """
+    refuse_signals(links, feature, "put its mean into the law as a coefficient")
     elongations = np.concatenate([-np.logspace(-9, 0, 10), [0.0], np.logspace(-9, 0, 10)])
     for link in links:
         if not link.law.states:

@@ -156,7 +156,8 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
         axes.plot(wells, [0.0] * len(wells), "o", color=WELL, markersize=5, zorder=6, label="wells")
     axes.set(xlim=(d[0], d[-1]), ylim=(curve.frame[0] * to_f, curve.frame[1] * to_f))
     axes.set_xlabel(f"elongation d, {unit_d}")
-    at_rest = "v = 0 and states of 0" if curve.link.states else "v = 0"
+    others = [kind for kind in ("states", "signals") if getattr(curve.link.law, kind)]
+    at_rest = f"v = 0 and {' and '.join(others)} of 0" if others else "v = 0"
     axes.set_ylabel(f"force at {at_rest}, {unit_f}")
 
 

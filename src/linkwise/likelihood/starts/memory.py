@@ -185,7 +185,7 @@ class MemorySearch:
         unseen = [name for name, row in zip(structure.mass_names, x, strict=True) if not row.any()]
         if unseen:
             raise IdentificationError(
-                f"no starting values for links with memory: mass {unseen[0]} has no channel; record its motion, or "
+                f"no starting values for links with memory or signals: mass {unseen[0]} has no channel; record its motion, or "
                 "state starts of all unknowns"
             )
         d, rate = link_motion(record, structure, x, v)
