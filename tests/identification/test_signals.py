@@ -106,3 +106,20 @@ def test_a_loudspeaker_is_found_from_voltage_current_and_displacement() -> None:
     assert fit.trusted
     z = (fit.values - list(true.values())) / np.sqrt(fit.covariance.diagonal())
     assert np.abs(z).max() < 3.3  # of a thousand
+
+
+@pytest.mark.slow
+def test_intervals_allow_for_noise_of_a_signal() -> None:
+    clean = record()
+    values = clean.values.copy()
+    rng = np.random.default_rng(494)
+    values[:, clean.channels.index(lw.records.Channel("signal", "u"))] += 0.03 * rng.standard_normal(
+        len(values)
+    )
+    noisy = replace(clean, values=values, simulated=None)
+    fit = lw.identify(noisy, VALVE.unknown("all"))
+    plain = lw.identify(replace(clean, simulated=None), VALVE.unknown("all"))
+    assert "noise of signal:u of 0.0" in fit.message
+    assert np.all(fit.covariance.diagonal() > 1.2 * plain.covariance.diagonal())
+    z = (fit.values - list(TRUE.values())) / np.sqrt(fit.covariance.diagonal())
+    assert np.abs(z).max() < 3.3  # of a thousand

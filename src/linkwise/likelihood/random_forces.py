@@ -146,7 +146,8 @@ def noise_of_channels(records: Sequence[Record], structure: Structure) -> dict[s
     """
     found: dict[str, float] = {}
     base = exciting_base(records[0], structure)
-    for channel in (*records[0].forces, *(() if base is None else (base,))):
+    signals = (f"signal:{name}" for name in structure.signals)
+    for channel in (*records[0].forces, *(() if base is None else (base,)), *signals):
         powers = [_noise_power(record, channel) for record in records]
         if any(powers):
             found[channel] = float(np.sqrt(np.mean(powers)))

@@ -89,6 +89,10 @@ class LawGroup:
         """Program for the partial derivatives of the force with respect to d and v, from what `partials` takes."""
         return _slope_of_motion_program(self.law)
 
+    def slope_by(self, signal: int) -> Program:
+        """Program for the derivative of the force with respect to the signal at a position, from what `force` takes."""
+        return _slope_by_signal(self.law, self.law.signals[self.signals.index(signal)])
+
     @property
     def rows(self) -> slice:
         """Positions of the coefficients of these links in the vector of coefficients: name by name, link by link."""
@@ -149,6 +153,12 @@ def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Progra
 def _slope_of_motion_program(law: Law) -> Program:
     slopes = [differentiate(law.expression, name) for name in VARIABLES]
     return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+@lru_cache(maxsize=512)
+def _slope_by_signal(law: Law, name: str) -> Program:
+    slope = differentiate(law.expression, name)
+    return Program([slope], (*law.variables, *law.coefficients), wide=law.variables)
 
 
 def _trees(law: Law, lag: float | None) -> list[Expression]:
@@ -721,6 +731,15 @@ class NumericSystem:
             for row, factor in rest:
                 by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
         return ForcePartials(by_d, by_v, by_parameter, memory.partials())
+
+    def by_signal(self, signal: int, d: Floats, v: Floats, states: Floats) -> Floats:
+        """Partial derivatives (..., L, K) of the link forces with respect to the signal at a position behind the states."""
+        slopes = np.zeros_like(d)
+        for group, values in zip(self.system.groups, self._values, strict=True):
+            if signal in group.signals:
+                which = group.which
+                (slopes[which],) = group.slope_by(signal)(d[which], v[which], *group.inside(states), *values)
+        return slopes
 
     def slopes(self, d: Floats, v: Floats, states: Floats) -> tuple[Floats, Floats]:
         """Partial derivatives (..., L, K) of the link forces with respect to elongations and rates; as `partials`."""
