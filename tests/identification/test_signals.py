@@ -123,3 +123,28 @@ def test_intervals_allow_for_noise_of_a_signal() -> None:
     assert np.all(fit.covariance.diagonal() > 1.2 * plain.covariance.diagonal())
     z = (fit.values - list(TRUE.values())) / np.sqrt(fit.covariance.diagonal())
     assert np.abs(z).max() < 3.3  # of a thousand
+
+
+CASE = Path(__file__).parents[3] / "shared" / "cases" / "loudspeaker" / "klip.csv"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared")
+def test_the_record_of_a_loudspeaker_with_its_voltage_is_explained() -> None:
+    columns = {"time": "t", "x:cone[mm]": "X", "state:motor.i[A]": "I", "signal:u[V]": "U"}
+    measured = lw.read_record(CASE, channels=columns)[:800]
+    force = "Bl*(1 + b1*d + b2*d**2)"
+    law = lw.Law.parse(
+        f"k*d + k2*d**2 + k3*d**3 + c*v - {force}*i",
+        {"i": f"(u - R*i - {force}*v)/L"},
+        signals={"u": "V"},
+    )
+    starts = {"b1": lw.Coefficient.unknown(1.0), "b2": lw.Coefficient.unknown(-1000.0)}
+    unknown = dict.fromkeys(law.coefficients, lw.Coefficient.unknown()) | starts
+    motor = lw.Link("motor", ("cone", "ground"), law, unknown)
+    fit = lw.identify(measured, lw.Structure("loudspeaker", (lw.Mass("cone", "12 g"),), (motor,)))
+    assert fit.trusted
+    for name, value in {"motor.R": 6.4, "motor.L": 4e-4}.items():
+        found = fit.coefficient(name)
+        assert found.standard_error is not None
+        assert abs(found.value - value) < 4.5 * found.standard_error
