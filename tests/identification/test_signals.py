@@ -46,7 +46,7 @@ def test_a_valve_is_found_with_its_errors(held: bool) -> None:
 
 @pytest.mark.slow
 def test_a_law_that_lacks_its_signal_is_not_trusted() -> None:
-    measured = replace(record()[:400], simulated=None)
+    measured = replace(record(), simulated=None)
     constant = lw.rig({"m1": 1.0}, {"damper": "m1 - ground: k*d + c*v"})
     fit = lw.identify(measured, constant)
     assert not fit.trusted
