@@ -384,7 +384,7 @@ class Law:
         >>> import linkwise as lw
         >>> valve = lw.Law.parse("(c0 + cu*u)*v", signals={"u": "V"})
         >>> valve.signals, dict(valve.units)
-        (('u',), {'c0': 'N s/m', 'cu': 'A s^2/m^2'})
+        (('u',), {'c0': 'N s/m', 'cu': 's^2 A/m^2'})
         """
         rates = {name: (state.rate, state.unit) for name, state in as_link_states(states or {}).items()}
         for name, unit in signals.items():
