@@ -165,7 +165,7 @@ REFUSED = {
     f"discover run.csv {BY_NAME}": [
         ("--mass m1=2", "--mass is given twice for 'm1': 1 and 2"),
         ("--structure chain.toml", "The file of --structure states the masses"),
-        ("--terms magic", "--terms: the term 'magic' contains the name 'magic'"),
+        ("--terms magic", "the term 'magic' contains the name 'magic'"),
         ("--terms 'friction()'", "the family friction takes the rate in m/s at which it saturates"),
         ("--terms 'd**'", "Something is missing after '**'."),
         ("--test m1-m7", '"m1-m7" is not a link that is looked for'),

@@ -172,6 +172,41 @@ def test_rates_are_those_of_the_structure(language: str, tmp_path: Path) -> None
         assert rhs(z, u) == pytest.approx(expected, rel=1e-12, abs=1e-9, nan_ok=True)
 
 
+def speaker() -> lw.Structure:
+    """A voice coil driven by its voltage, and a valve beside it."""
+    coil = lw.Law.parse("k*d - Bl*i", {"i": "(u - R*i - Bl*v)/L"}, signals={"w": "A", "u": "V"})
+    valve = lw.Law.parse("(c0 + cw*w**2 + cu*u*w)*v", signals={"w": "A", "u": "V"})
+    return structure(
+        {"m1": 0.5, "m2": 0.2},
+        link("coil", "m1-ground", coil, k=400.0, Bl=5.0, R=4.0, L=0.05),
+        link("valve", "m2-m1", valve, c0=2.0, cw=3.0, cu=0.7),
+    )
+
+
+def test_signals_are_inputs(language: str, tmp_path: Path) -> None:
+    subject = speaker()
+    module = runpy.run_path(str(export_equations(subject, tmp_path / "names.py")))
+    assert module["INPUTS"] == ["force:m1", "force:m2", "signal:u", "signal:w"]
+    assert module["UNITS"]["signal:u"] == "V"
+    rhs, jacobian, input_jacobian = functions(subject, language, tmp_path)
+    u = np.array([0.3, -0.2, 1.5, 0.4])
+    signals = {"u": 1.5, "w": 0.4}
+    for z in motions(5, 2):
+        x, v, i = z[:2], z[2:4], float(z[4])
+        coil, valve = subject.links
+        forces = [
+            float(coil.force(x[0], v[0], {"i": i, **signals})),
+            float(valve.force(x[1] - x[0], v[1] - v[0], signals)),
+        ]
+        (rate,) = coil.law.state_rates(x[0], v[0], {**coil.values, "i": i, **signals})
+        expected = [*v, (0.3 - forces[0] + forces[1]) / 0.5, (-0.2 - forces[1]) / 0.2, float(rate)]
+        assert rhs(z, u) == pytest.approx(expected, rel=1e-12)
+        by_state = [(rhs(z + step, u) - rhs(z - step, u)) / 2e-6 for step in 1e-6 * np.eye(5)]
+        by_input = [(rhs(z, u + step) - rhs(z, u - step)) / 2e-6 for step in 1e-6 * np.eye(4)]
+        for exact, differences in ((jacobian(z, u), by_state), (input_jacobian(z, u), by_input)):
+            assert exact == pytest.approx(np.transpose(differences), abs=1e-6 * np.abs(exact).max())
+
+
 def smooth() -> lw.Structure:
     """The same without laws that have kinks or are no numbers for some elongations, and one with a coefficient as exponent."""
     subject = of_every_kind()

@@ -141,7 +141,7 @@ REFUSED = {
     "missing key": ('law = "alpha*d"', "", "s.toml, link[2]: the key `law` is missing"),
     "bad top key": (
         'name = "two', 'nmae = "two',
-        's.toml: unknown key "nmae"; did you mean "name"?; the keys are name, host, mass, link',
+        's.toml: unknown key "nmae"; did you mean "name"?; the keys are name, signals, host, mass, link',
     ),
     "bad start key": (
         "{ start = 0.02", "{ strat = 0.02",
@@ -151,7 +151,7 @@ REFUSED = {
         'mass = "10 g"', "mass = { value = 3.0 }",
         's.toml, mass[1].mass: unknown key "value"; the keys are start, lower',
     ),
-    "no table of masses": ("[[mass]]", "[[body]]", 's.toml: unknown key "body"; the keys are name, host, mass, link'),
+    "no table of masses": ("[[mass]]", "[[body]]", 's.toml: unknown key "body"; the keys are name, signals, host, mass, link'),
     "name that is a number": ('name = "m2"', "name = 2", "s.toml, mass[1].name: expected `str`, got `int`"),
     "mass that is true": ('mass = "10 g"', "mass = true", "s.toml, mass[1].mass: expected `float | str | object`, got `bool`"),
     "coefficient that is true": ("c = 1 }", "c = true }", "s.toml, link[0].coefficients.c: expected a number, a text such as"),

@@ -31,5 +31,7 @@ def test_a_link_with_memory_has_no_surface() -> None:
     sliding = rig("k*d + F*z", {"k": 400.0, "F": 1.0, "x0": 1e-3}, {"z": "(v - abs(v)*z)/x0"})
     record = lw.simulate(sliding, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
     fit = lw.identify(record, sliding.unknown("damper.k"))
-    with pytest.raises(lw.StructureError, match="has memory, so that its force is not a function"):
+    with pytest.raises(
+        lw.StructureError, match="has memory or takes a signal, so that its force is not a function"
+    ):
         lw.plot.surface(fit, "damper")

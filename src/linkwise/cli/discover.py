@@ -156,8 +156,8 @@ def discover(
         for remark in lw.discovery.check_discovery(records, masses, options):
             tell(f"note: {remark}")
         discovery = lw.discover(records, masses, options, progress=step)
-    if true is not None and any(link.law.states for link in discovery.structure.links):
-        tell("note: a law with memory was found, so the answer is not compared with the truth")
+    if true is not None and not all(link.law.is_plain for link in discovery.structure.links):
+        tell("note: a law with memory or a signal was found, so the answer is not compared with the truth")
         true = None
     result = lw.report.discovery_of(discovery, true)
     more = _comparison_lines(result)

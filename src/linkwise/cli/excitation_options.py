@@ -27,12 +27,15 @@ class ExcitationOptions:
     base : str | None
         Base displacement in m: an expression of t, FILE:COLUMN, or a FILE with x:base, or with v:base or a:base,
         which are integrated from rest.
+    signal : tuple[str, ...]
+        A signal that laws name, in its SI unit: an expression of t or FILE:COLUMN. Repeatable.
     """
 
     release: tuple[str, ...] = typed("CHANNEL=VALUE", multiple=True)
     impulse: tuple[str, ...] = typed("MASS=NS[@S]", multiple=True)
     force: tuple[str, ...] = typed("MASS=FORCE", multiple=True)
     base: str | None = typed("MOTION")
+    signal: tuple[str, ...] = typed("NAME=SIGNAL", multiple=True)
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.simulate`; raises UsageError and the errors of reading a drive's file."""
@@ -45,6 +48,10 @@ class ExcitationOptions:
                 for mass, value in pairs(self.force, "--force", 'm1="sin(2*pi*3*t)"').items()
             },
             "base": None if self.base is None else _base_motion(self.base),
+            "signals": {
+                name: _time_function(value, f"signal:{name}")
+                for name, value in pairs(self.signal, "--signal", 'u="2*sin(2*pi*3*t)"').items()
+            },
         }
 
 

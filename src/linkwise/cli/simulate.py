@@ -67,7 +67,8 @@ def simulate(structure: Path, recording: RecordingOptions, drive: ExcitationOpti
         lw.write_record(record, output)
         step(lw.estimates.ProgressReport(1.0, "energy and horizon"))
         summary = _summary(record, output)
-    if not any(keywords[kind] for kind in ("release", "impulses", "forces")) and keywords["base"] is None:
+    driven = any(keywords[kind] for kind in ("release", "impulses", "forces", "signals"))
+    if not driven and keywords["base"] is None:
         tell("note: nothing sets the structure in motion; give --release, --impulse, --force or --base.")
     start = np.array([keywords["release"].get(f"x:{name}", 0.0) for name in subject.mass_names])
     if hilltop := hilltop_finding(subject, start):

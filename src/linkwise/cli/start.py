@@ -206,7 +206,7 @@ class _Test:
     def _require_masses(self, channels: Sequence[Channel]) -> None:
         """UsageError where a header names a mass that is not given."""
         doubted = [guess.name for guess in self.guesses if guess.doubts]
-        places = [c.place for c in channels if not c.of_link and c not in doubted]
+        places = [c.place for c in channels if c.at_place and c not in doubted]
         foreign = [place for place in places if place not in (*self.masses, BASE)]
         if foreign:
             options = " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in dict.fromkeys(foreign))

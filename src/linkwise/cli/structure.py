@@ -225,6 +225,8 @@ def _shown(coefficient: lw.Coefficient) -> str:
 
 def _why_no_rests(subject: lw.Structure) -> str | None:
     """Why equilibria are not searched for, where they are not."""
+    if subject.signals:
+        return f"laws name the signal {next(iter(subject.signals))}"
     if with_memory := [link.name for link in subject.links if link.law.states]:
         return f"link {with_memory[0]} has memory"
     if subject.parameters:

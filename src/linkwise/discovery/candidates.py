@@ -12,7 +12,15 @@ from typing import TypedDict, final
 
 import numpy as np
 
-from linkwise.discovery.terms import DEFAULT, Term, link_with_memory, offered_memory, parse_terms
+from linkwise.discovery.terms import (
+    DEFAULT,
+    Term,
+    link_with_memory,
+    offered_memory,
+    parse_terms,
+    possible_signals,
+    with_signals,
+)
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
 from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, INPUT_NOISE
@@ -200,10 +208,17 @@ class Candidates:
         for stated in first:
             text = f"{stated.law.text} + {link.law.text}"
             coefficients = {**stated.coefficients, **link.coefficients}
-            link = Link(stated.name, stated.between, Law.parse(text, link.states), coefficients, link.states)
+            signals = dict(stated.law.signal_units)
+            joined = Law.parse(text, link.states, signals=signals)
+            link = Link(stated.name, stated.between, joined, coefficients, link.states)
         pairs = list(self.pairs)
         pairs[pair] = replace(given, stated=(link, *given.stated[1:]))
         return replace(self, pairs=tuple(pairs))
+
+    @property
+    def without_signals(self) -> Candidates:
+        """The candidates whose terms are functions of the motion alone."""
+        return replace(self, terms=tuple(term for term in self.terms if not term.law.signals))
 
     @cached_property
     def full_structure(self) -> Structure:
@@ -308,10 +323,10 @@ def _links(pair: Pair, terms: Sequence[Term], parameters: Mapping[str, Coefficie
     new = {term.coefficient: Coefficient.unknown() for term in ordered}
     new |= {name: parameters[name] for term in ordered for name in term.parameters}
     if not pair.stated:
-        return (Link(pair.name, pair.between, Law.parse(text), new),)
+        return (Link(pair.name, pair.between, Law.parse(text, signals=dict(ordered[0].signals)), new),)
     first, *others = pair.stated
     summands = (text, first.law.text) if first.states else (first.law.text, text)
-    law = Law.parse(" + ".join(summands), first.states)
+    law = Law.parse(" + ".join(summands), first.states, signals=dict(ordered[0].signals))
     return Link(first.name, first.between, law, {**first.coefficients, **new}, first.states), *others
 
 
@@ -346,7 +361,16 @@ def candidates_for(
     grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
     if hosts and base:
         raise IdentificationError("a moving base beside a host is not supported in discovery")
-    offered = parse_terms(terms)
+    signals = (
+        {}
+        if hosts
+        else {
+            channel.place: records[0].unit(channel).replace("?", "")
+            for channel in records[0].channels
+            if channel.kind == "signal"
+        }
+    )
+    offered = parse_terms(with_signals(terms, signals), signals)
     parameters = [name for term in offered for name in term.parameters]
     if hosts and parameters:
         raise IdentificationError(
@@ -428,8 +452,8 @@ class DiscoveryOptions:
     Parameters
     ----------
     terms : str or sequence of str
-        The candidate terms of every link, functions of d and v, or families of them;
-        "v, d, d**2, d**3" by default.
+        The candidate terms of every link, functions of d, v and recorded signals, or families of them;
+        "v, d, d**2, d**3" by default, and u, u*d and u*v for each signal u of the record.
     offsets, gains : sequence of str
         Channels with an unknown constant error or factor, which every fit of the search finds with the terms; of factors also
         those of applied forces.
@@ -489,4 +513,4 @@ class DiscoveryOptions:
         object.__setattr__(self, "calibration", dict(self.calibration or {}))
         for name in ("ambient", "input_noise"):
             object.__setattr__(self, name, _copied(getattr(self, name) or ()))
-        parse_terms(terms)  # raises what is wrong with them
+        parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, DiscoveryKeywords, DiscoveryOptions, candidates_for
 from linkwise.discovery.inexact import (
     fit_beyond_white_noise,
@@ -32,6 +33,7 @@ from linkwise.likelihood.options import LikelihoodOptions, answer_with_sensors, 
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.structure import Structure
@@ -232,7 +234,7 @@ def _select(
         records,
         screened.candidates,
         screened.result.tested,
-        start=partial(starting_values, records, weak=partial(weak_values, screened)),
+        start=partial(_starting_values, records, screened),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
@@ -272,6 +274,16 @@ def _select(
         if (follows and admit_intervals(reduced.verdicts)) or simpler.has_fewer_links(selection):
             selection, discovery = simpler, reduced
     return _Selected(checks, screened, selection, discovery)
+
+
+def _starting_values(
+    records: Sequence[Record], screened: ScreenedRecords, structure: Structure
+) -> tuple[Floats, Floats | None]:
+    """Starting values of the parameters of a structure; with signals by the regression for links with memory."""
+    if structure.signals:
+        framed = framed_records(records, structure, integrated=True)
+        return memory_starts(framed, structure, {})[0].values, None
+    return starting_values(records, structure, weak=partial(weak_values, screened))
 
 
 def _may_remember(selection: Selection, discovery: Discovery) -> bool:
@@ -383,5 +395,5 @@ def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
 def _channels_of(record: Record, places: Sequence[str]) -> Record:
     """`record` without the channels of other masses; the same object if it has none."""
     names = {BASE, *places}
-    channels = [channel for channel in record.channels if channel.place in names]
+    channels = [c for c in record.channels if c.kind == "signal" or c.place in names]
     return record if len(channels) == len(record.channels) else record.select(channels)

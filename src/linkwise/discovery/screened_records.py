@@ -161,7 +161,8 @@ def inactive_terms(
     row = {name: number for number, name in enumerate(names)}
     inactive = []
     for entry in candidates.entries:
-        if not entry.term.law.kinks:  # a smooth term is zero at isolated points only
+        # a smooth term is zero at isolated points only
+        if not entry.term.law.kinks or entry.term.law.signals:
             continue
         first, second = (row[end] for end in candidates.pairs[entry.pair].between)
         active = 0
@@ -518,6 +519,7 @@ class ScreenedRecords:
         cls, records: Sequence[Record], candidates: Candidates, progress: Progress
     ) -> ScreenedRecords:
         """The screen without hosts, of records at one rate."""
+        whole, candidates = candidates, candidates.without_signals
         displaced = [with_displacements(record, candidates.masses) for record in records]
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         read = [read_densely(record, candidates.full_structure) for record in displaced]
@@ -539,6 +541,10 @@ class ScreenedRecords:
             first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
         untested = tuple(entry.name for entry in candidates.entries if entry.name not in result.tested)
         remarks = (*inactive_remark(inactive), *_untested_remark(len(untested)))
+        if len(whole.terms) > len(candidates.terms):  # whose signals the weak form does not take
+            candidates = replace(candidates, terms=whole.terms)
+            driven = {entry.name for entry in candidates.entries if entry.term.law.signals}
+            result = replace(result, tested=result.tested | driven)
         return cls(displaced, motions, candidates, integrated, result, first, remarks, untested)
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -221,7 +222,7 @@ _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc
 
 @dataclass(frozen=True)
 class Term:
-    """A function of the elongation d and its rate v that a link may have in its law.
+    """A function of the elongation d, its rate v and recorded signals that a link may have in its law.
 
     Parameters
     ----------
@@ -229,6 +230,8 @@ class Term:
         The function without its coefficient, "d**3"; other names, as in "tanh(v/v_f)", are `parameters`.
     coefficient : str
         The name of the coefficient that multiplies it, "k3".
+    signals : tuple of (str, str), optional
+        Names of recorded signals that it may have, and their units.
 
     Attributes
     ----------
@@ -244,10 +247,15 @@ class Term:
 
     text: str
     coefficient: str
+    signals: tuple[tuple[str, str], ...] = ()
     law: Law = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "law", Law.parse(self.text))
+        object.__setattr__(self, "law", Law.parse(self.text, signals=dict(self.signals)))
+
+    @property
+    def _with_coefficient(self) -> Law:
+        return Law.parse(self.product, signals=dict(self.signals))
 
     @property
     def product(self) -> str:
@@ -275,9 +283,8 @@ class Term:
         """
         if not self.parameters:
             return self
-        return Term(
-            _NAME.sub(lambda name: _number(values.get(name[0]), name[0]), self.text), self.coefficient
-        )
+        text = _NAME.sub(lambda name: _number(values.get(name[0]), name[0]), self.text)
+        return Term(text, self.coefficient, self.signals)
 
     def beside(self, taken: Collection[str]) -> Term:
         """The term for a law that has names already.
@@ -297,22 +304,26 @@ class Term:
             self.text,
         )
         coefficient = f"{self.coefficient}_added" if self.coefficient in taken else self.coefficient
-        return self if (text, coefficient) == (self.text, self.coefficient) else Term(text, coefficient)
+        return (
+            self
+            if (text, coefficient) == (self.text, self.coefficient)
+            else Term(text, coefficient, self.signals)
+        )
 
     @property
     def unit(self) -> str:
         """The SI unit of the coefficient."""
-        return Law.parse(self.product).units[self.coefficient]
+        return self._with_coefficient.units[self.coefficient]
 
     @property
     def angular_unit(self) -> str:
         """The SI unit of the coefficient in a link between rotations."""
-        return replace(Law.parse(self.product), angular=True).units[self.coefficient]
+        return replace(self._with_coefficient, angular=True).units[self.coefficient]
 
     @property
     def parameter_units(self) -> Mapping[str, str]:
         """The SI units of the `parameters`; an empty one for exponents, "?" for what the function leaves open."""
-        units = Law.parse(self.product).units
+        units = self._with_coefficient.units
         return {name: units[name] for name in self.parameters}
 
     @property
@@ -322,8 +333,8 @@ class Term:
 
     @property
     def is_damping(self) -> bool:
-        """Whether the term takes energy from every motion, as v, v*abs(v) and tanh(v/0.1) do."""
-        if "v" not in symbols(self.law.expression):
+        """Whether the term takes energy from every motion, as v, v*abs(v) and tanh(v/0.1) do, whatever a signal is."""
+        if self.law.signals or "v" not in symbols(self.law.expression):
             return False
         rng = np.random.default_rng(0)
         d, v = rng.choice([-1.0, 1.0], (2, _SAMPLES)) * 10.0 ** rng.uniform(-3.0, 0.0, (2, _SAMPLES))
@@ -337,7 +348,28 @@ class Term:
         return "v" not in symbols(self.law.expression)
 
 
-def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
+def _random_signals(term: Term) -> dict[str, Floats]:
+    """Values of the signals of a term, of either sign, at the points at which terms are compared."""
+    names = dict(term.signals)
+    values = np.random.default_rng(1).normal(size=(len(names), _SAMPLES))
+    return dict(zip(names, values, strict=True))
+
+
+def with_signals(terms: str | Sequence[str], signals: Collection[str]) -> str | Sequence[str]:
+    """The list of terms with those that `signals` give where it is the list by default: a force, a stiffness and a damping."""
+    more = [text for name in signals for text in (name, f"{name}*d", f"{name}*v")]
+    return ", ".join([DEFAULT, *more]) if terms == DEFAULT else terms
+
+
+def possible_signals(terms: str | Sequence[str]) -> dict[str, str]:
+    """The names in a list of terms that are signals if a record has them, with no units yet."""
+    functions = (function for part in _parts(terms) for function in _expand(part))
+    return {name: "" for function in functions for name in Law.parse(function).linear}
+
+
+def parse_terms(
+    text: str | Sequence[str], signals: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Term, ...]:
     """Read a list of candidate terms for `discover`.
 
     Parameters
@@ -349,6 +381,8 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
         about an unknown name lists them. The name of a law with memory, such as "bouc-wen", stands for its terms in d and v.
         Another name in a function, as in "tanh(v/v_f)", is a parameter whose value is found
         for each link, as it is for "friction" without a number.
+    signals : mapping of str to str, optional
+        Recorded signals that terms may have, as in "u*v", and their units.
 
     Returns
     -------
@@ -373,17 +407,18 @@ def parse_terms(text: str | Sequence[str]) -> tuple[Term, ...]:
     terms: dict[Expression, Term] = {}
     for part in parts:
         for function in _expand(part):
-            _require_nonlinear(function)
-            _require_function_of_motion(function)
-            expression = Law.parse(function).expression
-            terms.setdefault(expression, Term(function, _coefficient_name(function, len(terms))))
+            _require_nonlinear(function, signals)
+            _require_function_of_motion(function, signals)
+            expression = Law.parse(function, signals=signals).expression
+            name = _coefficient_name(function, len(terms), signals)
+            terms.setdefault(expression, Term(function, name, tuple(signals.items())))
     if not terms:
         raise IdentificationError(f'the list of terms is empty; write a list such as "{DEFAULT}"')
     _require_independent([term for term in terms.values() if not term.parameters])
     names = [term.coefficient for term in terms.values()]
     repeated = {name for name in names if names.count(name) > 1}
     named = tuple(
-        Term(term.text, f"{term.coefficient}_{number}") if term.coefficient in repeated else term
+        replace(term, coefficient=f"{term.coefficient}_{number}") if term.coefficient in repeated else term
         for number, term in enumerate(terms.values(), start=1)
     )
     _require_own_names(named)
@@ -422,7 +457,9 @@ def _require_independent(terms: Sequence[Term]) -> None:
     rng = np.random.default_rng(0)
     d, v = rng.choice([-1.0, 1.0], (2, _SAMPLES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _SAMPLES))
     small = np.maximum(np.abs(d), np.abs(v)) < 1.0
-    values = np.array([np.broadcast_to(term.law.force(d, v, {}), d.shape) for term in terms])
+    values = np.array(
+        [np.broadcast_to(term.law.force(d, v, _random_signals(term)), d.shape) for term in terms]
+    )
     for term, column in zip(terms, values, strict=True):
         if np.isnan(column[small]).any():
             raise IdentificationError(
@@ -474,29 +511,34 @@ def _expand(part: str) -> list[str]:
     return [part] if family is None else _split(family)
 
 
-def _require_function_of_motion(text: str) -> None:
-    """IdentificationError if a term depends neither on d nor on v and is not the constant 1."""
-    law = Law.parse(text)
-    if not set(symbols(law.expression)) & {"d", "v"} and law.expression != Number(1.0):
+def _require_function_of_motion(text: str, signals: Mapping[str, str]) -> None:
+    """IdentificationError if a term depends neither on d nor on v nor on a signal and is not the constant 1."""
+    law = Law.parse(text, signals=signals)
+    if not set(symbols(law.expression)) & set(law.variables) and law.expression != Number(1.0):
         raise IdentificationError(
             f"the term {text!r} depends neither on d nor on v; write 1 for a constant force on the masses"
         )
 
 
-def _require_nonlinear(text: str) -> None:
+def _require_nonlinear(text: str, signals: Mapping[str, str]) -> None:
     """IdentificationError if a term is linear in one of its names: that would be a second coefficient."""
-    linear = Law.parse(text).linear
+    linear = Law.parse(text, signals=signals).linear
     if linear:
         raise IdentificationError(
             f"the term {text!r} contains the name {linear[0]!r}: a term is a function of d and v alone, its coefficient is "
             "added; write a number, a name inside a function, as in tanh(v/v_0), or one of the families "
-            f"{', '.join(FAMILIES)}, or one of the laws with memory {', '.join(memory_laws())}"
+            f"{', '.join(FAMILIES)}, or one of the laws with memory {', '.join(memory_laws())}, or record a channel "
+            f"signal:{linear[0]}",
+            arguments=("terms",),
         )
 
 
-def _coefficient_name(text: str, number: int) -> str:
+def _coefficient_name(text: str, number: int, signals: Collection[str]) -> str:
     """The usual name of a term's coefficient; "a" and its number in the list for a term that has none."""
     compact = text.replace(" ", "")
+    for signal in signals:
+        if compact in (signal, f"{signal}*d", f"{signal}*v"):
+            return f"{_COEFFICIENTS.get(compact.removeprefix(signal)[1:], 'g')}_{signal}"
     power = _POWER.fullmatch(compact)
     if power:
         return f"{'k' if power[1] == 'd' else 'c'}{power[2]}"

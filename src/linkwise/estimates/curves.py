@@ -126,6 +126,8 @@ def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
         d = truth.elongations(simulated.displacement, base)[:, index]
         v = truth.elongations(simulated.velocity, rate)[:, index]
         true_states = {key: simulated.states[f"{name}.{key}"] for key in truth.link(name).law.states}
+        signals = truth.link(name).law.signals
+        true_states |= {key: estimate.record.channel(f"signal:{key}") for key in signals}
         force = truth.link(name).force(d, v, true_states)
         known = {state: true_states.get(state, at_rest) for state, at_rest in states.items()}
         identified = link.force(d, v, known)
@@ -212,11 +214,11 @@ def force_loop(estimate: Estimate, name: str) -> ForceLoop:
     d, v = motion.d[:count, index], motion.v[:count, index]
     if motion.identified_force is not None:
         force = motion.identified_force[:count, index]
-    elif not link.law.states:
+    elif link.law.is_plain:
         force = link.force(d, v)
     else:
         raise StructureError(
-            "the force of a link with memory is not known without its states", f'link "{name}"'
+            "the force of a link with states or signals is not known without these", f'link "{name}"'
         )
     measured = None if motion.measured_force is None else motion.measured_force[:count, index]
     return ForceLoop(d, v, np.asarray(force), measured, estimate.record.step)

@@ -294,7 +294,7 @@ class Estimate(JudgedView):
                 link, *self._free_coefficients(index), self.motion.d[:, index], self.motion.v[:, index]
             )
             for index, link in self._judged
-            if self._free_coefficients(index)[0] and not link.law.states
+            if self._free_coefficients(index)[0] and link.law.is_plain
         }
         return {name: power for name, power in powers.items() if power is not None}
 

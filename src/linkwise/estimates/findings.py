@@ -39,9 +39,9 @@ def active_coefficients(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[Co
 
 def supplying_time(link: LinkEstimate, d: Floats, v: Floats) -> float:
     """Part of the time, from 0 to 1, that a link as a whole supplies energy to the motion `d` in m and `v` in m/s (R,), by
-    more than its intervals; 0 without intervals, with memory, and below a hundredth.
+    more than its intervals; 0 without intervals, with memory or signals, and below a hundredth.
     """
-    if link.covariance is None or not link.free or link.link.law.states:
+    if link.covariance is None or not link.free or not link.link.law.is_plain:
         return 0.0
     power, slopes = _dissipated(link.link, link.free, d, v)
     deviation = np.sqrt(np.maximum(np.einsum("ir,ij,jr->r", slopes, link.covariance, slopes), 0.0))
@@ -117,7 +117,7 @@ def energy_findings(link: LinkEstimate, d: Floats, v: Floats) -> Iterator[str]:
     """
     negative = tuple(active_coefficients(link, d, v))
     part = supplying_time(link, d, v)
-    if link.link.law.states:  # whose energy the motion alone does not tell
+    if not link.link.law.is_plain:  # whose energy the motion alone does not tell
         feeds = "it would feed energy"
     elif part > 0.0:
         feeds = f"{link.link.name} feeds energy for {100.0 * part:.2g} % of the time"

@@ -95,7 +95,8 @@ class EquationsOfMotion:
     """The equations of a structure of numbers: z holds displacements, velocities and states of links, u the inputs.
 
     Names of states and inputs are those of channels, such as ``"x:m1"`` and ``"force:m1"``; a moving base is two inputs, its
-    displacement and its velocity. Names of parameters are those of coefficients, such as ``"nes1.alpha"``.
+    displacement and its velocity, and a signal of laws one, ``"signal:u"``. Names of parameters are those of coefficients,
+    such as ``"nes1.alpha"``.
     """
 
     answer: ExportedAnswer
@@ -136,7 +137,8 @@ class EquationsOfMotion:
         units = {
             f"force:{place}": "N m" if place in structure.rotations else "N" for place in structure.places
         }
-        return units | ({f"x:{BASE}": "m", f"v:{BASE}": "m/s"} if structure.base_incidence.any() else {})
+        units |= {f"x:{BASE}": "m", f"v:{BASE}": "m/s"} if structure.base_incidence.any() else {}
+        return units | {f"signal:{name}": unit for name, unit in structure.signals.items()}
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -202,7 +204,11 @@ class EquationsOfMotion:
             for mass, part in parts:
                 slope = multiply(Number(part), power(self._masses[mass], -1))
                 entries[self.structure.size + mass, column] = [slope]
+        columns = list(self.inputs)
         for row, scale, number, of in self._depending:
+            for signal in self.structure.links[number].law.signals:
+                by, column = f"signal:{signal}", columns.index(f"signal:{signal}")
+                entries.setdefault((row, column), []).append(multiply(scale, self._slope(of, by)))
             if base := float(self.structure.base_incidence[number]):
                 for by, column in (("d", len(self._driven)), ("v", len(self._driven) + 1)):
                     slope = multiply(Number(base), scale, self._slope(of, by))
@@ -264,7 +270,7 @@ class EquationsOfMotion:
 
     @cached_property
     def _slopes(self) -> dict[str, Expression]:
-        """The derivatives of forces and rates of each link by its elongation, rate and states, by name."""
+        """The derivatives of forces and rates of each link by its elongation, rate, states and signals, by name."""
         return {
             f"slope:{by}:{of}": substitute(differentiate(tree, variable), self._renamed(link))
             for link in self.structure.links
@@ -273,6 +279,7 @@ class EquationsOfMotion:
                 ("d", "d"),
                 ("v", "v"),
                 *((f"state:{link.name}.{state}", state) for state in link.law.states),
+                *((f"signal:{signal}", signal) for signal in link.law.signals),
             )
         }
 
@@ -307,6 +314,7 @@ class EquationsOfMotion:
         """What the symbols of the laws of a link are called in those of the structure."""
         names = {"d": f"d:{link.name}", "v": f"dv:{link.name}"}
         names |= {state: f"state:{link.name}.{state}" for state in link.law.states}
+        names |= {signal: f"signal:{signal}" for signal in link.law.signals}
         names |= {key: self._leader(f"{link.name}.{key}") for key in link.law.coefficients}
         return {key: Symbol(name) for key, name in names.items()}
 
@@ -410,7 +418,8 @@ def export_equations(answer: Structure | Estimate | Posterior | str | Path, path
     """Write the equations of motion z' = f(t, z, u) of a structure, and their Jacobians, for another program.
 
     States z are the displacements of all masses and modes, their velocities, and the states of links with memory; inputs u are
-    the forces on masses and points of hosts, then displacement and velocity of the base where a link has it as an end.
+    the forces on masses and points of hosts, then displacement and velocity of the base where a link has it as an end, and the
+    signals that laws name.
 
     Parameters
     ----------

@@ -28,7 +28,8 @@ _HEAD = """function [force, rates] = {name}(link, d, v, states)
 %   force = {name}(link, d, v) is the force in {force} of the link of that name at the elongation d = x_first - x_second
 %   in {d} and its rate v in {v}, numbers or arrays of one size; -force acts on the first end of the link and
 %   force on the second.
-%   [force, rates] = {name}(link, d, v, states) is for a link with memory: states and rates are cells with one array a state.
+%   [force, rates] = {name}(link, d, v, states) is for a link with memory: states and rates are cells with one array a state;
+%   signals that a law names are behind its states.
 %   answer = {name}() is a struct of the coefficients in SI units with their standard errors and covariance;
 %   points of hosts move by the product of answer.shapes and the motion of answer.coordinates.{note}
 if nargin == 0
@@ -75,11 +76,11 @@ def _text(text: str) -> str:
 def _case(link: Link) -> str:
     law, values = link.law, link.values
     reserved = (*_OWN, *_KEYWORDS, *FUNCTIONS)
-    names = identifiers((*law.states, *law.coefficients), reserved) | {"d": "d", "v": "v"}
+    names = identifiers((*law.variables[2:], *law.coefficients), reserved) | {"d": "d", "v": "v"}
     lines = [f"    case {_text(link.name)}", f"        % {to_text(law.expression)}"]
     lines += [f"        {names[key]} = {values[key]!r};" for key in law.coefficients]
     lines += [
-        f"        {names[state]} = states{{{number}}};" for number, state in enumerate(law.states, start=1)
+        f"        {names[key]} = states{{{number}}};" for number, key in enumerate(law.variables[2:], start=1)
     ]
     lines.append(f"        force = {to_code(law.expression, MATLAB, names)} + 0.0.*d.*v;")
     if law.states:

@@ -17,8 +17,8 @@ _DOCSTRING = """Forces of the links of a structure, identified by linkwise {vers
 
 force_LINK(d, v) is the force f in {force} at the elongation d = x_first - x_second in {d} and its rate v in {v}, numbers
 or arrays; -f acts on the first end of the link and f on the second. A link with memory takes its states behind v, and
-rates_LINK(d, v, states) are their rates. Coefficients are keywords, so that others can be tried. An end that is a point of
-a host moves by its modes, each times its shape in POINTS.{note}
+rates_LINK(d, v, states) are their rates; signals that a law names come last. Coefficients are keywords, so that others can
+be tried. An end that is a point of a host moves by its modes, each times its shape in POINTS.{note}
 """
 _HEAD = """{docstring}
 
@@ -78,8 +78,8 @@ def _table(kind: str, functions: dict[str, str]) -> str:
 def _functions(link: Link, own: str) -> str:
     """The function of the force, and that of the rates of a link with memory."""
     law, values = link.law, link.values
-    names = identifiers((*law.states, *law.coefficients), _RESERVED) | {"d": "d", "v": "v"}
-    variables = ["d", "v", *(names[state] for state in law.states)]
+    names = identifiers((*law.variables[2:], *law.coefficients), _RESERVED) | {"d": "d", "v": "v"}
+    variables = ["d", "v", *(names[key] for key in law.variables[2:])]
     keywords = [f"{names[key]}={values[key]!r}" for key in law.coefficients]
     arguments = ", ".join([*variables, *(["*", *keywords] if keywords else [])])
     arrays = "".join(f"    {name} = np.asarray({name}, dtype=float)\n" for name in variables)

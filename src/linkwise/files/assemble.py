@@ -71,7 +71,7 @@ def choose(
         )
     for channel in (choice.channel for choice in chosen if choice.channel and known_masses is not None):
         mass, masses = channel.place, known_masses or ()
-        if channel.of_link or mass in (BASE, *masses):
+        if not channel.at_place or mass in (BASE, *masses):
             continue
         near = get_close_matches(mass, masses, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}? " if near else ""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.channel import KINDS, Channel, is_angular
 from linkwise.records.record import Record
-from linkwise.units import factor_to_si
+from linkwise.units import base_exponents, factor_to_si
 
 _SHOWN = 60  # characters of a cell that a message quotes
 
@@ -147,8 +147,11 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
     if is_angular(unit, kind):
         return factor_to_si(unit, KINDS[kind].angular_unit)
     try:
+        if kind == "signal":
+            base_exponents(unit)  # of what units of coefficients are made of
         return factor_to_si(unit, dimension)
     except LinkwiseError as error:
+        dimension = dimension.replace("?", "1")
         message = (
             f"{unit!r} is not a unit of {quantity}; expected {dimension} or a unit that converts to it. Correct the header, "
             f"or map the column with its unit, as in channels={{'{channel}[{dimension}]': 'NAME'}}"

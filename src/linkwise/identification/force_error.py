@@ -71,10 +71,12 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
 
 
 def _stiffness_forces(true: Link, estimated: Link, record: Record) -> tuple[Floats, Floats]:
-    """(N',) N of both links at rest, at the elongations of the samples where both ends were seen."""
+    """(N',) N of both links at rest, at the elongations and signals of the samples where both ends were seen."""
     d = _elongation(true, record)
-    d = d[np.isfinite(d)]
-    return true.force(d), estimated.force(d)
+    seen = np.isfinite(d)
+    named = {*true.law.signals, *estimated.law.signals}
+    signals = {name: record.channel(f"signal:{name}")[seen] for name in named}
+    return true.force(d[seen], states=signals), estimated.force(d[seen], states=signals)
 
 
 def _forces_with_memory(true: Link, estimated: Link, record: Record) -> tuple[Floats, Floats]:

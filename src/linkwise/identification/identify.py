@@ -18,7 +18,6 @@ from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.options import uncounted
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import Channel
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.joining import check_distinct, check_stated_noise, joined_notes, record_list
 from linkwise.records.record import Record
@@ -90,6 +89,7 @@ def identify(
         raise IdentificationError("there is no record to identify from")
     check_distinct(records)
     check_stated_noise(records)
+    recorded = records[0]
     records = [with_force_windows(in_units_of(given, structure)) for given in records]
     if not structure.parameters:
         raise IdentificationError(
@@ -100,12 +100,19 @@ def identify(
     if isinstance(estimator, WeakForm):
         estimate = judged_by_likelihood(estimate)
     seconds, notes = perf_counter() - started, joined_notes(records)
-    remarks = (*uncounted(records, estimate.method), *_unused(records[0].channels, estimate.method))
+    remarks = (*uncounted(records, estimate.method), *_unused(recorded, structure, estimate.method))
     return replace(estimate, seconds=seconds, notes=notes, remarks=(*estimate.remarks, *remarks))
 
 
-def _unused(channels: Sequence[Channel], method: str) -> tuple[str, ...]:
-    """A remark on the channels of links that a method does not use; the weak form uses measured states."""
+def _unused(record: Record, structure: Structure, method: str) -> tuple[str, ...]:
+    """A remark on the channels of signals that no law names, or of links that a method does not use.
+
+    The weak form uses measured states.
+    """
+    channels = record.channels
+    signals = [name for name in channels if name.kind == "signal" and name.place not in structure.signals]
+    if signals:
+        return (f"{', '.join(signals)} were not used: no law names such a signal.",)
     if method == MaximumLikelihood.method:
         return ()
     states = method == WeakForm.method

@@ -17,6 +17,7 @@ from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
+from linkwise.model.link import refuse_signals
 from linkwise.model.slider_corners import LAG
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -230,6 +231,7 @@ def _precision(
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
     """The structure with all its numbers, and the same with its unknowns."""
     refuse_rig(structure, "limits of accuracy")
+    refuse_signals(structure.links, "limits of accuracy", "put its mean into the law as a coefficient")
     without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
     if without_number:
         raise IdentificationError(

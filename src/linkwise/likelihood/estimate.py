@@ -66,6 +66,7 @@ from linkwise.likelihood.starts.drift import needs_integration
 from linkwise.likelihood.starts.memory import Valley, memory_starts, memory_starts_by_links
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
+from linkwise.model.link import refuse_signals
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -445,6 +446,9 @@ class MaximumLikelihood(Estimator):
         for record in records:
             require_units_of_states(record, structure)
             if structure.hosts:
+                refuse_signals(
+                    structure.links, "structures with hosts", "put its mean into the law as a coefficient"
+                )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         sensors = errors_to_find(
@@ -503,6 +507,7 @@ class MaximumLikelihood(Estimator):
             "random forces": self.ambient,
             "noise of inputs": self.input_noise,
             "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
+            "signals": structure.signals,
         }
         named = [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
         named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
@@ -533,7 +538,7 @@ class MaximumLikelihood(Estimator):
     def _searched(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        if structure.topology.states:
+        if structure.topology.states or structure.signals:
             return self._with_memory(structure, records, options)
         search = partial(likelihood_fit, records, structure)
         if structure.hosts:
@@ -574,7 +579,7 @@ class MaximumLikelihood(Estimator):
     def _with_memory(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit of a structure with memory, from the starts that the records show of it."""
+        """A fit of a structure with memory or signals, from the starts that the records show of it."""
         given = dict(self.starts or {})
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure, integrated=True)

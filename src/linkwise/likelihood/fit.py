@@ -557,10 +557,8 @@ def motion_of_links(
         d.append(identified.elongations(x[own], base))
         rate = None if base is None else np.gradient(base, record.step)
         rates.append(identified.elongations(v[own], rate))
-        if segments.system.states:
-            forces.append(
-                _forces_with_memory(identified, d[-1], rates[-1], inside[own], segments.system.states)
-            )
+        if segments.system.states or identified.signals:
+            forces.append(_forces_with_memory(identified, d[-1], rates[-1], inside[own], segments))
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),
@@ -574,12 +572,15 @@ def motion_of_links(
 
 
 def _forces_with_memory(
-    identified: Structure, d: Floats, v: Floats, inside: Floats, states: Sequence[tuple[int, str]]
+    identified: Structure, d: Floats, v: Floats, inside: Floats, segments: Segments
 ) -> Floats:
-    """(N, L) forces in N of links with memory, whose `states` (N, S) are of these links and names; NaN for others."""
+    """(N, L) forces in N of links with states or signals, which are `inside` (N, S + U); NaN for others."""
     forces = np.full(d.shape, np.nan)
+    states = segments.system.states
+    signals = dict(zip(segments.inputs.signals, inside.T[len(states) :], strict=True))
     for index, link in enumerate(identified.links):
-        own = {name: inside[:, column] for column, (number, name) in enumerate(states) if number == index}
+        own = {name: signals[name] for name in link.law.signals}
+        own |= {name: inside[:, column] for column, (i, name) in enumerate(states) if i == index}
         if own:
             forces[:, index] = link.force(d[:, index], v[:, index], own)
     return forces
@@ -588,9 +589,9 @@ def _forces_with_memory(
 def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:
     """(N, n) of the weak equations at the samples, where the records have the displacements that they need.
 
-    None for links with memory and for hosts, which the weak form does not take.
+    None for links with states or signals and for hosts, which the weak form does not take.
     """
-    if identified.hosts or any(link.law.states for link in identified.links):
+    if identified.hosts or not all(link.law.is_plain for link in identified.links):
         return None
     columns = []
     for record in records:

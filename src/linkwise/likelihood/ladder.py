@@ -62,6 +62,7 @@ def _noise(options: LikelihoodOptions, records: Sequence[Record], stated: Estima
     of_links = any(channel.of_link for channel in records[0].channels)
     structure = stated.given_structure
     levels = noise_of_channels(records, structure)
+    levels = {name: level for name, level in levels.items() if not name.startswith("signal:")}
     if not levels or robust or beside or of_links or structure.hosts:
         return None
     try:

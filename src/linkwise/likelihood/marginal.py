@@ -128,7 +128,9 @@ def _gain_of_base(segments: Segments, nodes: Floats, theta: Floats) -> Floats:
     motion = system.incidence.T @ nodes[: 2 * len(system.incidence)].reshape(2, -1, nodes.shape[-1])
     if segments.inputs.base is not None:
         motion += system.base[:, None] * segments.inputs.base[0, 0, :, None]
-    slopes = mechanics.partials(motion[0], motion[1], nodes[2 * len(system.incidence) :])
+    signals = [values[:1, 0] for values in segments.inputs.signals.values()]
+    inside = np.concatenate([nodes[2 * len(system.incidence) :], *signals])
+    slopes = mechanics.partials(motion[0], motion[1], inside)
     pulls = mechanics.gain @ (system.base[:, None] * slopes.by_d)
     return np.asarray(np.sqrt(np.mean(pulls**2, axis=1)))
 

@@ -328,7 +328,7 @@ def require_force_scale(
     Forces of `unknown_gains`, of which nothing is known, would change with them. Where every channel has such a gain, a factor
     to forces and motion together must change what is known, too.
     """
-    if structure.hosts or structure.topology.states:
+    if structure.hosts or not all(link.law.is_plain for link in structure.links):
         return
     _require_scale_of_motion(records, structure, unknown_gains)
     channels = dict.fromkeys(name for record in records for name in record.channels)

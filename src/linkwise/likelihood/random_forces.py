@@ -24,6 +24,7 @@ from linkwise.model.law import Law, LinkState
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.slider_corners import LAG
 from linkwise.model.structure import Structure
+from linkwise.records.channel import HELD
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -146,7 +147,11 @@ def noise_of_channels(records: Sequence[Record], structure: Structure) -> dict[s
     """
     found: dict[str, float] = {}
     base = exciting_base(records[0], structure)
-    for channel in (*records[0].forces, *(() if base is None else (base,))):
+    every = (f"signal:{name}" for name in structure.signals)
+    signals = (
+        name for name in every if records[0].interpolation.get(name) != HELD
+    )  # whose steps fill the band
+    for channel in (*records[0].forces, *(() if base is None else (base,)), *signals):
         powers = [_noise_power(record, channel) for record in records]
         if any(powers):
             found[channel] = float(np.sqrt(np.mean(powers)))

@@ -411,6 +411,8 @@ class Excitation:
         Force in N on each mass.
     base : TimeFunction or Sampled, optional
         Displacement of the base in m.
+    signals : mapping of str to TimeFunction or Sampled, optional
+        Each signal that laws name, in its SI unit.
 
     Examples
     --------
@@ -424,9 +426,10 @@ class Excitation:
     impulses: tuple[Impulse, ...] = ()
     forces: Mapping[str, InputSignal] = field(default_factory=dict)
     base: InputSignal | None = None
+    signals: Mapping[str, InputSignal] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("release", "forces"):
+        for name in ("release", "forces", "signals"):
             expect(f"Excitation: {name}", getattr(self, name), Mapping)
         for number, impulse in enumerate(self.impulses):
             expect(f"Excitation: impulses[{number}]", impulse, Impulse)
@@ -440,6 +443,7 @@ class Excitation:
             release=MappingProxyType({name: float(value) for name, value in self.release.items()}),
             impulses=tuple(sorted(self.impulses, key=lambda impulse: impulse.time)),
             forces=MappingProxyType(dict(self.forces)),
+            signals=MappingProxyType(dict(self.signals)),
         )
 
     @classmethod
@@ -449,6 +453,7 @@ class Excitation:
         impulses: Iterable[Impulse] = (),
         forces: Mapping[str, InputSignal | str | float] | None = None,
         base: InputSignal | str | float | None = None,
+        signals: Mapping[str, InputSignal | str | float] | None = None,
     ) -> Excitation:
         """Build an excitation in which inputs may be texts or numbers, which become `TimeFunction`.
 
@@ -462,6 +467,8 @@ class Excitation:
             Force in N on each mass.
         base : TimeFunction, Sampled, str or float, optional
             Displacement of the base in m.
+        signals : mapping of str to TimeFunction, Sampled, str or float, optional
+            Each signal that laws name, in its SI unit.
 
         Returns
         -------
@@ -475,17 +482,24 @@ class Excitation:
         LawError
             If a text is not a valid expression of t.
         """
-        for name, given in (("release", release), ("forces", forces)):
+        for name, given in (("release", release), ("forces", forces), ("signals", signals)):
             expect(name, given, Mapping, NoneType)
         return cls(
             release or {},
             tuple(impulses),
             {mass: _drive(f"forces[{mass!r}]", given) for mass, given in (forces or {}).items()},
             None if base is None else _drive("base", base),
+            {name: _drive(f"signals[{name!r}]", given) for name, given in (signals or {}).items()},
         )
 
     def __reduce__(self) -> tuple[type[Excitation], tuple[object, ...]]:
-        return Excitation, (dict(self.release), self.impulses, dict(self.forces), self.base)
+        return Excitation, (
+            dict(self.release),
+            self.impulses,
+            dict(self.forces),
+            self.base,
+            dict(self.signals),
+        )
 
     def base_at(self, times: ArrayLike) -> Floats | None:
         """Displacement of the base.
@@ -504,8 +518,9 @@ class Excitation:
 
     @property
     def drives(self) -> dict[str, InputSignal]:
-        """Force by mass and, under the name "base", the motion of the base."""
-        return dict(self.forces) if self.base is None else {**self.forces, "base": self.base}
+        """Force by mass, the motion of the base under the name "base", and signals under those of their channels."""
+        base = {} if self.base is None else {"base": self.base}
+        return {**self.forces, **base, **{f"signal:{name}": given for name, given in self.signals.items()}}
 
 
 def _drive(argument: str, given: InputSignal | str | float) -> InputSignal:

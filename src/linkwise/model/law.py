@@ -3,8 +3,8 @@ compiled programs.
 
 A law is an expression in the link's elongation `d` (m) and its rate `v` (m/s); every other name is a coefficient, except
 `pi`. A link with memory has states of its own: f = f(d, v, s), s' = g(d, v, s), with a rate g for each (METHODS section
-10). Its value is the force (N) on the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS
-section 1).
+10). Recorded signals u that it names, as the voltage of a valve or a coil, are inputs of it. Its value is the force (N) on
+the link's first end with reversed sign: M x'' = -B f(d, v) (paper Eq. 1, METHODS section 1).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ from linkwise.expression.dimensions import (
     infer,
 )
 from linkwise.expression.program import cached_program, integral_from_zero
-from linkwise.units import base_exponents
+from linkwise.units import base_exponents, factor_to_si
 
 VARIABLES = ("d", "v")
 
@@ -95,6 +96,7 @@ _RESERVED = {
     "pi": "a constant",
     "x": "not used",
     "t": "time",
+    "base": "the place that moves",
 }
 
 
@@ -173,19 +175,24 @@ class StateRate:
     unit: str = ""
 
 
+def check_symbol(name: object, kind: str) -> None:
+    """Raise StructureError for a name that a law cannot have for a `kind` of what it is a function of, such as a state."""
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise StructureError(
+            f"{name!r} is not a valid name of a {kind}: letters, digits and _ after a letter"
+        )
+    if name in _RESERVED or name in FUNCTIONS:
+        meaning = _RESERVED.get(name, "a function")
+        raise StructureError(
+            f"a {kind} cannot be named {name!r}, which is {meaning} in laws; choose another name"
+        )
+
+
 def as_link_states(given: Mapping[str, LinkState | str]) -> dict[str, LinkState]:
     """States by name, a text being a rate. Raises StructureError for a name that cannot be that of a state."""
     states = {}
     for name, state in given.items():
-        if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise StructureError(
-                f"{name!r} is not a valid name of a state: letters, digits and _ after a letter"
-            )
-        if name in _RESERVED or name in FUNCTIONS:
-            meaning = _RESERVED.get(name, "a function")
-            raise StructureError(
-                f"a state cannot be named {name!r}, which is {meaning} in laws; choose another name"
-            )
+        check_symbol(name, "state")
         if not isinstance(state, LinkState | str):
             raise StructureError(f"state {name}: expected its rate as text or a LinkState, got {state!r}")
         states[name] = LinkState(state) if isinstance(state, str) else state
@@ -228,6 +235,8 @@ def potential_programs(elastic: Expression, coefficients: tuple[str, ...]) -> tu
 def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expression:
     """The power in W that a link with this law dissipates, (f(d, v) - f(d, 0)) v; with memory, f(d, v, s) - f(d, 0, 0).
 
+    Signals count as states: what they feed in is dissipation with another sign.
+
     It is formed symbolically, so that the stored part cancels exactly.
     """
     elastic = substitute(law, dict.fromkeys(("v", *states), Number(0.0)))
@@ -261,7 +270,7 @@ def law_dimensions(
             conflicts.append(error)
     first = conflicts[0]
     faulty = (text, *(rate.text for rate in states))[first.equation]
-    place = parse_with_positions(faulty, (*VARIABLES, *rates)).position(first.part)
+    place = parse_with_positions(faulty, (*VARIABLES, *rates, *known)).position(first.part)
     raise LawError(first.reason, faulty, place, "Give each term a coefficient of its own.") from None
 
 
@@ -309,6 +318,8 @@ class Law:
         Coefficients with a unit that is declared, where numbers in the law have units of their own.
     angular : bool
         Whether it is a moment (N m) by an angle (rad) and its rate (rad/s), between ends that turn; a structure sets it.
+    signal_units : tuple of (str, str)
+        Recorded signals that the law or a rate names, and their units.
 
     Examples
     --------
@@ -328,10 +339,12 @@ class Law:
     rates: tuple[StateRate, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
     angular: bool = False
+    signal_units: tuple[tuple[str, str], ...] = ()
 
     def __repr__(self) -> str:
-        rates = {rate.name: rate.text for rate in self.rates}
-        return f"Law.parse({self.text!r}{f', {rates!r}' if rates else ''})"
+        rates, signals = {rate.name: rate.text for rate in self.rates}, dict(self.signal_units)
+        given = (f", {rates!r}" if rates else "") + (f", signals={signals!r}" if signals else "")
+        return f"Law.parse({self.text!r}{given})"
 
     @staticmethod
     def parse(
@@ -339,6 +352,7 @@ class Law:
         states: Mapping[str, LinkState | str] | None = None,
         *,
         units: Mapping[str, str] | None = None,
+        signals: Mapping[str, str] = MappingProxyType({}),
     ) -> Law:
         """Parse a law.
 
@@ -350,6 +364,8 @@ class Law:
             The states of a link with memory and their rates: expressions in d, v, the states and coefficients.
         units : mapping of str to str, optional
             The SI unit of every coefficient, where numbers in the law have units; inferred by default.
+        signals : mapping of str to str, optional
+            Recorded signals by name, and the unit of each, such as ``{"u": "V"}``; those that the law names are its inputs.
 
         Returns
         -------
@@ -361,10 +377,26 @@ class Law:
         LawError
             If an expression is invalid, or not finite at rest (d = v = 0, states 0).
         StructureError
-            If a name cannot be that of a state.
+            If a name cannot be that of a state or a signal, or a unit is none.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> valve = lw.Law.parse("(c0 + cu*u)*v", signals={"u": "V"})
+        >>> valve.signals, dict(valve.units)
+        (('u',), {'c0': 'N s/m', 'cu': 's^2 A/m^2'})
         """
         rates = {name: (state.rate, state.unit) for name, state in as_link_states(states or {}).items()}
-        law = _parse(text, tuple((name, *rate) for name, rate in rates.items()))
+        for name, unit in signals.items():
+            check_symbol(name, "signal")
+            if str(unit_dimension(unit)) != unit and factor_to_si(unit, "?") != 1.0:
+                raise StructureError(
+                    f"signal {name}: numbers in laws are SI, and {unit!r} is no SI unit; a record may have the signal in it, "
+                    f"as signal:{name}[{unit}]"
+                )
+            if name in rates:
+                raise StructureError(f"{name!r} is a state and a signal; rename one of the two")
+        law = _parse(text, tuple((name, *rate) for name, rate in rates.items()), tuple(signals.items()))
         return replace(law, declared=tuple(units.items())) if units else law
 
     def __str__(self) -> str:
@@ -392,7 +424,7 @@ class Law:
                     parse_with_positions(other.text, VARIABLES).position(Symbol(name)),
                     f"Rename one of the two before adding the laws, for instance to {name}2.",
                 )
-        total = _parse(f"{self.text} + {other.text}", ())
+        total = _parse(f"{self.text} + {other.text}", (), (*self.signal_units, *other.signal_units))
         return replace(total, angular=True) if self.angular or other.angular else total
 
     @property
@@ -411,9 +443,19 @@ class Law:
         return "; ".join([self.text, *(f"{rate.name}' = {rate.text}" for rate in self.rates)])
 
     @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the recorded signals that the law or a rate names, in the order in which they were declared."""
+        return tuple(name for name, _ in self.signal_units)
+
+    @property
     def variables(self) -> tuple[str, ...]:
-        """d, v and the states."""
-        return (*VARIABLES, *self.states)
+        """d, v, the states and the signals."""
+        return (*VARIABLES, *self.states, *self.signals)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a function of d and v alone, without states and signals."""
+        return len(self.variables) == len(VARIABLES)
 
     @cached_property
     def linear(self) -> tuple[str, ...]:
@@ -476,17 +518,18 @@ class Law:
         if self.declared:
             return dict(self.declared)
         known = {rate.name: unit_dimension(rate.unit) for rate in self.rates if rate.unit}
+        known |= {name: unit_dimension(unit) for name, unit in self.signal_units}
         dimensions = law_dimensions(self.text, self.expression, self.rates, known, angular=self.angular)
         return {name: "?" if dimension is None else str(dimension) for name, dimension in dimensions.items()}
 
     @cached_property
     def elastic(self) -> Expression:
-        """The law at v = 0 and, with memory, at states of 0: the part that stores energy."""
+        """The law at v = 0 and at states and signals of 0: the part that stores energy."""
         return substitute(self.expression, dict.fromkeys(self.variables[1:], Number(0.0)))
 
     @cached_property
     def kinks(self) -> tuple[Expression, ...]:
-        """Expressions in d, v and states at whose zeros the force or a rate is not smooth, without repetition."""
+        """Expressions in d, v, states and signals at whose zeros the force or a rate is not smooth, without repetition."""
         trees = (self.expression, *(rate.expression for rate in self.rates))
         distinct = dict.fromkeys(kink for tree in trees for kink in kinks(tree))
         return tuple(kink for kink in distinct if set(symbols(kink)) & set(self.variables))
@@ -571,7 +614,7 @@ class Law:
         return Partials(force, by_d, by_v, dict(zip(names, others, strict=True)))
 
     def potential(self, d: ArrayLike, values: Mapping[str, ArrayLike]) -> Floats:
-        """Stored energy: the integral of the force at v = 0, and at states of 0, from 0 to d.
+        """Stored energy: the integral of the force at v = 0, and at states and signals of 0, from 0 to d.
 
         In closed form if there is one and it is finite; otherwise by Gauss-Legendre quadrature between the kinks of the law.
 
@@ -592,7 +635,8 @@ class Law:
         LawError
             If a coefficient has no value.
         """
-        ordered = self._ordered({**dict.fromkeys(self.states, 0.0), **values})[len(self.rates) :]
+        others = self.variables[len(VARIABLES) :]
+        ordered = self._ordered({**dict.fromkeys(others, 0.0), **values})[len(others) :]
         closed, quadrature = potential_programs(self.elastic, self.coefficients)
         if closed is not None:
             energy = closed(d, *ordered)[0]
@@ -602,27 +646,34 @@ class Law:
 
     @cached_property
     def _named(self) -> tuple[str, ...]:
-        """States and coefficients: what the law needs besides d and v."""
-        return (*self.states, *self.coefficients)
+        """States, signals and coefficients: what the law needs besides d and v."""
+        return (*self.variables[len(VARIABLES) :], *self.coefficients)
 
     def _ordered(self, values: Mapping[str, ArrayLike]) -> list[ArrayLike]:
         missing = [name for name in self._named if name not in values]
         if missing:
             place = parse_with_positions(self.text, self.variables).position(Symbol(missing[0]))
             given = ", ".join(values) or "none"
-            kind = "state" if missing[0] in self.states else "coefficient"
+            kind = next(
+                (kind for kind in ("state", "signal") if missing[0] in getattr(self, f"{kind}s")),
+                "coefficient",
+            )
             advice = f"Values are given for: {given}."
             raise LawError(f"The {kind} {missing[0]!r} has no value.", self.text, place, advice)
         return [values[name] for name in self._named]
 
 
 @lru_cache(maxsize=1024)
-def _parse(text: str, rates: tuple[tuple[str, str, str], ...]) -> Law:
-    variables = (*VARIABLES, *(name for name, _, _ in rates))
+def _parse(
+    text: str, rates: tuple[tuple[str, str, str], ...], signals: tuple[tuple[str, str], ...] = ()
+) -> Law:
+    variables = (*VARIABLES, *(name for name, *_ in (*rates, *signals)))
     expression = checked_expression(text, variables)
     parsed = tuple(
         StateRate(name, rate, checked_expression(rate, variables), unit) for name, rate, unit in rates
     )
     trees = (expression, *(rate.expression for rate in parsed))
     names = dict.fromkeys(name for tree in trees for name in symbols(tree))
-    return Law(text, expression, tuple(name for name in names if name not in variables), parsed)
+    coefficients = tuple(name for name in names if name not in variables)
+    used = tuple(pair for pair in dict.fromkeys(signals) if pair[0] in names)
+    return Law(text, expression, coefficients, parsed, signal_units=used)

@@ -6,7 +6,7 @@ the force in N on the first end with reversed sign (METHODS section 1): m_first 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -171,6 +171,8 @@ class Link:
                 f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)", where
             )
         extra = [name for name in self.coefficients if name not in self.law.coefficients]
+        if extra and extra[0] in self.law.signals:
+            raise StructureError(f"{extra[0]} is a coefficient and a signal; rename one of the two", where)
         if extra:
             raise StructureError(
                 f"unknown coefficient {_list(extra)}; the law {self.law.text} has the coefficients "
@@ -208,7 +210,7 @@ class Link:
         with located(where):
             states = as_link_states(given)
         if states:
-            law = Law.parse(self.law.text, states)
+            law = Law.parse(self.law.text, states, signals=dict(self.law.signal_units))
             vars(self).update(law=replace(law, angular=True) if self.law.angular else law)
         vars(self).update(states=_OwnStates(self.name, states))
 
@@ -219,8 +221,8 @@ class Link:
 
     @property
     def zero_states(self) -> dict[str, float]:
-        """A value of 0 for each state: what `force` and `Law.partials` take for the elastic part of a law with memory."""
-        return dict.fromkeys(self.law.states, 0.0)
+        """A value of 0 for each state and signal: what `force` and `Law.partials` take for the elastic part of a law."""
+        return dict.fromkeys(self.law.variables[2:], 0.0)
 
     def initial_state(self, name: str) -> float:
         """Initial value of a state.
@@ -271,7 +273,7 @@ class Link:
         d, v : array
             Elongation in m and rate in m/s.
         states : mapping of str to array, optional
-            The states of a link with memory in SI units.
+            The states of a link with memory and the signals that its law names, in SI units.
 
         Returns
         -------
@@ -281,7 +283,7 @@ class Link:
         Raises
         ------
         LawError
-            If a state is not given.
+            If a state or a signal is not given.
         """
         return _full(self.law.force(d, v, {**self.values, **(states or {})}), d, v)
 
@@ -301,7 +303,7 @@ class Link:
         return self.tangent(d)[0]
 
     def tangent(self, d: ArrayLike, v: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Tangent stiffness and damping; with memory, at states of 0.
+        """Tangent stiffness and damping, at states and signals of 0.
 
         Parameters
         ----------
@@ -395,8 +397,11 @@ def check_name(name: object, kind: str) -> None:
 COMPARISON = "the comparison with a truth"  # of terms and forces of d and v
 
 
-def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
-    """Raise StructureError if the states of one of the links do not rest at 0 while its ends rest, as `feature` needs."""
+def require_rest_at_zero(links: Sequence[Link], feature: str) -> None:
+    """Raise StructureError if a law names a signal, or the states of a link do not rest at 0 while its ends rest, as `feature`
+    needs.
+    """
+    refuse_signals(links, feature, "put its mean into the law as a coefficient")
     elongations = np.concatenate([-np.logspace(-9, 0, 10), [0.0], np.logspace(-9, 0, 10)])
     for link in links:
         if not link.law.states:
@@ -412,8 +417,19 @@ def require_rest_at_zero(links: Iterable[Link], feature: str) -> None:
             )
 
 
-def refuse_memory(links: Iterable[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
-    """Raise StructureError if one of the links has states, which `feature` does not take, and say what to do `instead`."""
+def refuse_signals(links: Iterable[Link], feature: str, instead: str) -> None:
+    """Raise StructureError if a law names a signal, which `feature` does not take, and say what to do `instead`."""
+    for link in links:
+        if link.law.signals:
+            raise StructureError(
+                f"the law names a signal ({', '.join(link.law.signals)}), which is not supported in {feature}; {instead}",
+                f'link "{link.name}"',
+            )
+
+
+def refuse_memory(links: Sequence[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
+    """Raise StructureError if a law has states or signals, which `feature` does not take, and say what to do `instead`."""
+    refuse_signals(links, feature, instead)
     for link in links:
         if link.law.states:
             states = ", ".join(link.law.states)

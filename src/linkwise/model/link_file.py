@@ -7,9 +7,10 @@ unit of a state ("43 nF" that of a voltage), they are read first.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -43,8 +44,15 @@ class _StateTable(msgspec.Struct, forbid_unknown_fields=True):
     unit: str = ""
 
 
-def link_of(entry: LinkTable, index: int, source: str, rotations: Collection[str] = ()) -> Link:
-    """The link of entry `index` of the file `source`; at ends of `rotations` coefficients have the units of a moment and rad.
+def link_of(
+    entry: LinkTable,
+    index: int,
+    source: str,
+    rotations: Collection[str] = (),
+    signals: Mapping[str, str] = MappingProxyType({}),
+) -> Link:
+    """The link of entry `index` of the file `source`; at ends of `rotations` coefficients have the units of a moment and rad,
+    and names of `signals` in a law that is written out are inputs in these units.
 
     Raises StructureError with the place of what is wrong.
     """
@@ -54,8 +62,10 @@ def link_of(entry: LinkTable, index: int, source: str, rotations: Collection[str
         named = named_law(entry.law) if is_law_name(entry.law) else None
         states = _states(entry, named, source, path)
         angular = not set(rotations).isdisjoint(entry.between)
-        law = _law(named.law if named else entry.law, tuple(states.items()), angular)
+        inputs = () if named else tuple(signals.items())
+        law = _law(named.law if named else entry.law, tuple(states.items()), angular, inputs)
         known = {state.name: unit_dimension(state.unit) for state in law.rates if state.unit}
+        known |= {name: unit_dimension(unit) for name, unit in law.signal_units}
         stated = _stated_units(entry, law)
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
@@ -68,7 +78,7 @@ def link_of(entry: LinkTable, index: int, source: str, rotations: Collection[str
                 if inferred[name]
             }
             states |= resolved
-            law = _law(law.text, tuple(states.items()), angular)
+            law = _law(law.text, tuple(states.items()), angular, inputs)
         units = law.units
     except LinkwiseError as error:
         if isinstance(error, StructureError) and error.where:
@@ -122,7 +132,12 @@ def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:
 
 
 @lru_cache(maxsize=256)
-def _law(text: str, states: tuple[tuple[str, LinkState], ...], angular: bool) -> Law:
+def _law(
+    text: str,
+    states: tuple[tuple[str, LinkState], ...],
+    angular: bool,
+    signals: tuple[tuple[str, str], ...],
+) -> Law:
     """The law of a text, parsed once for all links that have it."""
-    law = Law.parse(text, dict(states))
+    law = Law.parse(text, dict(states), signals=dict(signals))
     return replace(law, angular=True) if angular else law

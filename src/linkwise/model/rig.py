@@ -15,7 +15,7 @@ from linkwise.model.named_laws import is_law_name, named_law
 from linkwise.model.names import Name
 from linkwise.model.rotations import rotations_of
 from linkwise.model.structure import Structure
-from linkwise.model.structure_file import MassTable, mass_of
+from linkwise.model.structure_file import MassTable, mass_of, require_named
 
 _LINK = re.compile(r"\s*(?P<first>[^:]+?)\s+-\s+(?P<second>[^:]+?)\s*:\s*(?P<law>.+?)\s*", re.DOTALL)
 
@@ -25,6 +25,7 @@ def rig(
     links: Mapping[str, str],
     known: Mapping[str, float | str | Mapping[str, Any]] = MappingProxyType({}),
     *,
+    signals: Mapping[str, str] = MappingProxyType({}),
     name: str = "rig",
 ) -> Structure:
     """Build a structure in which every coefficient that is not known is unknown, to be identified.
@@ -40,6 +41,8 @@ def rig(
     known : mapping of str to float, str or mapping, optional
         What is known of coefficients, by full name: ``{"leaf.c": 1.6}``, ``{"leaf.k": "30 N/mm"}``, equal to another one as
         ``"=leaf.k"``, or a ``start`` with ``lower``, ``upper`` or ``sigma``, as in a structure file.
+    signals : mapping of str to str, optional
+        Recorded signals that laws name, with their units: ``{"u": "V"}`` for ``"sink - frame: (c0 + cu*u)*v"``.
     name : str
         Title of the structure.
 
@@ -78,12 +81,12 @@ def rig(
       leaf  frame - ground  k*d + c*v
       nes     sink - frame  alpha*d + beta*d**3 + c*v
     """
-    for argument, mapping in {"masses": masses, "links": links, "known": known}.items():
+    for argument, mapping in {"masses": masses, "links": links, "known": known, "signals": signals}.items():
         expect(f"rig(masses, links, known): {argument}", mapping, Mapping)
     built = tuple(
         mass_of(MassTable(mass, given), number, "rig") for number, (mass, given) in enumerate(masses.items())
     )
-    tables = {link: link_table(link, text) for link, text in links.items()}
+    tables = {link: link_table(link, text, signals) for link, text in links.items()}
     names = [str(Name(link, key)) for link, table in tables.items() for key in table.coefficients]
     for full, value in known.items():
         if full not in names:
@@ -94,14 +97,14 @@ def rig(
         owner, key = Name.parse(full).owner, Name.parse(full).key
         tables[owner].coefficients[key] = dict(value) if isinstance(value, Mapping) else value
     rotations = rotations_of((), built)
-    return Structure(
-        name,
-        built,
-        tuple(link_of(table, number, "rig", rotations) for number, table in enumerate(tables.values())),
+    of_links = tuple(
+        link_of(table, number, "rig", rotations, signals) for number, table in enumerate(tables.values())
     )
+    require_named(signals, of_links, "rig")
+    return Structure(name, built, of_links)
 
 
-def link_table(name: str, text: str) -> LinkTable:
+def link_table(name: str, text: str, signals: Mapping[str, str] = MappingProxyType({})) -> LinkTable:
     """The table of a link "FIRST - SECOND: LAW" with all coefficients unknown; StructureError where that is not said."""
     expect(f'link "{name}"', text, str)
     said = _LINK.fullmatch(text)
@@ -116,7 +119,7 @@ def link_table(name: str, text: str) -> LinkTable:
         coefficients = Law.parse(named.law, named.states).coefficients
     else:
         try:
-            coefficients = Law.parse(law).coefficients
+            coefficients = Law.parse(law, signals=signals).coefficients
         except LawError as error:
             raise StructureError(f"invalid law: {error}", f'link "{name}"') from None
     return LinkTable(name, ends, law, dict.fromkeys(coefficients, "unknown"))

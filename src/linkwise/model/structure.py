@@ -120,6 +120,13 @@ class Structure(NotebookView):
         check_unique((*self.points, *self.mass_names), "mass")
         check_unique(tuple(link.name for link in self.links), "link")
         self._check_ends()
+        for link in self.links:
+            for name, unit in link.law.signal_units:
+                if unit != self.signals[name]:
+                    raise StructureError(
+                        f'signal {name} is in "{unit}" here, and in "{self.signals[name]}" in another link',
+                        f'link "{link.name}"',
+                    )
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
         slots = self._slots
         leaders = resolve_sharing(slots)
@@ -177,6 +184,11 @@ class Structure(NotebookView):
     def points(self) -> tuple[str, ...]:
         """Names of the points of hosts, such as ``"wing.tip"``."""
         return tuple(point for host in self.hosts for point in host.points)
+
+    @cached_property
+    def signals(self) -> dict[str, str]:
+        """Units of the recorded signals that the laws name, such as ``{"u": "V"}``."""
+        return {name: unit for link in self.links for name, unit in link.law.signal_units}
 
     @cached_property
     def rotations(self) -> tuple[str, ...]:
@@ -452,7 +464,7 @@ class Structure(NotebookView):
         """Number of masses and, for each link, weights and law; equal for structures that share compiled code."""
         topology = self.topology
         return self.size, tuple(
-            LinkShape(column, float(base), link.law.expression, link.law.named_rates)
+            LinkShape(column, float(base), link.law.expression, link.law.named_rates, link.law.signals)
             for column, base, link in zip(topology.columns, topology.base_incidence, self.links, strict=True)
         )
 

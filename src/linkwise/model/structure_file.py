@@ -3,13 +3,15 @@
 A coefficient (or a mass) is a number, a string with a unit ("30 kN/m"), "unknown", a table of `start`, `lower`, `upper` for an
 unknown with start value and bounds, a table of `start` and `sigma` for one that is known to within a standard deviation, or
 "=link.coefficient" for a shared one. A state of a link is the text of its rate, or a
-table of `rate`, `initial` and `unit`. A mass with `unit = "rad"`, or in kg m^2, turns.
+table of `rate`, `initial` and `unit`. `signals = { u = "V" }` at the top names recorded signals that laws depend on, with
+their units. A mass with `unit = "rad"`, or in kg m^2, turns.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +43,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """A structure with hosts, which needs neither masses nor links."""
 
     name: str = ""
+    signals: dict[str, str] = {}
     host: list[HostTable] = []
     mass: list[MassTable] = []
     link: list[LinkTable] = []
@@ -241,8 +244,21 @@ def _parts(table: _Table, source: str) -> tuple[tuple[Mass, ...], tuple[Link, ..
     hosts = tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
     masses = tuple(mass_of(entry, index, source) for index, entry in enumerate(table.mass))
     rotations = rotations_of(hosts, masses)
-    links = tuple(link_of(entry, index, source, rotations) for index, entry in enumerate(table.link))
+    links = tuple(
+        link_of(entry, index, source, rotations, table.signals) for index, entry in enumerate(table.link)
+    )
+    require_named(table.signals, links, source)
     return masses, links, hosts
+
+
+def require_named(signals: Iterable[str], links: Sequence[Link], source: str) -> None:
+    """Raise StructureError for a signal that the law of none of the links names."""
+    for name in signals:
+        if not any(name in link.law.signals for link in links):
+            raise StructureError(
+                f"no law names the signal {name}: write it in one, as in (c0 + cu*{name})*v, or take it out of `signals`",
+                f"{source}, signals.{name}",
+            )
 
 
 def format_structure(structure: Structure) -> str:
@@ -264,7 +280,8 @@ def format_structure(structure: Structure) -> str:
     >>> print(lw.model.format_structure(lw.bnes_chain(2)).splitlines()[0])
     name = "bistable chain of 2 masses"
     """
-    blocks = [f"name = {toml_text(structure.name)}\n"]
+    signals = ", ".join(f"{name} = {toml_text(unit)}" for name, unit in structure.signals.items())
+    blocks = [f"name = {toml_text(structure.name)}\n" + (f"signals = {{ {signals} }}\n" if signals else "")]
     blocks += [_host_text(host, structure) for host in structure.hosts]
     for mass in structure.masses:
         if mass.name in structure.modes:

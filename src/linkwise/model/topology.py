@@ -39,6 +39,8 @@ class LinkShape(NamedTuple):
         The law, parsed.
     rates : tuple of (str, Expression)
         The rate of each state of a link with memory, by name.
+    signals : tuple of str
+        The recorded signals that the law or a rate names.
 
     Examples
     --------
@@ -52,6 +54,7 @@ class LinkShape(NamedTuple):
     base: float
     law: Expression
     rates: tuple[tuple[str, Expression], ...] = ()
+    signals: tuple[str, ...] = ()
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -156,7 +156,8 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
         axes.plot(wells, [0.0] * len(wells), "o", color=WELL, markersize=5, zorder=6, label="wells")
     axes.set(xlim=(d[0], d[-1]), ylim=(curve.frame[0] * to_f, curve.frame[1] * to_f))
     axes.set_xlabel(f"elongation d, {unit_d}")
-    at_rest = "v = 0 and states of 0" if curve.link.states else "v = 0"
+    others = [kind for kind in ("states", "signals") if getattr(curve.link.law, kind)]
+    at_rest = f"v = 0 and {' and '.join(others)} of 0" if others else "v = 0"
     axes.set_ylabel(f"force at {at_rest}, {unit_f}")
 
 
@@ -293,9 +294,9 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     ('elongation d, mm', 'rate v, m/s')
     """
     link_estimate = estimate.link(link)
-    if link_estimate.link.law.states:
+    if not link_estimate.link.law.is_plain:
         raise StructureError(
-            "has memory, so that its force is not a function of elongation and rate; draw its loops",
+            "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops",
             f'link "{link}"',
         )
     index = [structure_link.name for structure_link in estimate.structure.links].index(link)

@@ -1,5 +1,5 @@
-"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`, their
-units, and what a record states of them beside their samples.
+"""Channels: a kind of quantity at a mass or the base, `KIND:MASS`, or of a link, `f:LINK` and `state:LINK.NAME`, or a signal
+that laws name, `signal:NAME`, their units, and what a record states of them beside their samples.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, LinkwiseError, RecordError, expect
 from linkwise.model.excitation import Sampled
+from linkwise.model.law import unit_dimension
 from linkwise.units import factor_to_si
 
 
@@ -28,7 +29,7 @@ class Kind(NamedTuple):
     quantity: str
     unit: str
     angular_unit: str = ""
-    of: Literal["mass", "link", "state"] = "mass"
+    of: Literal["mass", "link", "state", "signal"] = "mass"
     order: int | None = None
     is_input: bool = False
 
@@ -40,6 +41,7 @@ KINDS = {
     "force": Kind("applied force", "N", "N m", is_input=True),
     "f": Kind("force in a link", "N", "N m", of="link"),
     "state": Kind("state of a link", "?", of="state"),
+    "signal": Kind("signal of a law", "?", of="signal", is_input=True),
 }
 """All kinds, and all that other modules know of them; a place is a mass, a point of a host or the base."""
 MOTIONS = tuple(key for key, kind in KINDS.items() if kind.order is not None)
@@ -55,10 +57,11 @@ class Channel(str):
 
     Parameters
     ----------
-    kind : {"x", "v", "a", "force", "f", "state"}
-        Displacement (m), velocity (m/s), acceleration (m/s^2), applied force (N), force in a link (N) or state of a link.
+    kind : {"x", "v", "a", "force", "f", "state", "signal"}
+        Displacement (m), velocity (m/s), acceleration (m/s^2), applied force (N), force in a link (N), state of a link, or
+        signal that laws name.
     place : str
-        Name of the mass, or "base" for the moving base; of a link its name, of a state "LINK.NAME".
+        Name of the mass, or "base" for the moving base; of a link or a signal its name, of a state "LINK.NAME".
     relative : bool, optional
         Whether a sensor shows the motion of the mass relative to the base, as "rel:x:m1" does.
 
@@ -155,6 +158,11 @@ class Channel(str):
         return KINDS[self.kind].of in ("link", "state")
 
     @property
+    def at_place(self) -> bool:
+        """Whether it is at a mass, a point of a host or the base."""
+        return KINDS[self.kind].of == "mass"
+
+    @property
     def link(self) -> str:
         """The name of the link of such a channel."""
         return self.place.rpartition(".")[0] if self.kind == "state" else self.place
@@ -166,7 +174,7 @@ class Channel(str):
 
     @property
     def unit(self) -> str:
-        """The SI unit where nothing turns; "?" of a state, which is in the unit that its law gives it."""
+        """The SI unit where nothing turns; "?" of a state or a signal, which is in the unit that its law gives it."""
         return KINDS[self.kind].unit
 
     @property
@@ -176,8 +184,8 @@ class Channel(str):
 
     @property
     def is_input(self) -> bool:
-        """True for what drives the structure (applied force, base motion), False for a response."""
-        return KINDS[self.kind].is_input or (self.place == BASE and not self.of_link)
+        """True for what drives the structure (applied force, base motion, signal), False for a response."""
+        return KINDS[self.kind].is_input or (self.place == BASE and self.at_place)
 
 
 HELD, LINEAR, BAND_LIMITED = INTERPOLATIONS = ("held", "linear", "band-limited")
@@ -340,6 +348,8 @@ def is_angular(unit: str, kind: str) -> bool:
 
 def si_unit(unit: str, kind: str) -> str:
     """The SI unit of a channel of `kind` that is stated in `unit`."""
+    if kind == "signal":
+        return str(unit_dimension(unit))
     return KINDS[kind].angular_unit if is_angular(unit, kind) else KINDS[kind].unit
 
 

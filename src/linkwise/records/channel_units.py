@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from linkwise.errors import RecordError
+from linkwise.model.law import unit_dimension
 from linkwise.model.structure import Structure
 from linkwise.records.channel import ANGULAR_UNITS, KINDS, Channel
 from linkwise.records.record import Record
@@ -17,6 +18,8 @@ def places_of(kind: str, structure: Structure) -> tuple[str, ...]:
             return tuple(link.name for link in structure.links)
         case "state":
             return tuple(f"{link.name}.{state}" for link in structure.links for state in link.law.states)
+        case "signal":
+            return tuple(structure.signals)
         case "mass":
             return structure.places
 
@@ -26,6 +29,8 @@ def unit_in(structure: Structure, name: str) -> str:
     channel = Channel.parse(name)
     if channel.kind == "state":
         return structure.link(channel.link).law.state_units[channel.state].replace("?", "")
+    if channel.kind == "signal":
+        return structure.signals.get(channel.place, "")
     if not structure.rotations:
         return channel.unit
     if channel.of_link:
@@ -36,9 +41,17 @@ def unit_in(structure: Structure, name: str) -> str:
 
 
 def in_units_of(record: Record, structure: Structure) -> Record:
-    """A record with the units of places of a structure that turn, whose channels it may have without a unit; RecordError
-    if a channel is stated in units of a rotation and its place moves in m, or the other way round.
+    """A record with the units of signals and of places of a structure that turn, whose channels it may have without a unit,
+    and without signals that no law names.
+
+    RecordError if the channel of a signal is missing or stated in another kind of unit, or a channel is stated in units of a
+    rotation and its place moves in m, or the other way round.
     """
+    named = [c for c in record.channels if c.kind != "signal" or c.place in structure.signals]
+    if len(named) < len(record.channels):
+        record = record.select(named)
+    if structure.signals:
+        record = replace(record, units={**record.units, **_units_of_signals(record, structure)})
     if not structure.rotations and ANGULAR_UNITS.isdisjoint(record.units.values()):
         return record
     units: dict[str, str] = {}
@@ -57,6 +70,34 @@ def in_units_of(record: Record, structure: Structure) -> Record:
                 )
             units[channel] = unit
     return replace(record, units={**record.units, **units}) if units else record
+
+
+def signals_of(record: Record, structure: Structure) -> tuple[str, ...]:
+    """The signals of a record, those that the laws of a structure name first: in a search others may come to be named."""
+    recorded = [channel.place for channel in record.channels if channel.kind == "signal"]
+    return tuple(dict.fromkeys((*structure.signals, *recorded)))
+
+
+def _units_of_signals(record: Record, structure: Structure) -> dict[str, str]:
+    """The units of the channels of the signals that the laws of a structure name."""
+    units: dict[str, str] = {}
+    for name, unit in structure.signals.items():
+        channel = Channel("signal", name)
+        if channel not in record.channels:
+            raise RecordError(
+                f"a law names the signal {name}, and the record lacks its channel; it has {', '.join(record.channels)}. Name "
+                f"a column {channel}[{unit}], or map one, as in channels={{'{channel}': 'COLUMN'}}",
+                channel=channel,
+                arguments=("channels",),
+            )
+        stated = record.units.get(channel, unit)
+        if unit_dimension(stated) != unit_dimension(unit):
+            raise RecordError(
+                f"is stated in {stated}, and the structure has the signal {name} in {unit}: correct one of the two",
+                channel=channel,
+            )
+        units[channel] = unit
+    return units
 
 
 def _contradiction(channel: Channel, stated: str, unit: str) -> str:

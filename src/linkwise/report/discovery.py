@@ -300,7 +300,7 @@ def _with_aligned_truth(discovery: Discovery) -> Discovery:
         return discovery
     structures = (estimate.structure, simulated.structure)
     # not compared, see term_score
-    if any(link.law.states for structure in structures for link in structure.links):
+    if not all(link.law.is_plain for structure in structures for link in structure.links):
         return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=None)))
     aligned = replace(simulated, structure=align_truth(*structures))
     return replace(discovery, estimate=replace(estimate, record=replace(estimate.record, simulated=aligned)))

@@ -11,7 +11,7 @@ from linkwise.display import near_miss
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
 from linkwise.expression.parser import parse
-from linkwise.model.link import BASE
+from linkwise.model.link import BASE, refuse_signals
 from linkwise.model.structure import Structure
 
 FORCE = "force"
@@ -95,7 +95,10 @@ class Drive:
         ------
         SimulationError
             If it has no such place.
+        StructureError
+            If a law names a signal.
         """
+        refuse_signals(structure.links, "responses", "put its mean into the law as a coefficient")
         if self.kind == FORCE:
             places = (*structure.places, *structure.modes.intersection(structure.mass_names))
             if self.place not in places:

@@ -2,7 +2,8 @@
 
     kinetic + sum of potential + sum of dissipated = supplied,   dissipated' = (f(d, v) - f(d, 0)) v for each link
 
-With memory it is (f(d, v, s) - f(d, 0, 0)) v: what a state stores counts as dissipated until the state gives it back.
+With memory it is (f(d, v, s) - f(d, 0, 0)) v: what a state stores counts as dissipated until the state gives it back. So
+does, with its sign, what a signal feeds in.
 
 Powers are integrated along the orbit that was simulated, by Gauss-Legendre quadrature over panels that end at output
 times and at the steps of the integrator (and so at impulses, knots of sampled inputs and kinks). A step is a seventh of
@@ -49,15 +50,19 @@ class LinkForces:
         """Column of each state of a link in the states (M, S)."""
         return {key: column for column, key in enumerate(self.structure.topology.states)}
 
-    def _states(self, law: Law, numbers: Indices, states: Floats) -> dict[str, Floats]:
-        """The states (M, m) by name of links that have one law."""
-        return {name: states[:, [self._columns[k, name] for k in numbers.tolist()]] for name in law.states}
+    def _inside(self, law: Law, numbers: Indices, time: Floats, states: Floats) -> dict[str, Floats]:
+        """The states (M, m) by name of links that have one law, and its signals (M, 1)."""
+        signals = {name: self.excitation.signals[name].value(time)[:, None] for name in law.signals}
+        return signals | {
+            name: states[:, [self._columns[k, name] for k in numbers.tolist()]] for name in law.states
+        }
 
-    def links(self, d: Floats, v: Floats, states: Floats) -> Floats:
-        """Force (M, L) of every link in N at elongations (M, L) in m, rates (M, L) in m/s and states (M, S)."""
+    def links(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
+        """Force (M, L) of every link in N at displacements and velocities (M, n) and states (M, S)."""
+        d, v = self.elongations(time, x, v)
         force = np.empty(d.shape)
         for law, numbers, values in self._groups:
-            inside = self._states(law, numbers, states)
+            inside = self._inside(law, numbers, time, states)
             force[:, numbers] = law.force(d[:, numbers], v[:, numbers], {**values, **inside})
         return force
 
@@ -68,7 +73,7 @@ class LinkForces:
         power = np.empty(rate.shape)
         for law, program, numbers, values in self._dissipation:
             motion = {"v": rate[:, numbers], **({} if d is None else {"d": d[:, numbers]})}
-            motion |= self._states(law, numbers, states)
+            motion |= self._inside(law, numbers, time, states)
             power[:, numbers] = program(*({**motion, **values}[name] for name in program.inputs))[0]
         return power
 
@@ -77,7 +82,7 @@ class LinkForces:
         """As `_groups`, with the program of the dissipated power."""
         groups = []
         for law, numbers, values in self._groups:
-            power = dissipated_power(law.expression, law.states)
+            power = dissipated_power(law.expression, (*law.states, *law.signals))
             groups.append((law, Program([power], symbols(power)), numbers, values))
         return groups
 
@@ -98,7 +103,7 @@ class LinkForces:
 
     def accelerations(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Accelerations (M, n) in m/s^2 at displacements and velocities (M, n) and states (M, S)."""
-        links = self.links(*self.elongations(time, x, v), states)
+        links = self.links(time, x, v, states)
         net = self.applied(time) - (self.structure.incidence @ links.T).T
         return np.ascontiguousarray(net / self.structure.mass_values)
 
@@ -190,6 +195,6 @@ def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floa
         power[:, -1] = np.einsum("ti,ti->t", forces.applied(time), v)
     base = forces.excitation.base
     if base is not None:
-        on_base = forces.links(*forces.elongations(time, x, v), states) @ forces.structure.base_incidence
+        on_base = forces.links(time, x, v, states) @ forces.structure.base_incidence
         power[:, -1] += on_base * base.derivative(time)
     return power

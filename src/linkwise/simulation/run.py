@@ -44,6 +44,7 @@ from linkwise.simulation.integrator.formulas import (
     Time,
 )
 
+_SIGNAL = "signal:"  # with which the names of signals of laws begin among the drives
 BLOCK = 4096  # output samples between two stops, at which progress is reported and divergence detected ...
 _BUFFER = 500_000  # ... but at most this over the number of masses, to limit memory
 
@@ -67,7 +68,9 @@ class RunSchedule:
         topology = self.structure.topology
         inputs = tuple(
             (
-                topology.weights(topology.index[name]),
+                name.removeprefix(_SIGNAL)
+                if name.startswith(_SIGNAL)
+                else topology.weights(topology.index[name]),
                 drive.order if isinstance(drive, Sampled) else drive.expression,
             )
             for name, drive in self.excitation.drives.items()
@@ -294,9 +297,17 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     for mass in excitation.forces:
         check_place(Channel("force", mass), structure, "a force")
     _check_base(structure, excitation)
+    for name in excitation.signals:
+        check_place(Channel("signal", name), structure, "an excitation")
+    for name in structure.signals.keys() - excitation.signals.keys():
+        raise SimulationError(
+            f"a law names the signal {name}, whose course is not given; give signals={{{name!r}: ...}}, an expression of t or "
+            'Sampled, or "0" for none'
+        )
     for name, given in excitation.drives.items():
         if isinstance(given, Sampled) and (given.start > 0.0 or given.end < end - 1e-6 / given.rate):
             drive = "the motion of the base" if name == BASE else f"the force on {name}"
+            drive = name if name.startswith(_SIGNAL) else drive
             raise SimulationError(
                 f"{drive} is sampled from {given.start:g} to {given.end:g} s, but the simulation runs from 0 to {end:g} s; "
                 "give more samples or simulate a shorter time"

@@ -72,6 +72,7 @@ class ExcitationKeywords(TypedDict, total=False):
     impulses: Iterable[Impulse]
     forces: Mapping[str, InputSignal | str | float]
     base: InputSignal | str | float | None
+    signals: Mapping[str, InputSignal | str | float]
 
 
 def simulate(
@@ -102,14 +103,15 @@ def simulate(
         Kinds of sensors on every mass (``"x"``, ``"v"``, ``"a"``; ``"rel:x"`` relative to the base), on every link (``"f"``,
         its force; of links alone on a rig the default) or in every state of a link (``"state"``), or channels (``"a:m2"``,
         ``"f:spring"``, ``"state:piezo.V"``).
-        Forces are always recorded, and the displacement of the base, unless its velocity or acceleration is named
+        Forces and signals are always recorded, and the displacement of the base, unless its velocity or acceleration is named
         (``"a:base"``).
     progress : Progress, optional
         Called with a `ProgressReport` while the simulation runs.
     **excitation
         What drives the structure, as in `Excitation`: `release`, ``{"x:m1": m, "v:m1": m/s}``, where ``"state:piezo.V"`` takes
         the place of the initial value of a state; `impulses`, a sequence of
-        `Impulse`; `forces`, for each mass an expression of t in N or `Sampled`; `base`, its displacement in m, likewise.
+        `Impulse`; `forces`, for each mass an expression of t in N or `Sampled`; `base`, its displacement in m, and `signals`,
+        each signal that laws name in its SI unit, likewise.
 
     Returns
     -------
@@ -154,7 +156,7 @@ def simulate(
     for column, channel in enumerate(channels):
         order = channel.order if channel.is_motion else 0
         if channel.is_input:
-            signal = drive.drives[channel.place]
+            signal = drive.drives[channel.place if channel.at_place else channel]
             values[:, column] = signal.derivative(grid, order) if order else signal.value(grid)
         elif channel.kind == "state":
             values[:, column] = states[channel.place]
@@ -197,7 +199,7 @@ def _derived(
     if "a" in kinds:
         derived["a"] = forces.accelerations(time, x, v, states)
     if "f" in kinds:
-        derived["f"] = forces.links(*forces.elongations(time, x, v), states)
+        derived["f"] = forces.links(time, x, v, states)
     return derived
 
 
@@ -236,7 +238,10 @@ def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[st
         responses[channel] = None
     inputs: list[Channel] = []
     for name in excitation.drives:
-        inputs += (of_base or (Channel("x", BASE),)) if name == BASE else (Channel("force", name),)
+        if name == BASE:
+            inputs += of_base or (Channel("x", BASE),)
+        else:
+            inputs.append(Channel.parse(name) if ":" in name else Channel("force", name))
     return [*responses, *inputs]
 
 

@@ -28,7 +28,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import NoiseEstimate
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.link_estimate import LinkMotion, extremes
-from linkwise.model.link import refuse_memory
+from linkwise.model.link import refuse_memory, refuse_signals
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in
@@ -184,6 +184,7 @@ class WeakForm(Estimator):
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
         refuse_rig(structure, 'method "weak"')
+        refuse_signals(structure.links, 'method "weak"', "maximum likelihood takes it")
         given = self.only_record(records)
         frame = framed(given, structure)
         record = frame.record

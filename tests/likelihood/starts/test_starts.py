@@ -81,8 +81,8 @@ def test_sliders_follow_the_elongation_within_their_bounds(name: str, count: int
     for samples in (1501, 6001):
         time = np.linspace(0.0, 3.0, samples)
         d, v = 1e-2 * np.sin(40.0 * time), 0.4 * np.cos(40.0 * time)
-        slid = follow_states(law, values, d, v, time[1], 2)
-        steps = follow_states(stepped, values, d, v, time[1], 2)[:-1]
+        slid = follow_states(law, values, np.stack([d, v]), time[1], 2)
+        steps = follow_states(stepped, values, np.stack([d, v]), time[1], 2)[:-1]
         assert slid.shape == (count, 2, samples)
         errors.append(float(np.sqrt(np.mean((slid - steps) ** 2)) / np.abs(slid).max()))
     assert errors[0] < 0.1 and errors[1] < 0.5 * errors[0]  # those of the steps, of order 1: a quarter

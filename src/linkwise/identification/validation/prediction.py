@@ -189,14 +189,18 @@ def _run(
 ) -> Record:
     released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
     released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
-    forces = {channel.place: signal for channel, signal in inputs.items() if channel.is_force}
+    named = {
+        kind: {channel.place: signal for channel, signal in inputs.items() if channel.kind == kind}
+        for kind in ("force", "signal")
+    }
     return simulate(
         structure,
         duration=(samples - 1) / rate,
         rate=rate,
         sensors=channels,
         release=dict(zip(released, state.tolist(), strict=True)),
-        forces=forces,
+        forces=named["force"],
+        signals={name: named["signal"][name] for name in structure.signals},
         base=inputs.get(Channel("x", BASE)),
     )
 

@@ -139,7 +139,8 @@ class _Setup:
                     at_points[:, :, structure.points.index(name)] = values
         if np.any(structure.base_incidence):
             base = np.stack(_at(record, f"x:{BASE}", index), axis=2)
-        return Inputs(force, base, points=at_points)
+        signals = {name: _at(record, f"signal:{name}", index)[0] for name in structure.signals}
+        return Inputs(force, base, points=at_points, signals=signals)
 
     def run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
         """The motion from states (2 n + S, K)."""

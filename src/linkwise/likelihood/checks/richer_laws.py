@@ -120,12 +120,13 @@ def ends_of(structure: Structure, cause: Cause) -> tuple[str, str]:
 
 def _with_term(link: Link, term: str) -> Link:
     name = "added"
-    while name in link.coefficients or name in link.states:
+    while name in link.coefficients or name in link.law.variables:
         name += "_"
     declared = dict(link.law.declared)
     if declared:  # as of a mode, whose law has numbers with units
         declared |= Law.parse(f"{name}*({term})").units
-    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states, units=declared)
+    signals = dict(link.law.signal_units)
+    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states, units=declared, signals=signals)
     return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})
 
 

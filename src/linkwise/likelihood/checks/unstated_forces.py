@@ -156,7 +156,7 @@ def _unstated(
 ) -> Cause:
     """A random force that nobody stated: noise of the input, where its root mean square `rms` is far larger, else ambient."""
     error = 0.5 * score.error / score.deviation
-    if rms is not None and score.deviation < LARGEST * rms:
+    if rms is not None and (score.deviation < LARGEST * rms or place.startswith("signal:")):
         unit = unit_in(identified, place)
         return Cause("input noise", place, score.deviation, unit, score.gain, error)
     density = _density(fit)

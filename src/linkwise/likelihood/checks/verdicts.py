@@ -343,11 +343,12 @@ def moved(causes: Sequence[Cause]) -> str:
 def _of_instrument(cause: Cause) -> str:
     """What an error in what was recorded or stated means for the answer."""
     if cause.kind in ("input noise", "ambient"):
-        kind = "an ambient force on" if cause.kind == "ambient" else "noise of"
-        more = "more of it, or let it be found" if cause.remark else f"{kind} {cause.where}"
+        ambient = f"allow for an ambient force on {cause.where}"
+        advice = ambient if cause.kind == "ambient" else _against_noise(cause.where)
+        advice = "allow for more of it, or let it be found" if cause.remark else advice
         return (
             f", but {would_explain(cause)}. It excites the structure, and coefficients, above all dampings, would be "
-            f"wrong by more than intervals of exact laws say: allow for {more}."
+            f"wrong by more than intervals of exact laws say: {advice}."
         )
     if cause.kind == UNSTEADY:
         return (
@@ -429,10 +430,18 @@ def _of_forces(of: Examined, verdict: Verdict) -> str:
         return " If an unrecorded force acts, such as wind or traffic, state it as ambient."
     noisy = [cause for cause in of.causes[1:] if cause.kind == "input noise"]
     if noisy and verdict is Verdict.SYSTEMATIC_MISFIT:
-        return f" Also, {noisy[0].description} would explain it: allow for noise of {noisy[0].where} before adding a term."
+        advice = _against_noise(noisy[0].where)
+        return f" Also, {noisy[0].description} would explain it: {advice} before adding a term."
     if inputs and verdict is Verdict.MODEL_ERROR_NEEDED:
-        return f" Noise of {inputs[0]} has the same effect: if it has some, allow for noise of {inputs[0]}."
+        return f" Noise of {inputs[0]} has the same effect: if it has some, {_against_noise(inputs[0])}."
     return ""
+
+
+def _against_noise(channel: str) -> str:
+    """What to do about noise of an input: that of a signal is no random force, which could be allowed for."""
+    if channel.startswith("signal:"):
+        return f"record {channel} with less"
+    return f"allow for noise of {channel}"
 
 
 def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:

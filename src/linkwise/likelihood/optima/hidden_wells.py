@@ -219,7 +219,7 @@ def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_H
             continue
         number = int(numbers[0])
         link = structure.links[number]
-        if BASE in link.between or link.law.states:
+        if BASE in link.between or not link.law.is_plain:
             continue
         if "d" in symbols(differentiate(link.law.expression, "d")):
             hidden.append(_HiddenLink(number, coordinate, float(incidence[coordinate, number])))

@@ -29,8 +29,8 @@ sample would leave an eighth of a signal at a sixth of the sampling rate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -192,7 +192,7 @@ _CLOSING_WEIGHTS = [(i, CLOSING[:, i, None, None]) for i in map(int, np.flatnonz
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Applied forces and motion of the base at the five POINTS of every step.
+    """Applied forces, motion of the base and signals at the five POINTS of every step.
 
     Attributes
     ----------
@@ -204,6 +204,8 @@ class Inputs:
         Acceleration in m/s^2 of the coordinates; `force` has its forces of inertia by the masses that the structure states.
     points : array of shape (J, 5, k, K) or None
         Forces on points of hosts in N, where shapes are parameters; `force` has them by the shapes that the structure states.
+    signals : mapping of str to array of shape (J, 5, K)
+        The U recorded signals by name, those that laws name first.
     uncertain : UncertainForces or None
         Those of the forces whose channels have unknown errors; `force` and `points` have them at some values of these.
     """
@@ -212,6 +214,7 @@ class Inputs:
     base: Floats | None = None
     frame: Floats | None = None
     points: Floats | None = None
+    signals: Mapping[str, Floats] = field(default_factory=dict)
     uncertain: UncertainForces | None = None
 
     def part(self, segments: slice | Indices) -> Inputs:
@@ -229,10 +232,11 @@ class Inputs:
         """The inputs with each array changed, and the `unit` (K',) of uncertain ones in the segments then."""
         every = (self.force, self.base, self.frame, self.points)
         force, base, frame, points = (None if a is None else change(a) for a in every)
+        signals = {name: change(values) for name, values in self.signals.items()}
         uncertain = None
         if self.uncertain is not None and unit is not None:
             uncertain = self.uncertain.mapped(change, unit)
-        return Inputs(force, base, frame, points, uncertain)
+        return Inputs(force, base, frame, points, signals, uncertain)
 
     def at(self, gains: Floats, delays: Floats) -> Inputs:
         """The inputs with uncertain forces at gains (g,) and delays (l,) in s of channels."""
@@ -286,9 +290,9 @@ class Trajectories:
         d and v in the middles of the steps.
     middle_accelerations : array of shape (J, n, K)
         Accelerations there.
-    memory : array of shape (J + 1, S, K)
-        States of links at the ends of the steps.
-    middle_memory : array of shape (J, S, K)
+    memory : array of shape (J + 1, S + U, K)
+        States of links at the ends of the steps, and the signals that laws name.
+    middle_memory : array of shape (J, S + U, K)
         The same in the middles.
     """
 
@@ -297,12 +301,12 @@ class Trajectories:
     accelerations: Floats  # (J + 1, n, K) there
     middle_links: Floats  # (J, 2, L, K) d and v in the middles of the steps
     middle_accelerations: Floats  # (J, n, K)
-    memory: Floats  # (J + 1, S, K)
-    middle_memory: Floats  # (J, S, K)
+    memory: Floats  # (J + 1, S + U, K)
+    middle_memory: Floats  # (J, S + U, K)
 
     @classmethod
     def empty(cls, steps: int, n: int, L: int, S: int, K: int) -> Trajectories:
-        """Room for the trajectories of n masses, L links and S states."""
+        """Room for the trajectories of n masses, L links and S states and signals."""
         return cls(
             np.empty((steps + 1, 2, n, K)),
             np.empty((steps + 1, 2, L, K)),
@@ -321,7 +325,7 @@ class Trajectories:
         return np.stack([middle_x, middle_u], axis=1)
 
     def ends(self, step: Floats) -> Floats:
-        """(2n + S, K) displacements in m, velocities in m/s and states at the ends of the segments, steps (K,) in s."""
+        """(2n + S + U, K) displacements in m, velocities in m/s, states, signals at the ends of segments, steps (K,) in s."""
         x, u = self.states[-1]
         return np.concatenate([x, u * (1.0 / step), self.memory[-1]])
 
@@ -405,7 +409,7 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     steps : int
         Number of steps J.
     inputs : Inputs
-        Applied forces and motion of the base.
+        Applied forces, motion of the base and signals.
 
     Returns
     -------
@@ -420,10 +424,10 @@ def flow(mechanics: NumericSystem, start: Floats, step: Floats, steps: int, inpu
     K = start.shape[-1]
     n, L = mechanics.gain.shape
     S = len(start) - 2 * n
-    orbit = Trajectories.empty(steps, n, L, S, K)
+    orbit = Trajectories.empty(steps, n, L, S + len(inputs.signals), K)
     orbit.states[0, 0] = start[:n]
     np.multiply(start[n : 2 * n], step, out=orbit.states[0, 1])
-    orbit.memory[0] = start[2 * n :]
+    orbit.memory[0, :S] = start[2 * n :]
     stages = _Stages(mechanics, step, inputs, S)
     with np.errstate(all="ignore"):
         for j in range(steps):
@@ -460,7 +464,8 @@ class _Stages:
             for i in range(STAGES)
         ]
         self.motion, self.force, self.closing = np.empty((2, L, K)), np.empty((L, K)), np.empty((2, L, K))
-        self.inside, self.change, self.gone = np.empty((S, K)), np.empty((S, K)), np.empty((1, S * K))
+        self.inside, self.change = np.empty((S + len(inputs.signals), K)), np.empty((S, K))
+        self.memory, self.signals, self.gone = self.inside[:S], self.inside[S:], np.empty((1, S * K))
         self.law_operations = mechanics.force_operations(
             self.motion[0], self.motion[1], self.inside, self.force, self.change
         )
@@ -472,7 +477,7 @@ class _Stages:
 
     def integrate(self, orbit: Trajectories, j: int) -> None:
         """From the start of step j to its end, where floating-point warnings are ignored."""
-        states, memory, forces = orbit.states, orbit.memory[j], self.forces
+        states, memory, forces = orbit.states, orbit.memory[j, : len(self.memory)], self.forces
         mechanics, motion, force, operations = self.mechanics, self.motion, self.force, self.law_operations
         row_of_motion, v, gain, link_gain = (
             motion.reshape(2, -1),
@@ -491,9 +496,11 @@ class _Stages:
             if self.on_base:
                 _add_base(mechanics, motion, self.inputs, (j, point), memory)
             if self.has_memory:
-                np.add(memory, np.dot(inner_row, inner_above, self.gone).reshape(memory.shape), self.inside)
+                np.add(memory, np.dot(inner_row, inner_above, self.gone).reshape(memory.shape), self.memory)
+            for signal, values in zip(self.signals, self.inputs.signals.values(), strict=True):
+                signal[:] = values[j, point]
             if i == 0:
-                orbit.links[j] = motion
+                orbit.links[j], orbit.memory[j] = motion, self.inside
             elif i == MIDDLE:
                 orbit.middle_links[j], orbit.middle_memory[j] = motion, self.inside
             for operation in operations:
@@ -519,7 +526,7 @@ class _Stages:
         after[0] += states[j, 1]
         if self.has_memory:
             np.dot(CLOSING[1:], self.slopes.reshape(STAGES, -1), self.gone)
-            np.add(memory, self.gone.reshape(memory.shape), orbit.memory[j + 1])
+            np.add(memory, self.gone.reshape(memory.shape), orbit.memory[j + 1, : len(memory)])
 
     def close(self, orbit: Trajectories, steps: int) -> None:
         """Elongations and accelerations at the end of the last step, where floating-point warnings are ignored."""
@@ -527,7 +534,10 @@ class _Stages:
         self.motion[1] *= self.rate
         _add_base(self.mechanics, self.motion, self.inputs, (steps - 1, 4), orbit.memory[steps])
         orbit.links[steps] = self.motion
-        self.inside[:] = orbit.memory[steps]
+        self.memory[:] = orbit.memory[steps, : len(self.memory)]
+        for signal, values in zip(self.signals, self.inputs.signals.values(), strict=True):
+            signal[:] = values[steps - 1, 4]
+        orbit.memory[steps] = self.inside
         self.evaluate()
         np.matmul(self.mechanics.gain, self.force, out=orbit.accelerations[steps])
         if self.inputs.force is not None:

@@ -186,7 +186,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         for channel in np.unique(segments.waveforms.channel).tolist():
             residuals[:, channel] -= segments.waveforms.added(channel, point.offsets[sensors.constants :])
     clipped = _whitened(residuals, segments, scales, loss)
-    ends = orbit.ends(segments.step)
+    ends = orbit.ends(segments.step)[: len(point.nodes)]
     defects = (point.nodes[..., 1:] - ends[..., :-1]) / scales.state[:, None]
     defects *= segments.link_weights
     prior = 0.0 if segments.prior is None else segments.prior.cost(point.border)
@@ -446,7 +446,8 @@ class LongerSegments:
         segments = self.segments
         every = segments.steps // self.parts.shape[1]
         x, u = (orbit.states[:-1:every, kind] for kind in (0, 1))
-        states = np.concatenate([x, u / segments.step, orbit.memory[:-1:every]], axis=1)
+        memory = orbit.memory[:-1:every, : len(segments.system.states)]
+        states = np.concatenate([x, u / segments.step, memory], axis=1)
         nodes = np.empty((states.shape[1], int(self.parts.max()) + 1))
         for number in reversed(range(len(states))):  # where one is repeated, its first place counts
             nodes[:, self.parts[:, number]] = states[number]

@@ -41,6 +41,7 @@ from linkwise.records.channel import (
     interpolated,
     require_complete,
 )
+from linkwise.records.channel_units import signals_of
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.signals.base_frame import FramedRecord, frame_acceleration
@@ -252,7 +253,7 @@ def cut(values: Floats, samples: int) -> Floats:
 def flow_inputs(
     records: Sequence[Record], structure: Structure, counts: Sequence[int], *, samples: int, refine: int
 ) -> Inputs:
-    """Applied forces and motion of the base at the points of every step, interpolated as the records state.
+    """Applied forces, motion of the base and signals at the points of every step, interpolated as the records state.
 
     Parameters
     ----------
@@ -287,14 +288,18 @@ def flow_inputs(
     at_points = forces_at_points(
         structure, [name.place for _, name in forced], (samples * refine, sum(counts))
     )
+
+    def along(name: Channel) -> Floats:
+        pieces = [
+            value_at_points(record, *_input(record, name, count, samples, refine))
+            for record, count in zip(records, counts, strict=True)
+        ]
+        return np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
+
     if forced:
         force = np.zeros((samples * refine, len(POINTS), structure.size, sum(counts)))
         for row, name in forced:
-            pieces = [
-                value_at_points(record, *_input(record, name, count, samples, refine))
-                for record, count in zip(records, counts, strict=True)
-            ]
-            values = np.concatenate(pieces, axis=2) if len(pieces) > 1 else pieces[0]
+            values = along(name)
             for mass in np.flatnonzero(row).tolist():
                 force[:, :, mass] += row[mass] * values
             if at_points is not None and name.place in structure.points:
@@ -315,7 +320,8 @@ def flow_inputs(
             for record, count in zip(records, counts, strict=True)
         ]
         base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
-    return Inputs(force, base, points=at_points)
+    signals = {name: along(Channel("signal", name)) for name in signals_of(records[0], structure)}
+    return Inputs(force, base, points=at_points, signals=signals)
 
 
 def forces_at_points(structure: Structure, places: Sequence[str], size: tuple[int, int]) -> Floats | None:

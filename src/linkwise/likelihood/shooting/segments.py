@@ -634,7 +634,7 @@ def carry_through_gaps(segments: Segments, point: Iterate) -> Iterate:
         before, step = segment - 1, segments.step[segment - 1]
         with np.errstate(over="ignore", invalid="ignore"):
             orbit = flow(mechanics, nodes[..., before], step, segments.steps, segments.inputs.part(before))
-        end = orbit.ends(step)
+        end = orbit.ends(step)[: len(nodes)]
         replaced = unobserved[:, segment] & np.isfinite(end).all(axis=0)
         nodes[..., segment] = np.where(replaced, end, nodes[..., segment])
     return replace(point, nodes=nodes)

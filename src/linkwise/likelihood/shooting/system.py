@@ -46,6 +46,8 @@ class LawGroup:
         Position of their first coefficient in the vector of coefficients.
     first_state : int
         Position of their first state on the state axis: state by state, link by link.
+    signals : tuple of int
+        Positions of the signals that the law names on the state axis, where signals follow the states.
     free : tuple of str
         Coefficients that are unknown in one of these links at least.
     lag : float or None
@@ -56,6 +58,7 @@ class LawGroup:
     links: slice
     first: int
     first_state: int
+    signals: tuple[int, ...]
     free: tuple[str, ...]
     lag: float | None = None
 
@@ -71,7 +74,7 @@ class LawGroup:
 
     @cached_property
     def force(self) -> Program:
-        """Program for the force and the rates of the states from d, v, the states and the coefficients."""
+        """Program for the force and the rates of the states from d, v, the states, the signals and the coefficients."""
         return _force_program(self.law, self.lag)
 
     @cached_property
@@ -85,6 +88,10 @@ class LawGroup:
     def slopes(self) -> Program:
         """Program for the partial derivatives of the force with respect to d and v, from what `partials` takes."""
         return _slope_of_motion_program(self.law)
+
+    def slope_by(self, signal: int) -> Program:
+        """Program for the derivative of the force with respect to the signal at a position, from what `force` takes."""
+        return _slope_by_signal(self.law, self.law.signals[self.signals.index(signal)])
 
     @property
     def rows(self) -> slice:
@@ -105,6 +112,11 @@ class LawGroup:
     def of_states(self, values: Floats) -> list[Floats]:
         """The parts (..., m, K) of an array over all states (..., S, K), one for each state of the law."""
         return [values[which] for which in self._which_states]
+
+    def inside(self, values: Floats) -> list[Floats]:
+        """As `of_states`, and the signals (..., 1, K) that the law names, which follow the states in (..., S + U, K)."""
+        signals = [values[..., place : place + 1, :] for place in self.signals]
+        return [*self.of_states(values), *signals]
 
     def row(self, name: str) -> slice:
         """Positions of one coefficient of these links.
@@ -141,6 +153,12 @@ def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Progra
 def _slope_of_motion_program(law: Law) -> Program:
     slopes = [differentiate(law.expression, name) for name in VARIABLES]
     return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
+
+
+@lru_cache(maxsize=512)
+def _slope_by_signal(law: Law, name: str) -> Program:
+    slope = differentiate(law.expression, name)
+    return Program([slope], (*law.variables, *law.coefficients), wide=law.variables)
 
 
 def _trees(law: Law, lag: float | None) -> list[Expression]:
@@ -442,7 +460,7 @@ class System:
         System
             Its system, with `structure.parameters` as parameters.
         """
-        by_law = structure.topology.by_law
+        by_law, names = structure.topology.by_law, list(structure.signals)
         order = np.concatenate([indices for _, indices in by_law])
         unknown = {member for parameter in structure.parameters for member in parameter.members}
         groups, links, rows = [], 0, 0
@@ -454,7 +472,9 @@ class System:
                 for name in law.coefficients
                 if any((index, name) in unknown for index in indices.tolist())
             )
-            groups.append(LawGroup(law, slice(links, links + len(indices)), rows, len(states), free, lag))
+            which = slice(links, links + len(indices))
+            inputs = tuple(len(structure.topology.states) + names.index(name) for name in law.signals)
+            groups.append(LawGroup(law, which, rows, len(states), inputs, free, lag))
             states += [(index, name) for name in law.states for index in indices.tolist()]
             owners += [links + number for _ in law.states for number in range(len(indices))]
             links, rows = links + len(indices), rows + len(indices) * len(law.coefficients)
@@ -642,15 +662,15 @@ class NumericSystem:
         ----------
         d, v : array of shape (..., L, K)
             Elongations in m and rates in m/s.
-        states : array of shape (..., S, K)
-            States of links.
+        states : array of shape (..., S + U, K)
+            States of links, and signals that laws name.
         out : array of shape (..., L, K)
             The forces in N, overwritten.
         rates : array of shape (..., S, K)
             The rates of the states, overwritten.
         """
         for group, values in zip(self.system.groups, self._values, strict=True):
-            which, inside = group.which, group.of_states(states)
+            which, inside = group.which, group.inside(states)
             force, *slopes = group.force(d[which], v[which], *inside, *values)
             out[which] = force
             for own, slope in zip(group.of_states(rates), slopes, strict=True):
@@ -673,7 +693,7 @@ class NumericSystem:
         """
         operations = []
         for group, values in zip(self.system.groups, self._values, strict=True):
-            given = (d[group.which], v[group.which], *group.of_states(states), *values)
+            given = (d[group.which], v[group.which], *group.inside(states), *values)
             operations += group.force.into(given, [out[group.which], *group.of_states(rates)])
         return operations
 
@@ -684,8 +704,8 @@ class NumericSystem:
         ----------
         d, v : array of shape (..., L, K)
             Elongations in m and rates in m/s.
-        states : array of shape (..., S, K)
-            States of links.
+        states : array of shape (..., S + U, K)
+            States of links, and signals that laws name.
 
         Returns
         -------
@@ -695,9 +715,9 @@ class NumericSystem:
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
         rows = 0
-        memory = MemorySlopes(self.system.parameters.map, states)
+        memory = MemorySlopes(self.system.parameters.map, states[..., : len(self.system.states), :])
         for group, values in zip(self.system.groups, self._values, strict=True):
-            which, inside = group.which, group.of_states(states)
+            which, inside = group.which, group.inside(states)
             by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *inside, *values)
             for slope in slopes[: len(group.free)]:
                 by_coefficient[..., rows : rows + group.size, :] = slope
@@ -712,10 +732,19 @@ class NumericSystem:
                 by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
         return ForcePartials(by_d, by_v, by_parameter, memory.partials())
 
+    def by_signal(self, signal: int, d: Floats, v: Floats, states: Floats) -> Floats:
+        """Partial derivatives (..., L, K) of the link forces with respect to the signal at a position behind the states."""
+        slopes = np.zeros_like(d)
+        for group, values in zip(self.system.groups, self._values, strict=True):
+            if signal in group.signals:
+                which = group.which
+                (slopes[which],) = group.slope_by(signal)(d[which], v[which], *group.inside(states), *values)
+        return slopes
+
     def slopes(self, d: Floats, v: Floats, states: Floats) -> tuple[Floats, Floats]:
         """Partial derivatives (..., L, K) of the link forces with respect to elongations and rates; as `partials`."""
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         for group, values in zip(self.system.groups, self._values, strict=True):
             which = group.which
-            by_d[which], by_v[which], *_ = group.slopes(d[which], v[which], *group.of_states(states), *values)
+            by_d[which], by_v[which], *_ = group.slopes(d[which], v[which], *group.inside(states), *values)
         return by_d, by_v

@@ -273,8 +273,8 @@ def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
 
 @lru_cache(maxsize=512)
 def is_linear(law: Law) -> bool:
-    """Whether a law is linear in d and v, without states."""
-    return not law.states and not any(
+    """Whether a law is linear in d and v, without states and signals."""
+    return law.is_plain and not any(
         set(symbols(differentiate(law.expression, name))) & {"d", "v"} for name in ("d", "v")
     )
 

@@ -45,8 +45,11 @@ def link_states(
     for law, numbers in structure.topology.by_law:
         if not law.states:
             continue
+        signals = signals_of(record, law)
         inside = [
-            follow_states(law, structure.links[k].values, d[:, k], rate[:, k], record.step)[:, 0]
+            follow_states(
+                law, structure.links[k].values, np.stack([d[:, k], rate[:, k], *signals]), record.step
+            )[:, 0]
             for k in numbers.tolist()
         ]
         for row, name in enumerate(law.states):
@@ -58,6 +61,11 @@ def link_states(
                 size = float(np.sqrt(np.mean(state**2))) or 1.0
                 sizes.append(sigma[channel] if measured else _HIDDEN * size)
     return np.array(values).reshape(-1, len(record)), np.array(sizes)
+
+
+def signals_of(record: Record, law: Law) -> list[Floats]:
+    """The signals (N,) that a law names, in its order."""
+    return [record.channel(f"signal:{name}") for name in law.signals]
 
 
 def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
@@ -73,13 +81,14 @@ def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> t
 def follow_states(
     law: Law,
     values: Mapping[str, float | Floats],
-    d: Floats,
-    v: Floats,
+    motion: Floats,
     step: float,
     batch: int = 1,
     start: float = 0.0,
 ) -> Floats:
-    """States (r, B, N) of a link along its elongation and rate (N,), by the Runge-Kutta method of order 4.
+    """States (r, B, N) of a link along its elongation and rate, and the signals that its law names, `motion` (2 + U, N).
+
+    By the Runge-Kutta method of order 4.
 
     `values` are numbers, or (B, 1) for a `batch` of B links.
 
@@ -89,41 +98,44 @@ def follow_states(
     it yields, are followed again in steps of an eighth.
     """
     if not law.states:
-        return np.empty((0, batch, len(d)))
-    states = _followed(law, values, d, v, step, batch, start)
+        return np.empty((0, batch, motion.shape[1]))
+    states = _followed(law, values, motion, step, batch, start)
     if slider_parts(law) is not None or _decay_alone(law):
         return states
-    away = np.flatnonzero(_run_away(law, values, states, d, v, step, start))
+    away = np.flatnonzero(_run_away(law, values, states, motion, step, start))
     if len(away):
         own = {
             name: np.asarray(value)[away] if np.size(value) > 1 else value for name, value in values.items()
         }
-        fine_d, fine_v = _between(d, v, step)
-        states[:, away] = _followed(law, own, fine_d, fine_v, step / _FINER, len(away), start)[..., ::_FINER]
+        states[:, away] = _followed(law, own, _between(motion, step), step / _FINER, len(away), start)[
+            ..., ::_FINER
+        ]
     return states
 
 
-def _between(d: Floats, v: Floats, step: float) -> Floats:
-    """(2, M) elongations and rates in finer steps, by cubics that have both of the samples."""
+def _between(motion: Floats, step: float) -> Floats:
+    """(2 + U, M) elongations and rates in finer steps, by cubics that have both of the samples, and signals, by lines."""
+    d, v, *signals = motion
     part = (np.arange(_FINER) / _FINER)[None, :]
     change, first, last = (part_of[:, None] for part_of in (np.diff(d), step * v[:-1], step * v[1:]))
     square, cube = 3.0 * change - 2.0 * first - last, first + last - 2.0 * change
     elongation = d[:-1, None] + part * (first + part * (square + part * cube))
     rate = (first + part * (2.0 * square + 3.0 * part * cube)) / step
-    return np.stack([np.append(elongation, d[-1]), np.append(rate, v[-1])])
+    fine = np.arange(_FINER * (len(d) - 1) + 1) / _FINER
+    lines = [np.interp(fine, np.arange(len(d)), signal) for signal in signals]
+    return np.stack([np.append(elongation, d[-1]), np.append(rate, v[-1]), *lines])
 
 
 def _run_away(
     law: Law,
     values: Mapping[str, float | Floats],
     states: Floats,
-    d: Floats,
-    v: Floats,
+    motion: Floats,
     step: float,
     start: float,
 ) -> Bools:
     """Whether states (r, B, N) of each of B links leave what their rates at zero add up to, by far."""
-    rates = law.state_rates(d, v, dict(values) | dict.fromkeys(law.states, 0.0))
+    rates = _rates_at_zero(law, values, motion)
     largest = np.abs(states).max(axis=-1)
     away = np.zeros(largest.shape[1], dtype=bool)
     for size, rate in zip(largest, rates, strict=True):
@@ -132,33 +144,38 @@ def _run_away(
     return away
 
 
+def _rates_at_zero(law: Law, values: Mapping[str, float | Floats], motion: Floats) -> tuple[Floats, ...]:
+    """Rates of states that are 0 along a motion (2 + U, ...)."""
+    d, v, *signals = motion
+    named = dict(zip(law.signals, signals, strict=True))
+    return law.state_rates(d, v, {**values, **dict.fromkeys(law.states, 0.0), **named})
+
+
 def _followed(
     law: Law,
     values: Mapping[str, float | Floats],
-    d: Floats,
-    v: Floats,
+    motion: Floats,
     step: float,
     batch: int,
     start: float,
 ) -> Floats:
     """As `follow_states`, in the steps of the samples."""
+    d, v = motion[:2]
     size = np.sqrt(np.mean(v**2))
     period = 2.0 * np.pi * np.sqrt(np.mean((d - d.mean()) ** 2)) / (size * step) if size > 0.0 else 0.0
     piece = max(_SHORTEST, min(int(_PERIODS * period) + 1, len(d)))
     count = -(-len(d) // piece)
-    lead = np.full(piece, d[0]), np.zeros(piece)
-    tail = np.full(count * piece - len(d), d[-1]), np.zeros(count * piece - len(d))
-    run_d = np.concatenate([lead[0], d, tail[0]])
-    run_v = np.concatenate([lead[1], v, tail[1]])
-    along_d, along_v = (sliding_window_view(run, 2 * piece)[::piece].T.copy() for run in (run_d, run_v))
+    run = np.pad(motion, ((0, 0), (piece, count * piece - len(d))), mode="edge")
+    run[1, :piece] = run[1, piece + len(d) :] = 0.0
+    along = sliding_window_view(run, 2 * piece, axis=1)[:, ::piece].swapaxes(1, 2).copy()  # (2 + U, M, C)
     if slider_parts(law) is not None:
-        return _slid(law, values, along_d, batch, start)[..., : len(d)]
-    middle_d, middle_v = (0.5 * (along[:-1] + along[1:]) for along in (along_d, along_v))
+        return _slid(law, values, along[0], batch, start)[..., : len(d)]
+    middle = 0.5 * (along[:, :-1] + along[:, 1:])
     if _decay_alone(law):
-        motion = np.stack([along_d.T, along_v.T]), np.stack([middle_d.T, middle_v.T])
+        pieces = along.swapaxes(1, 2), middle.swapaxes(1, 2)
         filtered = [
             _filtered(
-                law, {name: _value_at(value, k) for name, value in values.items()}, *motion, step, start
+                law, {name: _value_at(value, k) for name, value in values.items()}, *pieces, step, start
             )
             for k in range(batch)
         ]
@@ -171,10 +188,10 @@ def _followed(
     for number in range(2 * piece - 1):
         if number >= piece:
             out[..., number - piece] = states
-        rates.after(states, first, 0.0, along_d[number], along_v[number], first)
-        rates.after(states, first, 0.5 * step, middle_d[number], middle_v[number], second)
-        rates.after(states, second, 0.5 * step, middle_d[number], middle_v[number], third)
-        rates.after(states, third, step, along_d[number + 1], along_v[number + 1], fourth)
+        rates.after(states, first, 0.0, along[:, number], first)
+        rates.after(states, first, 0.5 * step, middle[:, number], second)
+        rates.after(states, second, 0.5 * step, middle[:, number], third)
+        rates.after(states, third, step, along[:, number + 1], fourth)
         # states + step / 6 (first + 2 (second + third) + fourth), in place
         np.add(second, third, second)
         np.multiply(second, 2.0, second)
@@ -221,7 +238,7 @@ def _decay_alone(law: Law) -> bool:
     for state, rate in law.named_rates:
         for by in law.states:
             slope = differentiate(rate, by)
-            if {"d", "v", *law.states} & set(symbols(slope)) or (by != state and slope != Number(0.0)):
+            if set(law.variables) & set(symbols(slope)) or (by != state and slope != Number(0.0)):
                 return False
     return True
 
@@ -235,12 +252,11 @@ def _decay_program(law: Law) -> Program:
 def _filtered(
     law: Law, values: Mapping[str, float], along: Floats, middle: Floats, step: float, start: float
 ) -> Floats:
-    """States (r, C, M) of pieces whose rates are linear, s' = a s + g(d, v), by the same method of Runge and Kutta.
+    """States (r, C, M) of pieces whose rates are linear, s' = a s + g(d, v, u), by the same method of Runge and Kutta.
 
-    `along` (2, C, M) are d and v at the samples, `middle` (2, C, M - 1) those between.
+    `along` (2 + U, C, M) are d, v and signals at the samples, `middle` (2 + U, C, M - 1) those between.
     """
-    at_rest = dict(values) | dict.fromkeys(law.states, 0.0)
-    ends, between = (law.state_rates(d, v, at_rest) for d, v in (along, middle))
+    ends, between = (_rates_at_zero(law, values, motion) for motion in (along, middle))
     slopes = _decay_program(law)(*(values[name] for name in law.coefficients))
     out = np.empty((len(law.states), *along.shape[1:]))
     for row, (end, mid, slope) in enumerate(zip(ends, between, slopes, strict=True)):
@@ -260,7 +276,7 @@ def _filtered(
 
 @np.errstate(all="ignore")  # states may run away where values are far off
 def forget_start(
-    law: Law, values: Mapping[str, float | Floats], d: Floats, v: Floats, step: float, batch: int
+    law: Law, values: Mapping[str, float | Floats], motion: Floats, step: float, batch: int
 ) -> Bools:
     """Whether each of B links forgets where its states began (B,): a small change has not grown some periods later.
 
@@ -269,7 +285,7 @@ def forget_start(
     """
     if not law.states:
         return np.ones(batch, dtype=bool)
-    nudged, plain = (follow_states(law, values, d, v, step, batch, start) for start in (_NUDGE, 0.0))
+    nudged, plain = (follow_states(law, values, motion, step, batch, start) for start in (_NUDGE, 0.0))
     return np.asarray(np.abs(nudged - plain).mean(axis=(0, 2)) <= _GROWN * _NUDGE)
 
 
@@ -279,14 +295,15 @@ class _Rates:
     def __init__(self, law: Law, values: Mapping[str, float | Floats], like: Floats) -> None:
         rates = tuple(rate.expression for rate in law.rates)
         program = cached_program(rates, (*law.variables, *law.coefficients), wide=law.variables)
-        self._d, self._v = np.empty((2, *like.shape[1:]))
+        self._motion = np.empty((2 + len(law.signals), *like.shape[1:]))
         self._inside, self._rates = np.empty_like(like), np.empty_like(like)
         numbers = (np.asarray(values[name], dtype=np.float64) for name in law.coefficients)
-        self._operations = program.into([self._d, self._v, *self._inside, *numbers], list(self._rates))
+        given = [*self._motion[:2], *self._inside, *self._motion[2:], *numbers]
+        self._operations = program.into(given, list(self._rates))
 
-    def after(self, states: Floats, slopes: Floats, step: float, d: Floats, v: Floats, out: Floats) -> None:
-        """To `out`: the rates at elongations and rates (C,) of the link, a step in s from `states` along `slopes`."""
-        self._d[:], self._v[:] = d, v
+    def after(self, states: Floats, slopes: Floats, step: float, motion: Floats, out: Floats) -> None:
+        """To `out`: the rates along `motion` (2 + U, C) of the link, a step in s from `states` along `slopes`."""
+        self._motion[:] = motion[:, None]
         if step:
             np.multiply(slopes, step, self._inside)
             np.add(states, self._inside, self._inside)

@@ -1,4 +1,4 @@
-"""Starting values for structures whose links have memory.
+"""Starting values for structures whose links have memory, or laws that name signals.
 
 The equation of every mass is integrated against test functions, so that no displacement is differentiated twice, and the force
 of a load cell is compared with its law. Along the smoothed motion the states follow from the coefficients in their rates; the
@@ -162,7 +162,8 @@ class MemorySearch:
     """The regression along a motion: elongations and rates (N, L), projected equations, and what is unknown.
 
     The equations are those of the `balances` of masses, and of the forces and states (N,) of links that are `shown`, by
-    channel. What forces have of the first `slow` cosines over the record is left out, where elongations are known up to drift.
+    channel; `signals` (N,) are those that laws name. What forces have of the first `slow` cosines over the record is left
+    out, where elongations are known up to drift.
     """
 
     structure: Structure
@@ -172,6 +173,7 @@ class MemorySearch:
     balances: tuple[Balance, ...]
     shown: Mapping[str, Floats]
     given: Mapping[str, float]
+    signals: Mapping[str, Floats]
     slow: int = 0
 
     @classmethod
@@ -183,13 +185,14 @@ class MemorySearch:
         unseen = [name for name, row in zip(structure.mass_names, x, strict=True) if not row.any()]
         if unseen:
             raise IdentificationError(
-                f"no starting values for links with memory: mass {unseen[0]} has no channel; record its motion, or "
+                f"no starting values for links with memory or signals: mass {unseen[0]} has no channel; record its motion, or "
                 "state starts of all unknowns"
             )
         d, rate = link_motion(record, structure, x, v)
         of_links = (channel for channel in record.channels if channel.of_link)
         shown: dict[str, Floats] = {name: smoothed(record, name, sigma[name])[0] for name in of_links}
-        return cls(structure, record.step, d, rate, _balances(record, structure, x), shown, given)
+        signals = {name: record.channel(f"signal:{name}") for name in structure.signals}
+        return cls(structure, record.step, d, rate, _balances(record, structure, x), shown, given, signals)
 
     def valleys(self) -> tuple[Valley, ...]:
         """The minima that are found, the lowest first."""
@@ -219,9 +222,13 @@ class MemorySearch:
         forget = np.ones(len(curved), dtype=bool)
         for number, link in enumerate(self.structure.links):
             values = {key: value[:, None] for key, value in self._numbers(number, curved).items()}
-            d, v = self.d[:, number], self.v[:, number]
-            forget &= forget_start(link.law, values, d, v, self.step, len(curved))
+            forget &= forget_start(link.law, values, self._motion(number), self.step, len(curved))
         return forget
+
+    def _motion(self, number: int) -> Floats:
+        """(2 + U, N) elongation and rate of a link, and the signals that its law names."""
+        signals = [self.signals[name] for name in self.structure.links[number].law.signals]
+        return np.stack([self.d[:, number], self.v[:, number], *signals])
 
     @cached_property
     def project(self) -> Callable[[Floats, int], Floats]:
@@ -324,7 +331,7 @@ class MemorySearch:
         states = [
             follow_states(
                 link.law, {key: value[:, None] for key, value in values.items()},
-                self.d[:, number], self.v[:, number], self.step, len(curved),
+                self._motion(number), self.step, len(curved),
             )
             for number, (link, values) in enumerate(zip(self.structure.links, numbers, strict=True))
         ]  # fmt: skip
@@ -419,7 +426,7 @@ class MemorySearch:
                     blocks.append(row)
                     sides.append(np.zeros((len(row), len(self.straight))))
                     inside[name] = shown
-            partials = link.law.partials(d, v, {**numbers[number], **inside})
+            partials = link.law.partials(d, v, {**numbers[number], **self.signals, **inside})
             force[:, number] = partials.force
             for key, slope in partials.by_coefficient.items():
                 if (number, key) in place:
@@ -506,6 +513,7 @@ def memory_starts_by_links(
         for name in record.channels
         if name.startswith(("f:", "state:"))
     }
+    shown |= {f"signal:{name}": record.channel(f"signal:{name}") for name in structure.signals}
     by_group = [
         (group, _group_valleys(structure, group, signals, shown, given)) for group in _connected(structure)
     ]
@@ -549,15 +557,16 @@ def _group_valleys(
     """Starts for the links of a group, with the filters that leave least of their forces."""
     alone, chosen = _alone(structure, group), list(group)
     own = {name: values for name, values in shown.items() if _belongs(name, alone)}
+    named = {name: shown[f"signal:{name}"] for name in alone.signals}
 
     def search(cutoff: float) -> MemorySearch:
         d, v = _without_drift(signals.d[chosen], signals.v[chosen], signals.step, cutoff)
         cosines = int(2.0 * cutoff * signals.step * len(d.T)) + 1
-        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, slow=cosines)
+        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, named, slow=cosines)
 
     if not signals.integration_order[chosen].any():
         d, v = signals.d[chosen], signals.v[chosen]
-        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given).valleys()[:_MOST]
+        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, named).valleys()[:_MOST]
     highest = min(
         drift_frequency(np.gradient(signals.v[number], signals.step), 1.0 / signals.step) for number in group
     )
@@ -661,6 +670,7 @@ def _motion_valleys(
         (),
         shown,
         given,
+        {},
     )
     return tuple(
         Valley(np.array([(fixed | values)[p.name] for p in structure.parameters]), valley.misfit)

@@ -21,7 +21,7 @@ from linkwise.likelihood.starts.drift import (
     link_signals,
     masses_from_links,
 )
-from linkwise.likelihood.starts.link_states import link_states
+from linkwise.likelihood.starts.link_states import link_states, signals_of
 from linkwise.likelihood.starts.values import host_motion
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
@@ -78,7 +78,8 @@ def _rate(link: Link, record: Record, sigma: Mapping[str, float]) -> Floats | No
         if channel not in record.channels:
             continue
         state, changing, _ = smoothed(record, channel, sigma[channel])
-        values: dict[str, float | Floats] = {**link.values, **dict.fromkeys(states, 0.0), name: state}
+        signals = dict(zip(link.law.signals, signals_of(record, link.law), strict=True))
+        values: dict[str, float | Floats] = {**link.values, **link.zero_states, **signals, name: state}
         at_rest, slope = _affine(link, number, values)
         if slope is not None:
             return np.asarray((changing - at_rest) / slope)
@@ -219,8 +220,8 @@ def _motion(
 ) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
     integrated = any(kinds[name][:1] in (["v"], ["a"]) for name in structure.mass_names)
-    memory = any(link.law.states for link in structure.links)
-    if integrated and not memory and determines_links(record, structure) and _has_all_numbers(structure):
+    plain = all(link.law.is_plain for link in structure.links)
+    if integrated and plain and determines_links(record, structure) and _has_all_numbers(structure):
         signals = link_signals(record, structure, sigma)
         return masses_from_links(record, structure, *elongations_from_forces(signals, structure.links))
     return _smoothed_motion(record, structure, sigma, kinds)

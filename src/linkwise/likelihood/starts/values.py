@@ -343,7 +343,7 @@ class HostMotion:
         for number in self.open:
             force = self.signals.force[number]
             link, d, v = structure.links[number], self.signals.d[number], self.signals.v[number]
-            inside = follow_states(link.law, link.values, d, v, self.signals.step)[:, 0]
+            inside = follow_states(link.law, link.values, np.stack([d, v]), self.signals.step)[:, 0]
             error = force - link.force(d, v, dict(zip(link.law.states, inside, strict=True)))
             left.append(np.mean(error**2) / max(float(np.mean(force**2)), np.finfo(float).tiny))
         return float(np.sum(left))
@@ -503,7 +503,7 @@ def require_supported(record: Record, structure: Structure) -> None:
             "a moving base beside a host is not supported in identification and validation"
         )
     for channel in record.channels:
-        if not channel.of_link and channel.place not in structure.topology.index:
+        if channel.at_place and channel.place not in structure.topology.index:
             raise IdentificationError(
                 f"channel {channel} belongs to no mass or point of the structure, which are {', '.join(structure.places)}"
             )

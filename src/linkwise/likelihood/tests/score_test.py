@@ -469,7 +469,11 @@ def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats
     step = segments.step * segments.flow_steps_per_tangent
     plain = tuple(law.expression for law in laws if isinstance(law, Law))
     if plain:
-        return cached_program(plain, VARIABLES)(motion[:, 0], motion[:, 1])
+        signals = segments.inputs.signals
+        along = np.empty((len(signals), len(motion), 1, segments.count))
+        for own, values in zip(along, signals.values(), strict=True):
+            own[::2, 0], own[1::2, 0] = at_ends_and_middles(values, segments.flow_steps_per_tangent)
+        return cached_program(plain, (*VARIABLES, *signals))(motion[:, 0], motion[:, 1], *along)
     return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
 
 
@@ -713,7 +717,8 @@ def _without_unknowns(optimum: Optimum) -> Optimum:
 
 def _with_term(structure: Structure, force: CandidateForce, size: float) -> Structure:
     names = {**dict(enumerate(structure.mass_names)), -1: GROUND, -2: BASE}
-    law = Law.parse(f"size*({force.law.text})")
+    signals = dict(force.law.signal_units) if isinstance(force.law, Law) else {}
+    law = Law.parse(f"size*({force.law.text})", signals=signals)
     link_names, name = {link.name for link in structure.links}, "tested"
     while name in link_names:
         name += "_"

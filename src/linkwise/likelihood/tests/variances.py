@@ -486,6 +486,11 @@ def input_kicks(
         slopes = mechanics.partials(d, v, misfit.trajectories.memory[0])
         pulls = mechanics.gain @ (segments.system.base[:, None] * slopes.by_d)
         yield f"x:{BASE}", float(np.sqrt(np.mean(inputs.base[:, 0, 0] ** 2))), length * pulls.T[:-1]
+    for number, name in enumerate(identified.signals, start=len(segments.system.states)):
+        (d, v), inside = misfit.trajectories.links[0], misfit.trajectories.memory[0]
+        pulls = mechanics.gain @ mechanics.by_signal(number, d, v, inside)
+        size = float(np.sqrt(np.mean(inputs.signals[name][:, 0] ** 2)))
+        yield f"signal:{name}", size, length * pulls.T[:-1]
     for number, name in enumerate(identified.mass_names):
         if f"force:{name}" not in channels or inputs.force is None:
             continue

@@ -53,13 +53,20 @@ class SystemShape(NamedTuple):
     """The key of compiled equations of motion; structures of equal shape share compiled code.
 
     `masses` is their number; `links` has for each link its weights, its law and the rates of its states, with masses numbered
-    as in `Structure.topology`; `inputs` has for each driven place the weights of the masses, `BASE_INPUT` for the base, and an
-    expression of t, whose other symbols are run-time parameters, or, for a piecewise polynomial, its order.
+    as in `Structure.topology`; `inputs` has for each driven place the weights of the masses, `BASE_INPUT` for the base, for a
+    signal of laws its name, and an expression of t, whose other symbols are run-time parameters, or, for a piecewise
+    polynomial, its order.
     """
 
     masses: int
     links: tuple[LinkShape, ...]
-    inputs: tuple[tuple[Weights, Expression | int], ...] = ()
+    inputs: tuple[tuple[Weights | str, Expression | int], ...] = ()
+
+    @property
+    def pushes(self) -> list[tuple[int, int, float]]:
+        """The forces among the inputs: number of the input, of the mass, and its part."""
+        places = [(number, where) for number, (where, _) in enumerate(self.inputs)]
+        return [(n, mass, part) for n, where in places if not isinstance(where, str) for mass, part in where]
 
     @property
     def states(self) -> list[tuple[int, str]]:
@@ -101,7 +108,7 @@ def coefficient_names(link: LinkShape) -> tuple[str, ...]:
     """The coefficients of a law, and of the rates of its states, in order of appearance."""
     trees = (link.law, *(rate for _, rate in link.rates))
     names = dict.fromkeys(name for tree in trees for name in symbols(tree))
-    return tuple(name for name in names if name not in (*VARIABLES, *link.states))
+    return tuple(name for name in names if name not in (*VARIABLES, *link.states, *link.signals))
 
 
 def input_symbols(tree: Expression) -> tuple[str, ...]:
@@ -375,9 +382,8 @@ class MotionFormulas:
                 forces[mass].append(_weighted(-part, force))
             for name, rate in link.rates:
                 rates.append((self.states[number, name], self._translated(rate, names, number) / SCALE))
-        for number, (where, _) in enumerate(self.shape.inputs):
-            for mass, part in where:
-                forces[mass].append(_weighted(part, self._input(number)[0]))
+        for number, mass, part in self.shape.pushes:
+            forces[mass].append(_weighted(part, self._input(number)[0]))
         inverse = self.layout.inverse_masses.start
         accelerations = [
             self.algebra.total(f) * self.algebra.parameter(inverse + i) for i, f in enumerate(forces)
@@ -391,13 +397,13 @@ class MotionFormulas:
         base = [self._input(i)[1] for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for number, link in enumerate(self.shape.links):
             names = self._link_names(number)
-            power = self._translated(dissipated_power(link.law, link.states), names, number)
+            inside = (*link.states, *link.signals)
+            power = self._translated(dissipated_power(link.law, inside), names, number)
             dissipated.append((self.algebra.variable(f"h{number}"), power))
             if link.base:
                 work.append(link.base * self._translated(link.law, names, number) * base[0])
-        for number, (where, _) in enumerate(self.shape.inputs):
-            for mass, part in where:
-                work.append(SCALE * part * self._input(number)[0] * self.variables[1][mass])
+        for number, mass, part in self.shape.pushes:
+            work.append(SCALE * part * self._input(number)[0] * self.variables[1][mass])
         return [*dissipated, (self.algebra.variable("w"), self.algebra.total(work))]
 
     @cached_property
@@ -428,7 +434,7 @@ class MotionFormulas:
         return self._link_names(link)["d"]
 
     def _link_names(self, number: int) -> dict[str, Formula]:
-        """Formulas of d, v, the states and the coefficients of a link."""
+        """Formulas of d, v, the states, the signals and the coefficients of a link."""
         link = self.shape.links[number]
         offset = sum(len(names) for names in self.layout.coefficients[:number])
         names = {
@@ -436,6 +442,9 @@ class MotionFormulas:
             for k, name in enumerate(self.layout.coefficients[number])
         }
         names |= {name: SCALE * self.states[number, name] for name in link.states}
+        names |= {
+            name: self._input(i)[0] for i, (name, _) in enumerate(self.shape.inputs) if name in link.signals
+        }
         base = [self._input(i) for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
         for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
             # scaled mass by mass, which the links of a mass share

@@ -1,0 +1,150 @@
+"""Laws that name recorded signals, identified and validated; what does not take them says so in a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import document, said
+
+import linkwise as lw
+
+TRUE = {"damper.k": 400.0, "damper.c0": 0.5, "damper.cu": 2.0}
+VALVE = lw.rig({"m1": 1.0}, {"damper": "m1 - ground: k*d + (c0 + cu*u)*v"}, TRUE, signals={"u": "V"})
+RATE = 200.0
+
+
+def record(held: bool = False) -> lw.Record:
+    """Four seconds of a valve that is moved while the mass swings."""
+    time = np.arange(801) / RATE
+    stem = 1.0 + np.sin(5.0 * time) if not held else np.where(np.sin(5.0 * time) > 0.0, 2.0, 0.0)
+    return lw.simulate(
+        VALVE,
+        release={"x:m1": 0.05},
+        duration=4.0,
+        rate=RATE,
+        forces={"m1": "3*sin(17*t) + 2*sin(23*t)"},
+        signals={"u": lw.model.Sampled(0.0, RATE, stem, order=0 if held else 5)},
+    ).with_noise(40.0, seed=491)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_valve_is_found_with_its_errors(held: bool) -> None:
+    measured = replace(record(held), simulated=None)
+    if held:
+        measured = replace(measured, interpolation={"signal:u": "held"})
+    fit = lw.identify(measured, VALVE.unknown("all"))
+    assert fit.trusted
+    errors = np.sqrt(fit.covariance.diagonal())
+    z = (fit.values - list(TRUE.values())) / errors
+    assert np.abs(z).max() < 3.3  # of a thousand
+    assert np.all(errors < [0.2, 0.02, 0.03])
+    assert fit.structure.signals == {"u": "V"}
+
+
+@pytest.mark.slow
+def test_a_law_that_lacks_its_signal_is_not_trusted() -> None:
+    measured = replace(record(), simulated=None)
+    constant = lw.rig({"m1": 1.0}, {"damper": "m1 - ground: k*d + c*v"})
+    fit = lw.identify(measured, constant)
+    assert not fit.trusted
+
+
+@pytest.mark.slow
+def test_the_commands_take_signals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    columns = record()
+    lw.write_structure(VALVE.unknown("all"), "valve.toml")
+    names = ("laser", "hammer", "valve")
+    np.savetxt(
+        "run.csv",
+        np.column_stack([columns.time, columns.values]),
+        delimiter=",",
+        header=",".join(["time", *names]),
+        comments="",
+    )
+    mapped = "--channel x:m1=laser --channel force:m1=hammer --channel signal:u[V]=valve"
+    answer = document(f"identify run.csv valve.toml {mapped} -o answer")
+    assert answer["trusted"]
+    assert "u" in lw.read_structure("answer/structure.toml").signals
+    scored = document(f"validate run.csv answer {mapped} --burn 0.5")
+    assert scored["channels"]["x:m1"]["nmse_percent"] < 0.05
+    assert "signal:u" in said(f"inspect run.csv {mapped}").out
+    said("export answer --equations valve_motion.py")
+
+
+def test_methods_that_take_no_signal_say_so() -> None:
+    for method in ("weak", "sindy"):
+        with pytest.raises(
+            lw.StructureError, match=rf'a signal \(u\), which is not supported in method "{method}"'
+        ):
+            lw.identify(record(), VALVE.unknown("all"), method=method)
+
+
+def test_a_record_without_the_signal_says_how_to_name_it() -> None:
+    lacking = record().select(["x:m1", "force:m1"])
+    with pytest.raises(lw.RecordError, match=r"a law names the signal u, .* Name a column signal:u\[V\]"):
+        lw.identify(lacking, VALVE.unknown("all"))
+    named = replace(record(), units={"signal:u": "A"})
+    with pytest.raises(lw.RecordError, match="is stated in A, and the structure has the signal u in V"):
+        lw.identify(named, VALVE.unknown("all"))
+
+
+@pytest.mark.slow
+def test_a_loudspeaker_is_found_from_voltage_current_and_displacement() -> None:
+    law = lw.Law.parse("k*d + c*v - Bl*i", {"i": "(u - R*i - Bl*v)/L"}, signals={"u": "V"})
+    true = {"k": 2300.0, "c": 1.2, "Bl": 5.3, "R": 6.4, "L": 4e-4}
+    motor = lw.Link("motor", ("cone", "ground"), law, true)
+    speaker = lw.Structure("loudspeaker", (lw.Mass("cone", "12 g"),), (motor,))
+    voltage = "5*sin(400*t) + 3*sin(900*t + 1) + 4*sin(180*t)"
+    run = lw.simulate(
+        speaker, duration=0.25, rate=4000.0, signals={"u": voltage}, sensors=["x", "state:motor.i"]
+    )
+    fit = lw.identify(replace(run.with_noise(40.0, seed=492), simulated=None), speaker.unknown("all"))
+    assert fit.trusted
+    z = (fit.values - list(true.values())) / np.sqrt(fit.covariance.diagonal())
+    assert np.abs(z).max() < 3.3  # of a thousand
+
+
+@pytest.mark.slow
+def test_intervals_allow_for_noise_of_a_signal() -> None:
+    clean = record()
+    values = clean.values.copy()
+    rng = np.random.default_rng(494)
+    values[:, clean.channels.index(lw.records.Channel("signal", "u"))] += 0.03 * rng.standard_normal(
+        len(values)
+    )
+    noisy = replace(clean, values=values, simulated=None)
+    fit = lw.identify(noisy, VALVE.unknown("all"))
+    plain = lw.identify(replace(clean, simulated=None), VALVE.unknown("all"))
+    assert "noise of signal:u of 0.0" in fit.message
+    assert np.all(fit.covariance.diagonal() > 1.2 * plain.covariance.diagonal())
+    z = (fit.values - list(TRUE.values())) / np.sqrt(fit.covariance.diagonal())
+    assert np.abs(z).max() < 3.3  # of a thousand
+
+
+CASE = Path(__file__).parents[3] / "shared" / "cases" / "loudspeaker" / "klip.csv"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared")
+def test_the_record_of_a_loudspeaker_with_its_voltage_is_explained() -> None:
+    columns = {"time": "t", "x:cone[mm]": "X", "state:motor.i[A]": "I", "signal:u[V]": "U"}
+    measured = lw.read_record(CASE, channels=columns)[:800]
+    force = "Bl*(1 + b1*d + b2*d**2)"
+    law = lw.Law.parse(
+        f"k*d + k2*d**2 + k3*d**3 + c*v - {force}*i",
+        {"i": f"(u - R*i - {force}*v)/L"},
+        signals={"u": "V"},
+    )
+    starts = {"b1": lw.Coefficient.unknown(1.0), "b2": lw.Coefficient.unknown(-1000.0)}
+    unknown = dict.fromkeys(law.coefficients, lw.Coefficient.unknown()) | starts
+    motor = lw.Link("motor", ("cone", "ground"), law, unknown)
+    fit = lw.identify(measured, lw.Structure("loudspeaker", (lw.Mass("cone", "12 g"),), (motor,)))
+    assert fit.trusted
+    for name, value in {"motor.R": 6.4, "motor.L": 4e-4}.items():
+        found = fit.coefficient(name)
+        assert found.standard_error is not None
+        assert abs(found.value - value) < 4.5 * found.standard_error

@@ -1,0 +1,105 @@
+"""Simulations of laws that name a signal: its course is given as forces are, recorded, and counted in the energies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import said
+from scipy.interpolate import make_interp_spline
+
+import linkwise as lw
+
+VALVE = lw.rig(
+    {"m1": 1.0},
+    {"damper": "m1 - ground: k*d + (c0 + cu*u)*v"},
+    {"damper.k": 400.0, "damper.c0": 0.5, "damper.cu": 2.0},
+    signals={"u": "V"},
+)
+RUN: dict[str, Any] = {"release": {"x:m1": 0.1}, "duration": 1.0, "rate": 500.0}
+SAMPLED = lw.model.Sampled(0.0, 500.0, np.sin(3.0 * np.arange(501) / 500.0))
+
+
+def test_a_signal_drives_the_law_and_is_recorded() -> None:
+    record = lw.simulate(VALVE, **RUN, signals={"u": "0.5 + 0.5*sin(3*t)"}, sensors=["x", "v", "a", "f"])
+    assert record.inputs == ("signal:u",)
+    assert record.unit("signal:u") == "V"
+    x, v, a, f, u = record.values.T
+    np.testing.assert_allclose(u, 0.5 + 0.5 * np.sin(3.0 * record.time), rtol=1e-12)
+    np.testing.assert_allclose(f, 400.0 * x + (0.5 + 2.0 * u) * v, rtol=1e-12)
+    np.testing.assert_allclose(a, -f, rtol=1e-12)
+    assert record.simulated is not None
+    energy = record.simulated.energy
+    np.testing.assert_allclose(energy.residual, 0.0, atol=1e-12 * energy.supplied[0])
+
+
+def test_a_constant_signal_is_a_coefficient() -> None:
+    stated = lw.rig({"m1": 1.0}, {"damper": "m1 - ground: k*d + c*v"}, {"damper.k": 400.0, "damper.c": 3.5})
+    driven = lw.simulate(VALVE, **RUN, signals={"u": 1.5})
+    np.testing.assert_allclose(driven.channel("x:m1"), lw.simulate(stated, **RUN).channel("x:m1"), atol=1e-13)
+
+
+def test_states_follow_a_signal() -> None:
+    link = lw.Link(
+        "coil",
+        ("m1", "ground"),
+        lw.Law.parse("k*d - Bl*i", {"i": "(u - R*i - Bl*v)/L"}, signals={"u": "V"}),
+        {"k": 400.0, "Bl": 5.0, "R": 4.0, "L": 0.05},
+    )
+    speaker = lw.Structure("speaker", (lw.Mass("m1", 0.5),), (link,))
+    record = lw.simulate(
+        speaker, duration=1.0, rate=500.0, signals={"u": SAMPLED}, sensors=["v", "state:coil.i"]
+    )
+    v, i, u = record.values.T
+    slope = make_interp_spline(record.time, i, 7).derivative()(record.time)[20:-20]
+    rate = ((u - 4.0 * i - 5.0 * v) / 0.05)[20:-20]
+    np.testing.assert_allclose(
+        slope, rate, atol=2.0 * (80.0 / 500.0) ** 7 * abs(slope).max()
+    )  # of the spline's order
+
+
+def test_signals_that_are_missing_or_of_no_law_are_named() -> None:
+    with pytest.raises(lw.SimulationError, match="a law names the signal u, whose course is not given"):
+        lw.simulate(VALVE, **RUN)
+    with pytest.raises(lw.SimulationError, match="unknown signal 'w' in an excitation; the signals are u"):
+        lw.simulate(VALVE, **RUN, signals={"u": 1.0, "w": 1.0})
+    with pytest.raises(lw.SimulationError, match="signal:u is sampled from 0 to 1 s"):
+        lw.simulate(VALVE, duration=2.0, rate=500.0, signals={"u": SAMPLED})
+
+
+def test_responses_take_no_signal() -> None:
+    with pytest.raises(lw.StructureError, match=r"a signal \(u\), which is not supported in responses"):
+        lw.respond(VALVE, hz=(1.0, 5.0), force={"m1": 1.0})
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5", "mat"])
+def test_the_command_takes_signals_and_files_keep_them(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lw.write_structure(VALVE, "valve.toml")
+    said(
+        f"simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal u=2*sin(3*t) -o run.{suffix}"
+    )
+    record = lw.read_record(f"run.{suffix}")
+    assert record.unit("signal:u") == (
+        "?" if suffix == "mat" else "V"
+    )  # which names units of channels by none
+    said(
+        f"simulate valve.toml --duration 1 --rate 100 --release x:m1=0.1 --signal u=run.{suffix} -o again.csv"
+    )
+    np.testing.assert_allclose(lw.read_record("again.csv").values, record.values, atol=1e-5)
+
+
+def test_a_signal_is_read_in_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("time,laser,valve\n" + "".join(f"{0.01 * n},{n % 3},{n}\n" for n in range(40)))
+    record = lw.read_record(
+        path, channels={"x:m1[mm]": "laser", "signal:u[mV]": "valve"}, known_masses=["m1"]
+    )
+    assert record.unit("signal:u") == "V"
+    np.testing.assert_allclose(record.channel("signal:u"), 1e-3 * np.arange(40), rtol=1e-12)
+    with pytest.raises(lw.RecordError, match="'degC' is not a unit of signal of a law"):
+        lw.read_record(path, channels={"x:m1": "laser", "signal:u[degC]": "valve"})
