@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkwise.discovery.selection import QuadraticModel
+from linkwise.discovery.criterion import Penalty, QuadraticModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,8 @@ class Regression:
     @property
     def quadratic(self) -> QuadraticModel:
         names = tuple(f"c{number}" for number in range(self.columns.shape[1]))
-        return QuadraticModel(names, self.columns.T @ self.columns, self.columns.T @ self.y)
+        free = Penalty(0.0, 0.0, np.full(len(names), -1), frozenset())
+        return QuadraticModel(names, self.columns.T @ self.columns, self.columns.T @ self.y, free)
 
     def least_squares(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
         """Values, z, and the squares that are left less those of y itself."""

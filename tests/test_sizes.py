@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (13, 2340),
     "analysis": (5, 574),
     "cli": (24, 2099),
-    "discovery": (17, 4762),
+    "discovery": (19, 4028),
     "estimates": (7, 1341),
     "export": (8, 1079),
     "expression": (7, 1189),

@@ -11,7 +11,7 @@ from present import present, some
 from structures import link, row_of_masses, structure
 
 import linkwise as lw
-from linkwise.discovery.result import CERTAIN
+from linkwise.discovery.criterion import CERTAIN
 
 DAMPING = 0.03  # N s/m of the link between both masses: 0.1 % of its force
 LAW = "k*d + c*v"

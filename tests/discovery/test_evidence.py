@@ -12,7 +12,7 @@ from problems import bent_chain
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for
-from linkwise.discovery.result import CERTAIN
+from linkwise.discovery.criterion import CERTAIN
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 

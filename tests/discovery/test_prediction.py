@@ -46,7 +46,7 @@ def test_prediction_is_that_of_fits_without_each_block(chosen: list[int], is_kno
     slopes = np.einsum("brk,br->bk", columns, samples - columns @ values)
     curvatures = np.einsum("brk,brl->bkl", columns, columns)
     prior = ((known - values) / deviations**2, np.diag(deviations**-2.0)) if is_known else None
-    parabolas = BlockParabolas(slopes, curvatures, values, {0: 0, 1: 1, 2: 2}, 2, {}, prior)
+    parabolas = BlockParabolas(slopes, curvatures, values, {0: 0, 1: 1, 2: 2}, 2, prior)
     excess = paid(chosen) - paid([0, 1])
     prediction = parabolas.prediction(chosen)
     assert prediction.excess == pytest.approx(excess.sum(), rel=1e-9, abs=1e-8)

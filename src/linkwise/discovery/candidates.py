@@ -5,7 +5,7 @@ The options of a discovery: one frozen object, and the keywords that it is made 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypedDict, final
@@ -25,6 +25,7 @@ from linkwise.errors import IdentificationError, LinkwiseError, StructureError, 
 from linkwise.expression import Number
 from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, INPUT_NOISE
 from linkwise.likelihood.random_forces import Deviations
+from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host
 from linkwise.model.law import Law
@@ -55,18 +56,30 @@ class Pair:
 class CandidateTerm:
     """A `term` that the link number `pair` may have; `name` is that of its coefficient, "m2-m1.k3".
 
-    It has numbers in place of the parameters of the `offered` term.
+    It has numbers, the `values`, in place of the parameters of the `offered` term; where it is `free`, these are unknowns of a
+    structure.
     """
 
     name: str
     pair: int
     term: Term
     offered: Term
+    values: Mapping[str, float] = field(default_factory=dict)
+    free: bool = False
 
     @property
-    def is_damper(self) -> bool:
-        """Whether the term is linear damping, which weak equations can hardly judge."""
-        return self.term.text == "v"
+    def written(self) -> Term:
+        """The term as a law of a structure has it."""
+        return self.offered if self.free else self.term
+
+    @property
+    def unknowns(self) -> dict[str, Coefficient]:
+        """Its coefficient, and its parameters where they are free, which start from their values."""
+        parameters = self.values.items() if self.free else ()
+        return {self.term.coefficient: Coefficient.unknown()} | {
+            name: Coefficient.unknown(value, lower=value / _FARTHEST, upper=value * _FARTHEST)
+            for name, value in parameters
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +117,15 @@ class Candidates:
     @cached_property
     def entries(self) -> tuple[CandidateTerm, ...]:
         """The candidates, pair by pair, in the order of `terms`."""
-        return tuple(
-            CandidateTerm(name, number, term.at(self.values_of(name, term)), term)
-            for number, pair in enumerate(self.pairs)
-            for term in _open_terms(pair, self.terms)
-            if (name := f"{pair.name}.{term.coefficient}") not in self.inactive
-        )
-
-    def values_of(self, name: str, term: Term) -> Mapping[str, float]:
-        """The values of the parameters of a candidate."""
-        return self.values.get(name) or dict.fromkeys(term.parameters, 1.0)
+        entries = []
+        for number, pair in enumerate(self.pairs):
+            for term in _open_terms(pair, self.terms):
+                name = f"{pair.name}.{term.coefficient}"
+                values = self.values.get(name) or dict.fromkeys(term.parameters, 1.0)
+                if name not in self.inactive:
+                    entry = CandidateTerm(name, number, term.at(values), term, values, name in self.free)
+                    entries.append(entry)
+        return tuple(entries)
 
     @cached_property
     def by_name(self) -> Mapping[str, CandidateTerm]:
@@ -124,6 +136,19 @@ class Candidates:
         """The names of all candidates on the links that have at least one of the candidates in `names`."""
         linked = {self.by_name[name].pair for name in names if name in self.by_name}
         return frozenset(entry.name for entry in self.entries if entry.pair in linked)
+
+    def rows(self, pair: int) -> list[int]:
+        """The places of the ends of a pair, by number, among the masses, the base and the ground."""
+        row = {name: number for number, name in enumerate((*(m.name for m in self.masses), BASE, GROUND))}
+        return [row[end] for end in self.pairs[pair].between]
+
+    def forces(self, entries: Iterable[CandidateTerm], structure: Structure) -> list[CandidateForce]:
+        """The forces of some candidates per unit of their coefficients, in a structure."""
+        index = structure.topology.index
+        ends = [(entry, self.pairs[entry.pair].between) for entry in entries]
+        return [
+            CandidateForce(index[first], index[second], entry.term.law) for entry, (first, second) in ends
+        ]
 
     @property
     def always_tested(self) -> frozenset[str]:
@@ -152,18 +177,12 @@ class Candidates:
 
         Raises IdentificationError if a mass has no link.
         """
-        chosen_terms: dict[int, list[Term]] = {}
+        by_pair: dict[int, list[CandidateTerm]] = {}
         for entry in self.entries:
             if entry.name in chosen:
-                chosen_terms.setdefault(entry.pair, []).append(entry.term)
-                if entry.name in self.free:
-                    chosen_terms[entry.pair][-1] = entry.offered
-        parameters = self._unknown_parameters
-        links = [
-            link
-            for number, pair in enumerate(self.pairs)
-            for link in _links(pair, chosen_terms.get(number, []), parameters.get(number, {}))
-        ]
+                by_pair.setdefault(entry.pair, []).append(entry)
+        every = enumerate(self.pairs)
+        links = [link for number, pair in every for link in _links(pair, by_pair.get(number, ()))]
         linked = {end for link in links for end in link.between}
         free = [mass.name for mass in self.masses if mass.name not in linked]
         if free:
@@ -173,18 +192,6 @@ class Candidates:
                 "structure file"
             )
         return Structure(name, self.masses, tuple(links), self.hosts)
-
-    @cached_property
-    def _unknown_parameters(self) -> Mapping[int, Mapping[str, Coefficient]]:
-        """The parameters of the `free` candidates of each pair that has some, which start from their values."""
-        parameters: dict[int, dict[str, Coefficient]] = {}
-        for entry in self.entries if self.free else ():
-            if entry.name in self.free:
-                parameters.setdefault(entry.pair, {}).update(
-                    (name, Coefficient.unknown(value, lower=value / _FARTHEST, upper=value * _FARTHEST))
-                    for name, value in self.values_of(entry.name, entry.offered).items()
-                )
-        return parameters
 
     def without_masses(self, masses: Collection[str]) -> Candidates:
         """The candidates without some masses; masses at the end of a stated link stay."""
@@ -201,17 +208,15 @@ class Candidates:
     def with_memory(self, pair: int, law: str) -> Candidates:
         """The candidates where the link of a pair, by number, has the states of a named law beside its terms."""
         given = self.pairs[pair]
-        first = given.stated[:1]
         reserved = {name for term in self.terms for name in (term.coefficient, *term.parameters)}
-        reserved |= {name for link in first for name in link.law.coefficients}
-        link = link_with_memory(given.name, given.between, law, reserved)
-        for stated in first:
-            text = f"{stated.law.text} + {link.law.text}"
-            coefficients = {**stated.coefficients, **link.coefficients}
-            signals = dict(stated.law.signal_units)
-            joined = Law.parse(text, link.states, signals=signals)
-            link = Link(stated.name, stated.between, joined, coefficients, link.states)
-        pairs = list(self.pairs)
+        reserved |= {name for link in given.stated[:1] for name in link.law.coefficients}
+        return self.with_link(pair, link_with_memory(given.name, given.between, law, reserved))
+
+    def with_link(self, pair: int, link: Link) -> Candidates:
+        """The candidates where a link, its law added to that of the first stated one, is part of a pair, by number."""
+        pairs, given = list(self.pairs), self.pairs[pair]
+        for first in given.stated[:1]:
+            link = _joined(first, link)
         pairs[pair] = replace(given, stated=(link, *given.stated[1:]))
         return replace(self, pairs=tuple(pairs))
 
@@ -226,24 +231,68 @@ class Candidates:
         return self.structure(self.by_name.keys())
 
 
-def all_candidates(
-    masses: Sequence[Mass],
-    terms: Sequence[Term],
-    *,
-    stated: Sequence[Link] = (),
-    base: bool = False,
-    ground: bool = True,
-    hosts: Sequence[Host] = (),
+def candidates_for(
+    records: Sequence[Record],
+    masses: Mapping[str, float | str] | Structure | PartialStructure,
+    terms: str | Sequence[str],
 ) -> Candidates:
-    """The candidates between every pair of `masses`, with `ground` every mass and the ground, with `base` and the base.
+    """All candidates between every pair of masses, every mass and the ground, and every mass and a recorded base.
 
-    Points of `hosts` are ends as masses are, where some mode moves them. Links of `stated` are known to be there with their
+    Points of hosts are ends as masses are, where some mode moves them. Links that are stated are known to be there with their
     laws; other terms may join them, except terms whose coefficient is a number there (0 excludes a term). A link whose law is
     0 is known not to be there. Raises StructureError for a stated link to something that is not a mass, and for a mass that
     is listed twice.
     """
-    _require_single_names(masses)
-    ends = (*_moving_points(hosts), *(mass.name for mass in masses))
+    expect("discover(record, masses): masses", masses, Mapping, Structure, PartialStructure)
+    if not records:
+        raise IdentificationError("discovery needs at least one record, got none")
+    check_distinct(records)
+    check_stated_noise(records)
+    if isinstance(masses, Structure):  # without its modes, which the hosts have
+        given = tuple(mass for mass in masses.masses if mass.name not in masses.modes)
+        stated = tuple(link for link in masses.links if link.name not in masses.modes)
+        hosts = tuple(host.as_in(masses.link) for host in masses.hosts)
+    elif isinstance(masses, PartialStructure):
+        given, stated, hosts = masses.masses, masses.links, masses.hosts
+    else:
+        given, stated, hosts = tuple(_mass(name, value) for name, value in masses.items()), (), ()
+    if not given and not hosts:
+        raise IdentificationError(
+            'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
+        )
+    refuse_memory(stated, "discovery")
+    _require_no_priors(given, stated)
+    if not hosts:  # whose modes have masses
+        _require_scale(given, records)
+    base = {name for record in records for name in record.channels if name.place == BASE}
+    grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
+    if hosts and base:
+        raise IdentificationError("a moving base beside a host is not supported in discovery")
+    signals = {
+        channel.place: records[0].unit(channel).replace("?", "")
+        for channel in records[0].channels
+        if channel.kind == "signal" and not hosts
+    }
+    offered = parse_terms(with_signals(terms, signals), signals)
+    parameters = [name for term in offered for name in term.parameters]
+    if hosts and parameters:
+        raise IdentificationError(
+            f"beside a host the parameters of terms are not found yet: write a number in place of {parameters[0]}, as in "
+            "friction(0.01)"
+        )
+    _require_single_names(given)
+    based = base or any(BASE in link.between for link in stated)
+    supports = (*((BASE,) if based else ()), *((GROUND,) if grounded else ()))
+    pairs = _pairs(given, stated, hosts, supports)
+    return Candidates(given, pairs, offered, hosts=hosts, memory=offered_memory(terms))
+
+
+def _pairs(
+    masses: Sequence[Mass], stated: Sequence[Link], hosts: Sequence[Host], supports: Sequence[str]
+) -> tuple[Pair, ...]:
+    """Every pair of ends that a link may have."""
+    moving = [point for host in hosts for point in host.points if any(host.shape(point).values())]
+    ends = (*moving, *(mass.name for mass in masses))
     names = {*ends, *(point for host in hosts for point in host.points)}
     stated_links: dict[frozenset[str], list[Link]] = {}
     for link in stated:
@@ -255,8 +304,6 @@ def all_candidates(
                 f'link "{link.name}"',
             )
         stated_links.setdefault(frozenset(link.between), []).append(link)
-    based = base or any(BASE in link.between for link in stated)
-    supports = (*((BASE,) if based else ()), *((GROUND,) if ground else ()))
     link_names = {link.name for links in stated_links.values() for link in links}
     pairs, turning = [], rotations_of(hosts, masses)
     for number, end in enumerate(ends):
@@ -264,22 +311,15 @@ def all_candidates(
             links = tuple(stated_links.get(frozenset((end, partner)), ()))
             if any(link.law.expression == Number(0.0) for link in links):
                 continue
-            if not links and (_move_alike(hosts, end, partner) or differ_in_unit((end, partner), turning)):
-                continue
             if links:
                 pairs.append(Pair(links[0].name, links[0].between, links))
-            else:
+            elif not (_move_alike(hosts, end, partner) or differ_in_unit((end, partner), turning)):
                 name = f"{end}-{partner}"
                 while name in link_names:  # masses "a-b" and "c" beside "a" and "b-c"
                     name += "_"
                 link_names.add(name)
                 pairs.append(Pair(name, (end, partner)))
-    return Candidates(tuple(masses), tuple(pairs), tuple(terms), hosts=tuple(hosts))
-
-
-def _moving_points(hosts: Sequence[Host]) -> tuple[str, ...]:
-    """The points that some mode moves."""
-    return tuple(point for host in hosts for point in host.points if any(host.shape(point).values()))
+    return tuple(pairs)
 
 
 def _move_alike(hosts: Sequence[Host], first: str, second: str) -> bool:
@@ -314,78 +354,26 @@ def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
     return [term.beside(coefficient_names) for term in candidates]
 
 
-def _links(pair: Pair, terms: Sequence[Term], parameters: Mapping[str, Coefficient]) -> tuple[Link, ...]:
-    """The links of a pair: the stated ones, with the chosen `terms` and their `parameters` added to the law of the first."""
-    if not terms:
+def _links(pair: Pair, entries: Sequence[CandidateTerm]) -> tuple[Link, ...]:
+    """The links of a pair: the stated ones, with the chosen terms added to the law of the first."""
+    if not entries:
         return pair.stated
-    ordered = sorted(terms, key=lambda term: not term.elastic)
-    text = " + ".join(term.product for term in ordered)
-    new = {term.coefficient: Coefficient.unknown() for term in ordered}
-    new |= {name: parameters[name] for term in ordered for name in term.parameters}
-    if not pair.stated:
-        return (Link(pair.name, pair.between, Law.parse(text, signals=dict(ordered[0].signals)), new),)
-    first, *others = pair.stated
-    summands = (text, first.law.text) if first.states else (first.law.text, text)
-    law = Law.parse(" + ".join(summands), first.states, signals=dict(ordered[0].signals))
-    return Link(first.name, first.between, law, {**first.coefficients, **new}, first.states), *others
+    ordered = sorted(entries, key=lambda entry: not entry.term.elastic)
+    text = " + ".join(entry.written.product for entry in ordered)
+    law = Law.parse(text, signals=dict(ordered[0].written.signals))
+    unknowns = [coefficient for entry in ordered for coefficient in entry.unknowns.items()]
+    link = Link(pair.name, pair.between, law, dict(unknowns))
+    return (_joined(pair.stated[0], link), *pair.stated[1:]) if pair.stated else (link,)
 
 
-def candidates_for(
-    records: Sequence[Record],
-    masses: Mapping[str, float | str] | Structure | PartialStructure,
-    terms: str | Sequence[str],
-) -> Candidates:
-    """All candidates between the masses of the records."""
-    expect("discover(record, masses): masses", masses, Mapping, Structure, PartialStructure)
-    if not records:
-        raise IdentificationError("discovery needs at least one record, got none")
-    check_distinct(records)
-    check_stated_noise(records)
-    hosts: tuple[Host, ...] = ()
-    if isinstance(masses, Structure):
-        given, stated, hosts = _parts(masses)
-    elif isinstance(masses, PartialStructure):
-        given, stated, hosts = masses.masses, masses.links, masses.hosts
-    else:
-        given = tuple(_mass(name, value) for name, value in masses.items())
-        stated = ()
-    if not given and not hosts:
-        raise IdentificationError(
-            'discovery needs at least one mass, got none; give masses by name, as in {"m1": 1.0, "m2": "10 g"}'
-        )
-    refuse_memory(stated, "discovery")
-    _require_no_priors(given, stated)
-    if not hosts:  # whose modes have masses
-        _require_scale(given, records)
-    base = {name for record in records for name in record.channels if name.place == BASE}
-    grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
-    if hosts and base:
-        raise IdentificationError("a moving base beside a host is not supported in discovery")
-    signals = (
-        {}
-        if hosts
-        else {
-            channel.place: records[0].unit(channel).replace("?", "")
-            for channel in records[0].channels
-            if channel.kind == "signal"
-        }
-    )
-    offered = parse_terms(with_signals(terms, signals), signals)
-    parameters = [name for term in offered for name in term.parameters]
-    if hosts and parameters:
-        raise IdentificationError(
-            f"beside a host the parameters of terms are not found yet: write a number in place of {parameters[0]}, as in "
-            "friction(0.01)"
-        )
-    candidates = all_candidates(given, offered, stated=stated, base=bool(base), ground=grounded, hosts=hosts)
-    return replace(candidates, memory=offered_memory(terms))
-
-
-def _parts(structure: Structure) -> tuple[tuple[Mass, ...], tuple[Link, ...], tuple[Host, ...]]:
-    """The masses and links of a structure that are no modes, and its hosts with the frequencies and damping of their modes."""
-    masses = tuple(mass for mass in structure.masses if mass.name not in structure.modes)
-    links = tuple(link for link in structure.links if link.name not in structure.modes)
-    return masses, links, tuple(host.as_in(structure.link) for host in structure.hosts)
+def _joined(first: Link, second: Link) -> Link:
+    """A stated link with the law of another one added to its own; states come last."""
+    states = {**first.states, **second.states}
+    texts = (second.law.text, first.law.text) if first.states else (first.law.text, second.law.text)
+    coefficients = {**first.coefficients, **second.coefficients}
+    signals = {**dict(first.law.signal_units), **dict(second.law.signal_units)}
+    law = Law.parse(" + ".join(texts), states, signals=signals)
+    return Link(first.name, first.between, law, coefficients, states)
 
 
 def _require_no_priors(masses: Sequence[Mass], links: Sequence[Link]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -12,23 +12,24 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates, DiscoveryKeywords, DiscoveryOptions, candidates_for
+from linkwise.discovery.checks import DataChecks, check_data
 from linkwise.discovery.inexact import (
-    fit_beyond_white_noise,
-    select_coloured,
+    select_beyond_white_noise,
     select_nearly_right,
     select_with_random_forces,
 )
 from linkwise.discovery.judgement import judged_discovery
-from linkwise.discovery.memory import no_memory_remark, select_memory, suspected_memory
+from linkwise.discovery.memory import no_memory_remark, select_memory
 from linkwise.discovery.model_average import MemoryEvidence
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.rivals import rival_frequencies
-from linkwise.discovery.screened_records import DataChecks, ScreenedRecords, check_data, in_units, weak_values
+from linkwise.discovery.rivals import Rival, rival_frequencies
+from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions, answer_with_sensors, errors_to_find, unknown_gains
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
@@ -40,6 +41,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
 from linkwise.progress import Progress, ProgressReport, part, rising, silent
 from linkwise.records.channel import BASE
+from linkwise.records.channel_units import in_units_of
 from linkwise.records.joining import joined_notes, record_list
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -123,10 +125,16 @@ def discover(
     chosen = options_given(DiscoveryOptions, options, keywords)
     records = [with_force_windows(one) for one in record_list(record, "discover(record, masses): record")]
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
-    records = in_units(records, candidates)
+    if candidates.hosts or any(one.units for one in records):  # of points that turn
+        records = [in_units_of(one, candidates.full_structure) for one in records]
     checks = _checked(records, candidates)
     candidates = candidates.without_masses(checks.at_rest)
-    records = [_channels_of(record, candidates.places) for record in records]
+    places = {BASE, *candidates.places}
+    strange = {c for one in records for c in one.channels if c.kind != "signal" and c.place not in places}
+    records = [
+        one.select([c for c in one.channels if c not in strange]) if strange & {*one.channels} else one
+        for one in records
+    ]
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     errors = errors_to_find(
@@ -182,41 +190,35 @@ def _require_force_scale(records: Sequence[Record], structure: Structure, errors
 
 @dataclass(frozen=True, eq=False)
 class _Selected:
-    """What a search found, and what it was found from."""
+    """What a search found, and how it is judged with delays in s by channel."""
 
-    checks: DataChecks
-    screened: ScreenedRecords
-    selection: Selection
+    fit: LikelihoodFit
+    judge: Callable[[Sequence[Record], Mapping[str, float]], Discovery]
     discovery: Discovery
-    memory: tuple[MemoryEvidence, ...] = ()
 
     @property
     def status(self) -> AnnealingStatus:
-        return self.selection.fit.status
+        return self.fit.status
 
     @property
     def chi_square(self) -> float:
-        return self.selection.fit.chi_square
+        return self.fit.chi_square
 
     @property
     def chi_square_off(self) -> bool:
-        return self.selection.fit.chi_square_off
+        return self.fit.chi_square_off
 
     @property
     def model_error(self) -> float:
-        return self.selection.fit.model_error
+        return self.fit.model_error
 
     @property
     def delays(self) -> Mapping[str, float]:
-        return self.selection.fit.delays
+        return self.fit.delays
 
     def reported(self, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
         """The discovery, with the `delays` in s found, by channel."""
-        if not delays:
-            return self.discovery
-        return judged_discovery(
-            records, self.checks, self.screened, self.selection, delays, memory=self.memory
-        )
+        return self.judge(records, delays) if delays else self.discovery
 
 
 def _select(
@@ -226,54 +228,57 @@ def _select(
     records: Sequence[Record],
     sensors: LikelihoodOptions,
 ) -> _Selected:
-    """Screen the candidates, and select among them with the errors of `sensors`."""
+    """Screen the candidates, and select among them with the errors of `sensors`.
+
+    Exact laws come first. Where they leave more than white noise, coloured noise of a sensor may explain it, then memory in a
+    link, then a model error; laws that seem exact and yet lack a term are searched once more with a model error.
+    """
     with one_blas_thread():
         framed = framed_records(records, candidates.full_structure)
         screened = ScreenedRecords.of(framed, candidates, part(progress, 0.0, _SCREENED))
+
+    def judged(
+        selection: Selection, memory: Sequence[MemoryEvidence] = (), frequencies: Sequence[Rival] = ()
+    ) -> _Selected:
+        judge = partial(judged_discovery, checks, screened, selection, memory=memory, frequencies=frequencies)
+        return _Selected(selection.fit, judge, judge(records, selection.fit.delays))
+
     search = TermSearch(
         records,
         screened.candidates,
-        screened.result.tested,
+        screened.tested,
         start=partial(_starting_values, records, screened),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
     )
     if sensors.random:
-        selection = select_with_random_forces(search, screened.first)
-        return _Selected(checks, screened, selection, judged_discovery(records, checks, screened, selection))
-    rates = [record.rate for record in screened.records]
-    search, selection = select_with_parameters(search, screened.first, screened.motions, rates)
-    screened = replace(screened, candidates=search.candidates)
-    beyond = fit_beyond_white_noise(search, selection)
-    coloured = None if beyond is None else select_coloured(search, selection, beyond)
-    selection = coloured or selection
-    with_memory = partial(_select_with_memory, search, screened, checks)
+        return judged(select_with_random_forces(search, screened.first))
+    search, exact = select_with_parameters(search, screened.first, screened.ranges)
+    exact, with_model_error = select_beyond_white_noise(search, exact)
     if candidates.memory:
-        remembering = with_memory(selection)
+        remembering = _with_memory(search, screened, exact)
         if remembering is not None:
-            return remembering
+            return judged(*remembering)
         screened = replace(screened, remarks=(*screened.remarks, no_memory_remark(candidates.memory)))
-    exact_laws = selection
-    if not selection.is_exact:
-        follows_motion = coloured is None and beyond is not None and beyond.optimum.coloured is None
-        selection = select_nearly_right(search, selection, known=beyond if follows_motion else None)
+    selection = exact
+    if not exact.is_exact:
+        selection = select_nearly_right(search, exact, known=with_model_error)
     frequencies = rival_frequencies(search, selection) if candidates.hosts else ()
     progress(ProgressReport(_SEARCHED, "judging the terms selected"))
-    discovery = judged_discovery(
-        records, checks, screened, selection, selection.fit.delays, frequencies=frequencies
-    )
-    if not candidates.memory and _may_remember(selection, discovery):
-        remembering = with_memory(exact_laws, *discovery.diagnosis[:1])
+    found = judged(selection, frequencies=frequencies)
+    if not candidates.memory and _may_remember(selection, found.discovery):
+        remembering = _with_memory(search, screened, exact, *found.discovery.diagnosis[:1])
         if remembering is not None:
-            return remembering
-    if selection.is_exact and _lacks_a_term(discovery):
+            return judged(*remembering)
+    if selection.is_exact and _lacks_a_term(found.discovery):
         simpler = select_nearly_right(search, selection, screened.first)
-        reduced = judged_discovery(records, checks, screened, simpler, simpler.fit.delays)
-        follows = Verdict.SYSTEMATIC_MISFIT in discovery.verdicts
-        if (follows and admit_intervals(reduced.verdicts)) or simpler.has_fewer_links(selection):
-            selection, discovery = simpler, reduced
-    return _Selected(checks, screened, selection, discovery)
+        reduced = judged(simpler)
+        follows = Verdict.SYSTEMATIC_MISFIT in found.discovery.verdicts
+        trusted = admit_intervals(reduced.discovery.verdicts)
+        if (follows and trusted) or simpler.has_fewer_links(selection):
+            return reduced
+    return found
 
 
 def _starting_values(
@@ -283,7 +288,7 @@ def _starting_values(
     if structure.signals:
         framed = framed_records(records, structure, integrated=True)
         return memory_starts(framed, structure, {})[0].values, None
-    return starting_values(records, structure, weak=partial(weak_values, screened))
+    return starting_values(records, structure, weak=screened.weak_values)
 
 
 def _may_remember(selection: Selection, discovery: Discovery) -> bool:
@@ -302,40 +307,20 @@ def _lacks_a_term(discovery: Discovery) -> bool:
     return Verdict.SYSTEMATIC_MISFIT in discovery.verdicts or as_well
 
 
-def _select_with_memory(
-    search: TermSearch,
-    screened: ScreenedRecords,
-    checks: DataChecks,
-    selection: Selection,
-    cause: Cause | None = None,
-) -> _Selected | None:
+def _with_memory(
+    search: TermSearch, screened: ScreenedRecords, selection: Selection, cause: Cause | None = None
+) -> tuple[Selection, tuple[MemoryEvidence, ...]] | None:
     """The selection with memory in a link, where it explains the records better than `selection` without memory.
 
     `cause` is what explains most of what the latter leaves.
     """
-    scaled = all(
-        mass.mass.known for mass in search.candidates.full_structure.masses
-    )  # else starts run far, and fits long
+    masses = search.candidates.full_structure.masses
+    scaled = all(mass.mass.known for mass in masses)  # else starts run far, and fits long
     open_motion = screened.integrated or search.candidates.hosts or search.sensors.delays
-    usual = USUAL if scaled and not open_motion else ()
-    laws = search.candidates.memory or usual
-    if not laws or selection.fit.status is AnnealingStatus.INTERRUPTED:
+    laws = search.candidates.memory or (USUAL if scaled and not open_motion else ())
+    if not laws or selection.interrupted:
         return None
-    framed = framed_records(search.records, search.candidates.full_structure)
-    suspected = suspected_memory(selection, cause)
-    remembering = select_memory(search, screened, selection, laws, framed, suspected)
-    if remembering is None:
-        return None
-    screened = replace(screened, candidates=remembering.search.candidates)
-    discovery = judged_discovery(
-        search.records,
-        checks,
-        screened,
-        remembering.selection,
-        remembering.selection.fit.delays,
-        memory=remembering.evidence,
-    )
-    return _Selected(checks, screened, remembering.selection, discovery, remembering.evidence)
+    return select_memory(search, screened, selection, laws, cause)
 
 
 def check_discovery(
@@ -390,10 +375,3 @@ def _checked(records: Sequence[Record], candidates: Candidates) -> DataChecks:
         return checks
     remark = f"{', '.join(unused)} were not used: discovery does not take forces and states of links."
     return replace(checks, remarks=(*checks.remarks, remark))
-
-
-def _channels_of(record: Record, places: Sequence[str]) -> Record:
-    """`record` without the channels of other masses; the same object if it has none."""
-    names = {BASE, *places}
-    channels = [c for c in record.channels if c.kind == "signal" or c.place in names]
-    return record if len(channels) == len(record.channels) else record.select(channels)

@@ -11,41 +11,25 @@ gave them, c_D c_D' + C_D, is theirs without a prior: G (c_D c_D' + C_D) G' is a
 References
 ----------
 R. Berk, L. Brown, A. Buja, K. Zhang and L. Zhao, "Valid post-selection inference", Ann. Statist. 41 (2013).
-
-What a record could not have shown: how large a term that was dropped may still be.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.criterion import CERTAIN, Move, QuadraticModel, inverse_of
 from linkwise.discovery.model_average import PathPoint, RunnerUp
-from linkwise.discovery.prediction import BlockParabolas, PredictionExcess, block_parabolas
-from linkwise.discovery.result import CERTAIN, TermEvidence
-from linkwise.discovery.selection import (
-    Move,
-    MoveKind,
-    Penalty,
-    QuadraticModel,
-    Selection,
-    inverse_of,
-    link_motions,
-    singular,
-)
+from linkwise.discovery.prediction import BlockParabolas, Excess, block_parabolas
+from linkwise.discovery.result import TermEvidence
+from linkwise.discovery.selection import Selection, singular
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
-from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.tests.diagnosis import link_forces
-from linkwise.likelihood.tests.score_test import CandidateForce, candidate_forces
 from linkwise.model.link import BASE, GROUND
-from linkwise.runtime import one_blas_thread
 
 # of a column's square: what the terms kept and the other ones dropped leave of it is rounding
 _DEPENDENT = 1e-9
@@ -66,16 +50,15 @@ class DroppedTerms:
     shares: Floats
 
     @classmethod
-    def of(cls, quadratic: QuadraticModel, penalty: Penalty, count: int) -> DroppedTerms:
+    def of(cls, quadratic: QuadraticModel, count: int) -> DroppedTerms:
         """Those of a model whose first `count` coefficients are those of the selection.
 
         Raises IdentificationError if the columns of the selection are linearly dependent, as those of the best that a search
         visited may be where nothing converged.
         """
-        linked = set(penalty.pair[:count].tolist()) | penalty.stated
-        others = range(count, len(quadratic.names))
-        dropped = np.array([number for number in others if penalty.pair[number] in linked], dtype=np.intp)
-        inside = np.arange(count)
+        pair, inside = quadratic.penalty.pair, np.arange(count)
+        linked = np.isin(pair, [*pair[:count], *quadratic.penalty.stated])
+        dropped = count + np.flatnonzero(linked[count:])
         try:
             covariance = inverse_of(quadratic.h[:count, :count])
         except np.linalg.LinAlgError:
@@ -140,49 +123,6 @@ def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Float
     )
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a term may be infinite somewhere
-def unit_shares(selection: Selection, candidates: Candidates) -> dict[str, float]:
-    """The force of each candidate that was dropped from a link, per unit of its coefficient, over that of the link.
-
-    Both are root mean squares along the fitted motion. Candidates on other pairs of masses are left out.
-
-    Parameters
-    ----------
-    selection : Selection
-        The selection.
-    candidates : Candidates
-        All candidates.
-
-    Returns
-    -------
-    dict of str to float
-        The ratios by name of the candidate, in the reciprocal of the unit of its coefficient.
-    """
-    structure, optimum = selection.structure, selection.fit.optimum
-    index = structure.topology.index
-    places: dict[frozenset[str], list[int]] = {}
-    for number, link in enumerate(structure.links):
-        places.setdefault(frozenset(link.between), []).append(number)
-    tested = frozenset(selection.quadratic.names) - selection.chosen
-    dropped = [
-        (entry, candidates.pairs[entry.pair].between)
-        for entry in candidates.entries
-        if entry.name in tested and frozenset(candidates.pairs[entry.pair].between) in places
-    ]
-    with one_blas_thread():
-        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        of_links = link_forces(optimum, misfit)
-        forces = [
-            CandidateForce(index[first], index[second], entry.term.law) for entry, (first, second) in dropped
-        ]
-        _, units = candidate_forces(optimum, misfit, forces)
-    shares = {}
-    for (entry, between), unit in zip(dropped, units, strict=True):
-        force = sum(of_links[number] for number in places[frozenset(between)])
-        shares[entry.name] = float(1.0 / (unit * force)) if force > 0.0 else np.inf
-    return shares
-
-
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
 _EXCHANGES = 6  # exchanges that remarks name
@@ -194,80 +134,69 @@ _OF_THE_TIME = 0.01
 
 def term_evidence(
     selection: Selection,
-    candidates: Candidates,
+    added: Floats,
     *,
     trusted: bool,
-    collinear: Collection[str] = (),
-    in_proportion: Collection[str] = (),
-    replaceable: Collection[int] = (),
-    shares: Mapping[str, float] = MappingProxyType({}),
-    added: Floats | None = None,
+    collinear: Collection[str],
+    in_proportion: Collection[str],
+    replaceable: Collection[int],
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
     Terms of links to `collinear` masses are not unambiguous, nor those of a mass whose links are spread over several of them,
     or over the ground and one that moved `in_proportion` to another, nor terms that can be exchanged at little cost or are
-    `replaceable`, by number, by an error of a stated value; without a `trusted` fit no term is. `shares` are the `unit_shares`
-    of those dropped, which add the variances `added` (p,) to the parameters.
+    `replaceable`, by number, by something else; without a `trusted` fit no term is. Terms that were dropped add the variances
+    `added` (p,) to the parameters.
     """
-    quadratic = selection.quadratic
-    inside = list(range(len(selection.structure.parameters)))
+    quadratic, candidates, inside = selection.quadratic, selection.candidates, selection.inside
     solution, additions = quadratic.solve(inside), quadratic.additions(inside)
-    margins = {
-        (move.added if move.kind is MoveKind.ADD else move.dropped): -move.gain
-        for move in selection.neighbours
-        if move.kind is not MoveKind.SWAP
-    }
+    single = (move for move in selection.neighbours if not move.exchanges)
+    margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
     ambiguous = _ambiguous_masses(selection, collinear, in_proportion)
     exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)} | set(replaceable)
+    shares = selection.unit_shares if trusted else {}
     coefficients = [
         *zip(inside, solution.values, solution.z, strict=True),
         *zip(additions.numbers.tolist(), additions.values, additions.z, strict=True),
     ]
     terms = []
     for k, value, z in coefficients:
-        if (entry := candidates.by_name.get(quadratic.names[k])) is not None:
-            pair = candidates.pairs[entry.pair]
+        if (entry := selection.entries.get(k)) is not None:
+            pair, kept = candidates.pairs[entry.pair], k < len(inside)
             error = abs(float(value / z)) if z else np.inf
-            if added is not None and k < len(inside):
+            if kept:
                 error = float(np.sqrt(error**2 + added[k]))
+            share = 0.0 if kept else shares.get(k, 0.0)
             term = TermEvidence(
                 name=entry.name,
                 link=pair.name,
                 between=pair.between,
-                term=(entry.offered if entry.name in candidates.free else entry.term).text,
+                term=entry.written.text,
                 unit=entry.term.angular_unit if pair.turns(candidates.rotations) else entry.term.unit,
-                kept=k < len(inside),
+                kept=kept,
                 identifiable=bool(np.isfinite(value)),
                 unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),
                 value=float(value),
                 standard_error=error,
                 z=float(z),
                 margin=margins.get(k, np.inf),
-                possible_share=(abs(float(value)) + NORMAL_95 * error) * shares.get(entry.name, 0.0),
+                possible_share=(abs(float(value)) + NORMAL_95 * error) * share,
             )
             terms.append(term)
-    selected = [term for term in terms if term.kept]
-    dropped = [term for term in terms if not term.kept]
-    return (
-        *sorted(selected, key=lambda term: -term.margin),
-        *sorted(dropped, key=lambda term: term.margin),
-    )
+    return tuple(sorted(terms, key=lambda term: (not term.kept, -term.margin if term.kept else term.margin)))
 
 
-def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, ...]:
+def opposed_damping(selection: Selection) -> tuple[str, ...]:
     """The links with terms of damping of which one gives energy: together they stand in for another form of damping.
 
     A negative term that makes damping smaller at larger elongations or rates does not, where all of them together take energy
     throughout the motion. Negative friction, which would give most at the smallest rates, does, except beside a model error,
     whose intervals include the effect of another form on it.
     """
-    inside = list(range(len(selection.structure.parameters)))
-    solution = selection.quadratic.solve(inside)
+    pairs, solution = selection.candidates.pairs, selection.quadratic.solve(selection.inside)
     damping: dict[int, list[int]] = {}
-    for k in inside:
-        entry = candidates.by_name.get(selection.quadratic.names[k])
-        if entry is not None and entry.offered.is_damping:
+    for k, entry in selection.entries.items():
+        if k < len(selection.inside) and entry.offered.is_damping:
             damping.setdefault(entry.pair, []).append(k)
     opposed = {
         pair: terms
@@ -276,15 +205,16 @@ def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, 
     }
     if not opposed:
         return ()
-    motion = link_motions(selection)
+    motion = selection.link_motions()
     links = {frozenset(link.between): link.name for link in selection.structure.links}
-    covariance = inverse_of(selection.quadratic.h[np.ix_(inside, inside)])
+    covariance = inverse_of(selection.quadratic.h[np.ix_(selection.inside, selection.inside)])
     feeding = []
     for pair, terms in opposed.items():
-        d, v = (part.ravel() for part in motion[links[frozenset(candidates.pairs[pair].between)]])
-        laws = [candidates.by_name[selection.quadratic.names[k]].term.law for k in terms]
+        d, v = (part.ravel() for part in motion[links[frozenset(pairs[pair].between)]])
         forces, at_half = (
-            np.stack([np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws])
+            np.stack(
+                [np.broadcast_to(selection.entries[k].term.law.force(d, rate, {}), v.shape) for k in terms]
+            )
             for rate in (v, 0.5 * v)
         )
         power = v * forces
@@ -295,7 +225,7 @@ def opposed_damping(selection: Selection, candidates: Candidates) -> tuple[str, 
         )
         negative_friction = selection.is_exact and np.any(of_friction & (solution.z[terms] < -_NEGATIVE))
         if negative_friction or np.mean(given) > _OF_THE_TIME:
-            feeding.append(candidates.pairs[pair].name)
+            feeding.append(pairs[pair].name)
     return tuple(feeding)
 
 
@@ -307,8 +237,6 @@ def _ambiguous_masses(
     A mass that moved `in_proportion` to another moved as that one and the ground together do, so that a link to the ground may
     make up for a wrong share as well.
     """
-    if not collinear:
-        return frozenset()
     neighbours: dict[str, set[str]] = {}
     for link in selection.structure.links:
         for mass, neighbour in (link.between, link.between[::-1]):
@@ -327,82 +255,22 @@ def path_models(selection: Selection) -> list[tuple[list[int], str]]:
 
     Up to `_LARGER` terms more, by numbers of coefficients, the smallest first.
     """
-    quadratic, penalty = selection.quadratic, selection.penalty
-    chosen = list(range(len(selection.structure.parameters)))
-    return [
-        *_smaller(quadratic, penalty, chosen)[::-1],
-        (chosen, ""),
-        *_larger(quadratic, chosen),
-    ]
-
-
-def path_parabolas(selection: Selection, candidates: Candidates) -> BlockParabolas | None:
-    """The parabolas of blocks of the records in all terms of the `path_models`; None where there are none."""
-    if selection.fit.status is not AnnealingStatus.CONVERGED:
-        return None
-    p = len(selection.structure.parameters)
-    added = sorted({number for numbers, _ in path_models(selection) for number in numbers if number >= p})
-    try:
-        return block_parabolas(selection, candidates, added)
-    except np.linalg.LinAlgError:
-        return None
-
-
-def selection_path(selection: Selection, parabolas: BlockParabolas | None = None) -> tuple[PathPoint, ...]:
-    """The `path_models`, with what `parabolas` of blocks say of how well each predicts them."""
-    quadratic, penalty = selection.quadratic, selection.penalty
-    chosen = list(range(len(selection.structure.parameters)))
-    models = path_models(selection)
-    costs = [quadratic.cost(numbers) for numbers, _ in models]
-    totals = [cost + penalty.total(numbers) for cost, (numbers, _) in zip(costs, models, strict=True)]
-    predictions = [
-        PredictionExcess(np.nan, np.nan) if parabolas is None else parabolas.prediction(numbers)
-        for numbers, _ in models
-    ]
-    shares = {} if parabolas is None else parabolas.shares
-    number_of = {name: number for number, name in enumerate(quadratic.names)}
-    selected = quadratic.cost(chosen) + penalty.total(chosen)
-    least = min(costs)
-    return tuple(
-        PathPoint(
-            terms=int(np.sum(penalty.pair[numbers] >= 0)),
-            cost=cost - least,
-            criterion=total - selected,
-            step=step,
-            chosen=numbers == chosen,
-            prediction=prediction.excess,
-            scatter=prediction.scatter,
-            share=shares.get(number_of[step[2:]], np.nan) if step else np.nan,
-        )
-        for (numbers, step), cost, total, prediction in zip(models, costs, totals, predictions, strict=True)
-    )
-
-
-def _smaller(quadratic: QuadraticModel, penalty: Penalty, chosen: list[int]) -> list[tuple[list[int], str]]:
-    """The subsets after dropping the weakest term again and again, each with the step that leads to it."""
-    models: list[tuple[list[int], str]] = []
-    current = list(chosen)
-    while True:
+    quadratic, inside = selection.quadratic, selection.inside
+    models, current = [(inside, "")], inside
+    while len(current) > 1:
+        terms = np.flatnonzero(quadratic.penalty.pair[current] >= 0)
+        if not len(terms):
+            break
         z = np.abs(quadratic.solve(current).z)
-        free = [place for place in range(len(current)) if penalty.pair[current[place]] >= 0]
-        if len(current) < 2 or not free:
-            return models
-        weakest = min(free, key=lambda place: z[place])
+        weakest = int(terms[np.argmin(z[terms])])
         step = f"- {quadratic.names[current[weakest]]}"
-        current = [number for place, number in enumerate(current) if place != weakest]
-        models.append((current, step))
-
-
-def _larger(quadratic: QuadraticModel, chosen: list[int]) -> list[tuple[list[int], str]]:
-    """The subsets after adding the best other term again and again, each with the step that leads to it."""
-    models: list[tuple[list[int], str]] = []
-    current = list(chosen)
+        current = [*current[:weakest], *current[weakest + 1 :]]
+        models.insert(0, (current, step))
+    current = inside
     for _ in range(_LARGER):
         additions = quadratic.additions(current)
-        if not len(additions.numbers):
-            break
-        place = int(np.argmax(np.abs(additions.z)))
-        if not np.isfinite(additions.values[place]):  # all others depend on those there are
+        place = int(np.argmax(np.abs(additions.z))) if len(additions.z) else None
+        if place is None or not np.isfinite(additions.values[place]):  # all others depend on those there are
             break
         strongest = int(additions.numbers[place])
         current = sorted([*current, strongest])
@@ -412,12 +280,57 @@ def _larger(quadratic: QuadraticModel, chosen: list[int]) -> list[tuple[list[int
     return models
 
 
+def path_parabolas(selection: Selection) -> BlockParabolas | None:
+    """The parabolas of blocks of the records in all terms of the `path_models`; None where there are none."""
+    if selection.fit.status is not AnnealingStatus.CONVERGED:
+        return None
+    models = (numbers for numbers, _ in path_models(selection))
+    try:
+        return block_parabolas(selection, sorted(set().union(*models) - set(selection.inside)))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def selection_path(selection: Selection, parabolas: BlockParabolas | None) -> tuple[PathPoint, ...]:
+    """The `path_models`, with what `parabolas` of blocks say of how well each predicts them."""
+    quadratic, models = selection.quadratic, path_models(selection)
+    costs = [quadratic.cost(numbers) for numbers, _ in models]
+    selected = quadratic.criterion(selection.inside)
+    additions = quadratic.additions(selection.inside)
+    values = dict(zip(selection.inside, quadratic.solve(selection.inside).values, strict=True))
+    values |= dict(zip(additions.numbers.tolist(), additions.values, strict=True))
+    number_of = {name: number for number, name in enumerate(quadratic.names)}
+    path = []
+    for (numbers, step), cost in zip(models, costs, strict=True):
+        prediction, share = Excess(np.nan, np.nan), np.nan
+        if parabolas is not None:
+            prediction = parabolas.prediction(numbers)
+            term = number_of.get(step[2:], -1)
+            share = float(abs(values.get(term, np.nan)) * selection.unit_shares.get(term, np.nan))
+        path.append(
+            PathPoint(
+                terms=int(np.sum(quadratic.penalty.pair[numbers] >= 0)),
+                cost=cost - min(costs),
+                criterion=cost + quadratic.penalty.total(numbers) - selected,
+                step=step,
+                chosen=numbers == selection.inside,
+                prediction=prediction.excess,
+                scatter=prediction.scatter,
+                share=share,
+            )
+        )
+    return tuple(path)
+
+
 def runners_up(selection: Selection) -> tuple[RunnerUp, ...]:
     """The models one move away whose criterion is nearest to that of the selected one, best first."""
-    return tuple(
-        RunnerUp(_description(move, selection.quadratic.names), -move.gain)
-        for move in selection.neighbours[:_RUNNERS_UP]
-    )
+    names, models = selection.quadratic.names, []
+    for dropped, added, gain in selection.neighbours[:_RUNNERS_UP]:
+        before, after = names[dropped or 0], names[added or 0]
+        change = f"with {after}" if dropped is None else f"without {before}"
+        both = dropped is not None and added is not None
+        models.append(RunnerUp(f"{after} in place of {before}" if both else change, -gain))
+    return tuple(models)
 
 
 def exchange_remarks(selection: Selection) -> tuple[str, ...]:
@@ -431,19 +344,11 @@ def exchange_remarks(selection: Selection) -> tuple[str, ...]:
     ]
     if len(exchanges) > _EXCHANGES:
         remarks.append(
-            f"{len(exchanges) - _NAMED} more terms could be exchanged for others at as small a cost."
+            f"{len(exchanges) - _EXCHANGES} more terms could be exchanged for others at as small a cost."
         )
     return tuple(remarks)
 
 
 def _exchanges(selection: Selection) -> list[Move]:
     """The exchanges of a term kept for one dropped that would raise the criterion by less than `CERTAIN`."""
-    return [move for move in selection.neighbours if move.kind is MoveKind.SWAP and -move.gain < CERTAIN]
-
-
-def _description(move: Move, names: Sequence[str]) -> str:
-    if move.kind is MoveKind.ADD:
-        return f"with {names[move.added or 0]}"
-    if move.kind is MoveKind.DROP:
-        return f"without {names[move.dropped or 0]}"
-    return f"{names[move.added or 0]} in place of {names[move.dropped or 0]}"
+    return [move for move in selection.neighbours if move.exchanges and -move.gain < CERTAIN]

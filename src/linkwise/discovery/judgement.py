@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.checks import DataChecks
 from linkwise.discovery.evidence import (
     DroppedTerms,
     dropped_terms_remark,
@@ -19,28 +20,22 @@ from linkwise.discovery.evidence import (
     runners_up,
     selection_path,
     term_evidence,
-    unit_shares,
     widened,
 )
-from linkwise.discovery.inexact import free_run_remarks, larger_model_remarks, simplest_model_remarks
-from linkwise.discovery.model_average import MemoryEvidence, PathPoint, model_average
-from linkwise.discovery.prediction import terms_without_gain
-from linkwise.discovery.result import Discovery, TermEvidence
+from linkwise.discovery.inexact import choice_remarks
+from linkwise.discovery.model_average import MemoryEvidence, model_average
+from linkwise.discovery.result import Discovery
 from linkwise.discovery.rivals import (
-    RivalError,
-    RivalForm,
-    allowing_for,
-    link_exchange_remarks,
-    link_exchanges,
-    origin_remarks,
+    NAMED,
+    Rival,
     rival_errors,
-    rival_form_remarks,
     rival_forms,
+    rival_links,
     rival_offsets,
-    rival_remarks,
-    unknown_origins,
+    rival_origins,
+    terms_without_gain,
 )
-from linkwise.discovery.screened_records import DataChecks, ScreenedRecords
+from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
 from linkwise.discovery.term_parameters import without_values
 from linkwise.estimates.estimate import Estimate
@@ -50,14 +45,6 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict, admit_intervals
 
-_INTEGRATED = (
-    "Some displacements were integrated from velocities or accelerations, without their constants, and the laws leave more "
-    "than noise: links or terms may be false. Measure displacements, or offer more terms."
-)
-_INEXACT = (
-    "No selection of the terms that were offered leaves only noise, so those found may stand in for others: offer more terms, "
-    "and check the units and the zeros of the channels, and the masses."
-)
 _STATED_WRONG = (
     "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
     "interval is given. Check the stated value that the findings name, or let it be unknown."
@@ -66,78 +53,101 @@ _OFF_ZERO = (
     "A zero offset of a sensor would explain the record with fewer terms than were found: no interval is given. Check the "
     "zero of the channel that the findings name, or let its offset be estimated."
 )
-_NO_VALUES = (
-    "No fit found the parameters of {}, which have numbers of a grid: what was found beside them may be false. Offer fewer "
-    "terms, or terms with numbers."
+_NOT_TESTED = (
+    "With random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
+    "was stated."
 )
-_OPPOSED = (
-    "Of the terms of damping in {} one gives energy that another takes: together they stand in for a form of damping that was "
-    "not offered, such as v*abs(v). Offer more forms, or fewer of these."
-)
-_STAND_INS = (
-    "A form of force that was not offered explains the record better than terms that stand in for it."
-)
-_MEMORY_IN_DOUBT = (
-    "Whether {} has memory is in doubt: memory in another link, or a common function of d and v, explains the records "
-    "nearly as well. "
-    "Offer more terms, record with less noise or for longer, or drive the link over a wider range."
-)
-_UNSETTLED = "The search for the structure did not settle: this is the best structure it visited."
+
+
+class _Rivals(NamedTuple):
+    """What may be there in place of terms: errors of stated values, offsets, other links, forms and origins, or nothing."""
+
+    errors: tuple[Rival, ...] = ()
+    offsets: tuple[Rival, ...] = ()
+    links: tuple[Rival, ...] = ()
+    forms: tuple[Rival, ...] = ()
+    origins: tuple[Rival, ...] = ()
+    nothing: tuple[Rival, ...] = ()
+
+    @property
+    def terms(self) -> set[int]:
+        """The terms that may be replaced, by number."""
+        return {k for rival in chain(*self) for k in rival.terms}
+
+    def remarks(self, choice: Iterable[str]) -> Iterator[str]:
+        """What is said of the first of each kind, beside what is said of the `choice` of terms."""
+        yield from _remarks(self.forms)
+        yield from choice
+        yield from (rival.remark for rival in self.nothing)
+        yield from _remarks((*self.errors, *self.offsets))
+        yield from _remarks(self.links)
+        if len(self.links) > NAMED:
+            yield f"{len(self.links) - NAMED} more exchanges of a link would cost as little."
+        yield from _remarks(self.origins)
+
+    def beside(self, estimate: Estimate) -> Estimate:
+        """The estimate without intervals where an error explains more than its terms, else with those that allow for forms."""
+        for rivals, message in ((self.offsets, _OFF_ZERO), (self.errors, _STATED_WRONG)):
+            if any(rival.preferred for rival in rivals):
+                estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
+        for form in self.forms:
+            if form.moved is not None:
+                estimate = widened(estimate, np.outer(form.moved, form.moved))
+        return estimate
 
 
 def judged_discovery(
-    records: Sequence[Record],
     checks: DataChecks,
     screened: ScreenedRecords,
     selection: Selection,
-    delays: Mapping[str, float] | None = None,
+    records: Sequence[Record],
+    delays: Mapping[str, float],
     memory: Sequence[MemoryEvidence] = (),
-    frequencies: Sequence[RivalError] = (),
+    frequencies: Sequence[Rival] = (),
 ) -> Discovery:
     """The estimate of the selected structure and the evidence for it, for `memory` of a link, too.
 
     `delays` in s were found by channel; `frequencies` of hosts explain the records in place of links.
     """
-    fit, candidates = selection.fit, screened.candidates
+    fit, candidates = selection.fit, selection.candidates
     estimate = estimate_of(selection.structure, fit, records, delays, offered=candidates.full_structure)
-    dropped = DroppedTerms.of(selection.quadratic, selection.penalty, len(estimate.parameters))
+    dropped = DroppedTerms.of(selection.quadratic, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
-    told, names = admit_intervals(estimate.verdicts), selection.quadratic.names
+    told = admit_intervals(estimate.verdicts)
     tested = (firm := told and selection.settled) and not fit.random_forces
-    rivals = (*frequencies, *rival_errors(selection, estimate.structure)) if tested else ()
-    offsets = rival_offsets(selection, candidates, records[0].channels) if tested else ()
-    forms = rival_forms(selection, candidates) if tested else ()
-    moved = link_exchanges(selection, candidates) if tested or (told and candidates.hosts) else ()
-    estimate = allowing_for(_beside_rivals(estimate, rivals, offsets), forms)
-    parabolas = path_parabolas(selection, candidates)
-    needless = terms_without_gain(selection, parabolas, estimate.model_error)
-    origins = unknown_origins(estimate, records, selection, candidates) if screened.integrated else ()
-    others: tuple[_Rival, ...] = (*rivals, *offsets, *moved, *forms, *origins, *needless)
+    rivals = _tested_rivals(selection, estimate, records, frequencies) if tested else _Rivals()
+    if told and candidates.hosts and not tested:
+        rivals = _Rivals(links=rival_links(selection))
+    estimate = rivals.beside(estimate)
+    parabolas = path_parabolas(selection)
+    rivals = rivals._replace(
+        origins=rival_origins(selection, estimate, records) if screened.integrated else (),
+        nothing=terms_without_gain(selection, parabolas, estimate.model_error),
+    )
     memory = tuple(replace(law, unambiguous=law.unambiguous and told) for law in memory)
-    search = [*_doubts_of_search(screened, selection, estimate, forms), *_doubts_of_memory(memory)]
-    trusted = admit_intervals(verdicts := (*estimate.verdicts, *(verdict for verdict, _ in search)))
+    doubts = [*_doubts(screened, selection, estimate, rivals.forms, memory)]
+    verdicts = (*estimate.verdicts, *(verdict for verdict, _ in doubts))
+    trusted = admit_intervals(verdicts)
     path = selection_path(selection, parabolas)
+    # beside a model error, or where residuals hint at another term, the criterion may keep one whose interval holds zero
+    absent = np.abs(estimate.values) <= NORMAL_95 * (alone if selection.is_exact else _errors(estimate))
     discovery = Discovery(
         estimate=estimate,
-        terms=_evidence(
+        terms=term_evidence(
             selection,
-            candidates,
-            checks,
-            estimate,
+            np.asarray(estimate.for_dropped_terms).diagonal(),
             trusted=trusted,
-            replaceable=_replaceable(selection, estimate, alone, others),
+            collinear=checks.collinear,
+            in_proportion=checks.in_proportion,
+            replaceable={*np.flatnonzero(absent).tolist(), *rivals.terms},
         ),
         path=path,
         runners_up=runners_up(selection),
-        average=model_average(selection, candidates, alone),
+        average=model_average(selection, alone),
         remarks=(
-            *(remark for _, remark in search),
-            *rival_form_remarks(forms, selection),
-            *_of_choice(selection, path),
-            *(term.remark(names) for term in needless),
-            *rival_remarks((*rivals, *offsets), names),
-            *link_exchange_remarks(moved),
-            *origin_remarks(origins),
+            *(remark for _, remark in doubts),
+            *((_NOT_TESTED,) if fit.random_forces else ()),
+            *rivals.remarks(choice_remarks(selection, path)),
             *checks.remarks,
             *screened.remarks,
             *(exchange_remarks(selection) if firm else ()),
@@ -146,73 +156,26 @@ def judged_discovery(
         rounds=selection.rounds,
         seconds=estimate.seconds,
         memory=memory,
-        untested=screened.untested,
+        untested=tuple(e.name for e in screened.candidates.entries if e.name not in screened.tested),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
 
 
-def _of_choice(selection: Selection, path: Sequence[PathPoint]) -> tuple[str, ...]:
-    """Sentences on why beside a model error these terms were selected, and neither fewer nor more of them."""
-    return (
-        *free_run_remarks(selection),
-        *simplest_model_remarks(selection),
-        *larger_model_remarks(path, inexact=selection.fit.model_error > 0.0),
+def _tested_rivals(
+    selection: Selection, estimate: Estimate, records: Sequence[Record], frequencies: Sequence[Rival]
+) -> _Rivals:
+    """The rivals of a settled selection; `frequencies` of hosts explain the records in place of links."""
+    return _Rivals(
+        errors=(*frequencies, *rival_errors(selection, estimate.structure)),
+        offsets=rival_offsets(selection, records[0].channels),
+        links=rival_links(selection),
+        forms=rival_forms(selection),
     )
 
 
-def _evidence(
-    selection: Selection,
-    candidates: Candidates,
-    checks: DataChecks,
-    estimate: Estimate,
-    *,
-    trusted: bool,
-    replaceable: Collection[int],
-) -> tuple[TermEvidence, ...]:
-    """The evidence for every candidate, beside the `estimate`; terms that are `replaceable` are given by number."""
-    return term_evidence(
-        selection,
-        candidates,
-        trusted=trusted,
-        collinear=checks.collinear,
-        in_proportion=checks.in_proportion,
-        replaceable=replaceable,
-        shares=unit_shares(selection, candidates) if trusted else {},
-        added=np.asarray(estimate.for_dropped_terms).diagonal(),
-    )
-
-
-def _beside_rivals(
-    estimate: Estimate, errors: Sequence[RivalError], offsets: Sequence[RivalError]
-) -> Estimate:
-    """The estimate, without intervals where errors of stated values, or offsets of sensors, explain more than its terms."""
-    for rivals, message in ((errors, _STATED_WRONG), (offsets, _OFF_ZERO)):
-        if any(rival.is_preferred for rival in rivals):
-            return replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
-    return estimate
-
-
-class _Rival(Protocol):
-    """What may be there in place of some terms, by number."""
-
-    @property
-    def terms(self) -> tuple[int, ...]: ...
-
-
-def _replaceable(
-    selection: Selection, estimate: Estimate, alone: Floats, rivals: Sequence[_Rival]
-) -> set[int]:
-    """The numbers of the terms that something else, or nothing, may replace; `alone` (p,) are errors beside the terms kept."""
-    absent = _held_at_zero(estimate.values, alone if selection.is_exact else _errors(estimate))
-    return {*absent, *(term for rival in rivals for term in rival.terms)}
-
-
-def _held_at_zero(values: Floats, errors: Floats) -> list[int]:
-    """The coefficients, by number, whose intervals hold zero: blocks of the records, or missing terms, say more than chance.
-
-    The criterion may keep such a term beside a model error, or where residuals hint at another one; it is not certain.
-    """
-    return np.flatnonzero(np.abs(values) <= NORMAL_95 * errors).tolist()
+def _remarks(rivals: Sequence[Rival]) -> tuple[str, ...]:
+    """What is said of the first of some rivals."""
+    return tuple(rival.remark for rival in rivals[:NAMED])
 
 
 def _errors(estimate: Estimate) -> Floats:
@@ -220,39 +183,57 @@ def _errors(estimate: Estimate) -> Floats:
     return np.asarray(np.sqrt(np.maximum(np.asarray(estimate.covariance).diagonal(), 0.0)))
 
 
-def _doubts_of_search(
-    screened: ScreenedRecords, selection: Selection, estimate: Estimate, forms: Sequence[RivalForm]
-) -> list[tuple[Verdict, str]]:
-    """The verdicts that forbid trust in a search, each with a sentence."""
-    valueless = without_values(screened.candidates, selection)
-    opposed = opposed_damping(selection, screened.candidates)
-    inexact = not (selection.is_exact and admit_intervals(estimate.verdicts))
-    search = [
-        (bool(opposed), Verdict.TERMS_MAY_BE_MISSING, _OPPOSED.format(" and ".join(opposed))),
-        (
-            selection.is_exact and any(form.is_better for form in forms),
+def _doubts(
+    screened: ScreenedRecords,
+    selection: Selection,
+    estimate: Estimate,
+    forms: Sequence[Rival],
+    memory: Sequence[MemoryEvidence],
+) -> Iterator[tuple[Verdict, str]]:
+    """The verdicts that forbid trust in a search, or in memory that it found, each with a sentence."""
+    sound, exact = admit_intervals(estimate.verdicts), selection.is_exact
+    if opposed := opposed_damping(selection):
+        yield (
             Verdict.TERMS_MAY_BE_MISSING,
-            _STAND_INS,
-        ),
-        (bool(valueless), Verdict.TERMS_MAY_BE_MISSING, _NO_VALUES.format(" and ".join(valueless))),
-        (
-            not selection.is_exact and not admit_intervals(estimate.verdicts),
+            f"Of the terms of damping in {' and '.join(opposed)} one gives energy that another takes: together they stand in "
+            "for a form of damping that was not offered, such as v*abs(v). Offer more forms, or fewer of these.",
+        )
+    if exact and any(form.preferred for form in forms):
+        yield (
             Verdict.TERMS_MAY_BE_MISSING,
-            _INEXACT,
-        ),
-        (screened.integrated and inexact, Verdict.DISPLACEMENTS_INTEGRATED, _INTEGRATED),
-        (not selection.settled, Verdict.SEARCH_UNSETTLED, _UNSETTLED),
-    ]
-    return [(verdict, remark) for applies, verdict, remark in search if applies]
-
-
-def _doubts_of_memory(memory: Sequence[MemoryEvidence]) -> list[tuple[Verdict, str]]:
-    """The verdict on memory that is not certain, with a sentence."""
-    return [
-        (Verdict.LINKS_IN_DOUBT, _MEMORY_IN_DOUBT.format(law.link))
-        for law in memory
-        if law.kept and law.unambiguous and not law.certain
-    ]
+            "A form of force that was not offered explains the record better than terms that stand in for it.",
+        )
+    if valueless := without_values(selection):
+        yield (
+            Verdict.TERMS_MAY_BE_MISSING,
+            f"No fit found the parameters of {' and '.join(valueless)}, which have numbers of a grid: what was found beside "
+            "them may be false. Offer fewer terms, or terms with numbers.",
+        )
+    if not exact and not sound:
+        yield (
+            Verdict.TERMS_MAY_BE_MISSING,
+            "No selection of the terms that were offered leaves only noise, so those found may stand in for others: offer "
+            "more terms, and check the units and the zeros of the channels, and the masses.",
+        )
+    if screened.integrated and not (exact and sound):
+        yield (
+            Verdict.DISPLACEMENTS_INTEGRATED,
+            "Some displacements were integrated from velocities or accelerations, without their constants, and the laws leave "
+            "more than noise: links or terms may be false. Measure displacements, or offer more terms.",
+        )
+    if not selection.settled:
+        yield (
+            Verdict.SEARCH_UNSETTLED,
+            "The search for the structure did not settle: this is the best structure it visited.",
+        )
+    for law in memory:
+        if law.kept and law.unambiguous and not law.certain:
+            yield (
+                Verdict.LINKS_IN_DOUBT,
+                f"Whether {law.link} has memory is in doubt: memory in another link, or a common function of d and v, "
+                "explains the records nearly as well. Offer more terms, record with less noise or for longer, or drive the "
+                "link over a wider range.",
+            )
 
 
 def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats, fit: LikelihoodFit) -> Discovery:

@@ -1,6 +1,4 @@
-"""Memory that residuals show: in which link, and starting values for laws that have it, from the size of the force.
-
-Memory as a term: which link, if any, has states of its own, and by which named law.
+"""Memory as a term: which link, if any, has states of its own, and by which named law.
 
 Where no selection of functions of d and v leaves only noise, or laws with memory were offered, the links of a skeleton are
 offered these laws one at a time: stated links, and the tree of the most significant others. Rough starting values on a piece
@@ -12,23 +10,22 @@ without memory.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.model_average import MemoryEvidence
 from linkwise.discovery.rivals import link_rates
 from linkwise.discovery.screen import skeleton
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import (
-    Penalty,
     Selection,
     TermSearch,
     cost_of,
     leaves_only_noise,
-    link_motions,
     select_structure,
 )
 from linkwise.errors import IdentificationError
@@ -45,94 +42,32 @@ from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
+from linkwise.signals.base_frame import framed_records
 
 _YIELDS = 0.3  # of the deviation of the elongation, where a slider yields
-_OF_SLIDER, _OF_RELAXING = (
-    0.8,
-    0.7,
-)  # root mean square of a state over that of a sign, and over that of the elongation
-
-
-@dataclass(frozen=True)
-class SuspectedMemory:
-    """The memory in a `link` that would explain most of what a fit leaves, and how far the link moves.
-
-    `size` is the root mean square of its force in N, with a sign; `elongation` in m and `rate` in m/s are those of the link.
-    """
-
-    link: str
-    size: float
-    elongation: float
-    rate: float
-
-    def start(self, law: str) -> Mapping[str, float]:
-        """Values of the coefficients of the part with memory of a named law; none where they are not known."""
-        return _STARTS[law](self) if law in _STARTS else {}
-
-    @property
-    def slip(self) -> float:
-        """The force in N at which a slider yields."""
-        return abs(self.size) / _OF_SLIDER
-
-    @property
-    def reach(self) -> float:
-        """The elongation in m over which it does."""
-        return _YIELDS * self.elongation
-
-    @property
-    def branch(self) -> float:
-        """The stiffness in N/m of a spring that relaxes."""
-        return abs(self.size) / (_OF_RELAXING * self.elongation)
-
-
-_STARTS: Mapping[str, Callable[[SuspectedMemory], Mapping[str, float]]] = {
-    "bouc-wen": lambda own: {"F": own.slip, "x0": own.reach, "s": 0.5},
-    "dahl": lambda own: {"Fc": own.slip, "sigma": own.slip / own.reach},
-    "zener": lambda own: {"k1": own.branch, "c1": own.branch * own.elongation / own.rate},
-}
-
-
-def suspected_memory(selection: Selection, cause: Cause | None) -> SuspectedMemory | None:
-    """What a cause says of memory in a link of a selection; None where it says nothing of it."""
-    motions = link_motions(selection)
-    if cause is None or cause.term not in MEMORY_TERMS or cause.where not in motions:
-        return None
-    d, v = motions[cause.where]
-    elongation, rate = float(np.std(d)), float(np.std(v))
-    if not min(elongation, rate) > 0.0:
-        return None
-    return SuspectedMemory(cause.where, cause.size, elongation, rate)
+# root mean square of a state over that of a sign, and over that of the elongation
+_OF_SLIDER, _OF_RELAXING = 0.8, 0.7
 
 
 _LINKS = 4  # of the ranked ones that are fitted
-_CEILING, _STEPS = (
-    1.5,
-    25,
-)  # chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
+# chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
+_CEILING, _STEPS = 1.5, 25
 _STEPS_BESIDE_HOSTS = 75  # as starts follow from smoothed forces, which may be far off
 _TELLING = 1.2  # chi-square of a fit that says that a link or a law is wrong
 _NEAR = 1.5  # times the least misfit of rough starts up to which starts are refined
 _ALIKE = 10.0  # of -2 log likelihood: laws nearer than that explain the records as well
 _LINEAR = ("d", "v")
 _FORMS = ("d*abs(d)", "d**2", "d**3", "d**5", "v*abs(v)")
-_SATURATING, _SHARPEST = (
-    0.1,
-    1e-3,
-)  # of the root mean square rate of a link: where friction in place of memory saturates
-
-
-@dataclass(frozen=True, eq=False)
-class MemorySelection:
-    """A selection with a link that has memory, the search in which it was made, and the evidence for it."""
-
-    search: TermSearch
-    selection: Selection
-    evidence: tuple[MemoryEvidence, ...]
+# of the root mean square rate of a link: where friction in place of memory saturates
+_SATURATING, _SHARPEST = 0.1, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class _Hypothesis:
-    """A named law with memory on the link of a pair, by number, among the `chosen` terms; `memory` names its coefficients."""
+    """A named law with memory on the link of a pair, by number, among the `chosen` terms, and its fit once it has one.
+
+    `memory` names the coefficients of the law, `valleys` are starting values.
+    """
 
     pair: int
     law: str
@@ -141,6 +76,7 @@ class _Hypothesis:
     structure: Structure
     memory: tuple[str, ...]
     valleys: tuple[Valley, ...] = ()
+    fit: LikelihoodFit | None = None
 
     @property
     def misfit(self) -> float:
@@ -175,35 +111,70 @@ class _Hypothesis:
         except IdentificationError:
             return self
 
-    def fitted(self) -> LikelihoodFit | None:
-        """The fit from the starting values; None where the motion runs away from there."""
+    def fitted(self, records: Sequence[Record]) -> _Hypothesis:
+        """With the fit from rough starting values, or from better ones if that ends too early to compare.
+
+        Without one where the motion runs away from there.
+        """
+        rough = replace(self, fit=self._fit())
+        if rough.is_exact or (rough.fit is not None and rough.fit.chi_square > _TELLING):
+            return rough
+        refined = self.refined(records, np.inf)
+        return replace(refined, fit=refined._fit())
+
+    def _fit(self) -> LikelihoodFit | None:
         steps = _STEPS_BESIDE_HOSTS if self.structure.hosts else _STEPS
 
         def search(values: Floats) -> LikelihoodFit:
-            return self._from(values).first_fit(self.structure, ceiling=_CEILING, steps=steps)
+            return self.search.starting_at(self.structure, values).first_fit(
+                self.structure, ceiling=_CEILING, steps=steps
+            )
 
         try:
             return fit_from_valleys(search, self.valleys)
         except (IdentificationError, np.linalg.LinAlgError):
             return None
 
-    def selected(self, fit: LikelihoodFit) -> Selection | None:
-        """The subset that no candidate improves, searched from a fit; None where none is found."""
-        search = self._from(fit.values)
-        search = replace(search, sensors=replace(search.sensors, nodes=fit.optimum.point.nodes))
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """Fits that leave only noise first, then others that converged, then those that leave least."""
+        if self.fit is None:
+            return True, True, np.inf
+        return not self.is_exact, self.fit.status is not AnnealingStatus.CONVERGED, self.fit.chi_square
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the laws leave no more than noise."""
+        return self.fit is not None and leaves_only_noise(self.fit)
+
+    def criterion(self, noise: Floats, penalty: Penalty) -> float:
+        """At a `noise` (C,), or about the bound of it; infinite without a fit.
+
+        A fit that ended early has free states that follow the noise, which chi-square counts and the cost does not.
+        """
+        if self.fit is None:
+            return np.inf
+        least = 0.0 if self.is_exact else self.fit.chi_square * self.fit.samples
+        return _criterion(self.structure, self.fit, noise, penalty, least)
+
+    def selected(self) -> Selection | None:
+        """The subset of terms and links that no candidate improves, searched from the fit; None where it did not converge."""
+        if self.fit is None or self.fit.status is not AnnealingStatus.CONVERGED:
+            return None
+        search = self.search.starting_at(self.structure, self.fit.values)
+        search = replace(search, sensors=replace(search.sensors, nodes=self.fit.optimum.point.nodes))
         try:
             return select_structure(search, self.chosen)
         except IdentificationError:
             return None
 
-    def _from(self, values: Floats) -> TermSearch:
-        """The search that starts from values (p,) of the structure, and from those of the fit before for others."""
-        known = dict(zip((p.name for p in self.structure.parameters), values, strict=True))
 
-        def start(structure: Structure) -> tuple[Floats, None]:
-            return np.array([known.get(p.name, 0.0) for p in structure.parameters]), None
-
-        return replace(self.search, start=start)
+def _criterion(
+    structure: Structure, fit: LikelihoodFit, noise: Floats, penalty: Penalty, least: float = 0.0
+) -> float:
+    """Cost, at `least` some, plus penalty, where coefficients of laws with memory cost as terms do."""
+    size = penalty.term * len(structure.parameters) + penalty.link * len(structure.links)
+    return max(cost_of(fit, noise), least) + size
 
 
 def select_memory(
@@ -211,56 +182,35 @@ def select_memory(
     screened: ScreenedRecords,
     selection: Selection,
     laws: Sequence[str],
-    records: Sequence[Record],
-    suspected: SuspectedMemory | None = None,
-) -> MemorySelection | None:
-    """The selection with a link that has one of the `laws`, where it leaves only noise at a lower criterion.
+    cause: Cause | None = None,
+) -> tuple[Selection, tuple[MemoryEvidence, ...]] | None:
+    """The selection with a link that has one of the `laws`, where it leaves only noise at a lower criterion, and its evidence.
 
-    `selection` is the best without memory, `records` are framed as the equations have them, and `suspected` is the memory that
-    its residuals show.
+    `selection` is the best without memory, and `cause` explains most of what it leaves.
     """
+    records = framed_records(search.records, search.candidates.full_structure)
     ranked = _ranked(search, screened, laws, records)
     if not ranked:
         return None
     limit = _NEAR * ranked[0].misfit
     with one_blas_thread():
-        fits = [_Fitted.of(own, records) for own in _suspected(search, selection, laws, suspected)]
-        settled = {fitted.hypothesis.pair for fitted in fits if fitted.is_exact}
-        fits = [fitted for fitted in fits if fitted.hypothesis.pair in settled]
-        some = [hypothesis for hypothesis in _best_of_links(ranked) if hypothesis.pair not in settled]
-        fits += [_Fitted.of(hypothesis.refined(records, limit), records) for hypothesis in some]
-        first = min(fits, key=lambda fitted: fitted.rank).hypothesis
+        fits = [own.fitted(records) for own in _suspected(search, selection, laws, cause)]
+        settled = {fitted.pair for fitted in fits if fitted.is_exact}
+        fits = [fitted for fitted in fits if fitted.pair in settled]
+        firsts = {hypothesis.pair: hypothesis for hypothesis in reversed(ranked)}  # the best law of each link
+        best_links = [rest for rest in ranked if rest is firsts[rest.pair]][:_LINKS]
+        some = [hypothesis for hypothesis in best_links if hypothesis.pair not in settled]
+        fits += [hypothesis.refined(records, limit).fitted(records) for hypothesis in some]
+        first = min(fits, key=lambda fitted: fitted.rank)
         if first.pair not in settled:
             others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
-            fits += [_Fitted.of(hypothesis.refined(records, limit), records) for hypothesis in others]
+            fits += [hypothesis.refined(records, limit).fitted(records) for hypothesis in others]
     best = min(fits, key=lambda fitted: fitted.rank)
     chosen = best.selected()
     if chosen is None or not chosen.is_exact:
         return None
-    best, chosen = _better_law(best, chosen, fits)
     evidence = _evidence(best, chosen, fits, selection, search)
-    if evidence[0].over_none <= 0.0:
-        return None
-    return MemorySelection(best.hypothesis.search, chosen, evidence)
-
-
-def _better_law(best: _Fitted, chosen: Selection, fits: Sequence[_Fitted]) -> tuple[_Fitted, Selection]:
-    """The best law on the link, among those whose fit stopped before the flow was exact and yet leaves less."""
-    noise, penalty = chosen.noise, chosen.penalty
-    limit = best.criterion(noise, penalty)
-    rivals = [
-        fitted
-        for fitted in fits
-        if fitted.hypothesis.pair == best.hypothesis.pair and fitted.criterion(noise, penalty) < limit
-    ]
-    for rival in rivals:
-        selected = rival.selected()
-        if selected is None or not selected.is_exact:
-            continue
-        before = _criterion(chosen.structure, chosen.fit, noise, penalty)
-        if _criterion(selected.structure, selected.fit, noise, penalty) < before:
-            best, chosen = rival, selected
-    return best, chosen
+    return (chosen, evidence) if evidence[0].over_none > 0.0 else None
 
 
 def no_memory_remark(laws: Sequence[str]) -> str:
@@ -293,112 +243,57 @@ def _ranked(
 
 
 def _suspected(
-    search: TermSearch, selection: Selection, laws: Sequence[str], suspected: SuspectedMemory | None
+    search: TermSearch, selection: Selection, laws: Sequence[str], cause: Cause | None
 ) -> list[_Hypothesis]:
-    """The laws on the link that the residuals of a selection show, beside its terms, with values from both."""
-    if suspected is None:
+    """The laws on the link in which memory would explain most of what a selection leaves, with values from both.
+
+    Those of the part with memory follow from the size of the force in N that the `cause` says, and how far the link moves.
+    """
+    motions = selection.link_motions()
+    if cause is None or cause.term not in MEMORY_TERMS or cause.where not in motions:
         return []
+    elongation, rate = (float(np.std(motion)) for motion in motions[cause.where])
+    if not min(elongation, rate) > 0.0:
+        return []
+    slip, reach = abs(cause.size) / _OF_SLIDER, _YIELDS * elongation  # where a slider yields
+    branch = abs(cause.size) / (_OF_RELAXING * elongation)  # the stiffness of a spring that relaxes
+    starts = {
+        "bouc-wen": {"F": slip, "x0": reach, "s": 0.5},
+        "dahl": {"Fc": slip, "sigma": slip / reach},
+        "zener": {"k1": branch, "c1": branch * elongation / rate},
+    }
     names = [parameter.name for parameter in selection.structure.parameters]
     fitted = dict(zip(names, selection.fit.values.tolist(), strict=True))
     hypotheses = []
     for pair, given in enumerate(search.candidates.pairs):
-        if suspected.link in (given.name, *(link.name for link in given.stated)):
+        if cause.where in (given.name, *(link.name for link in given.stated)):
             for law in laws:
                 own = _Hypothesis.of(search, selection.chosen, pair, law)
-                values = fitted | {f"{suspected.link}.{name}": v for name, v in suspected.start(law).items()}
+                values = fitted | {f"{cause.where}.{key}": v for key, v in starts.get(law, {}).items()}
                 if all(parameter.name in values for parameter in own.structure.parameters):
                     start = np.array([values[parameter.name] for parameter in own.structure.parameters])
                     hypotheses.append(replace(own, valleys=(Valley(start, 0.0),)))
     return hypotheses
 
 
-def _best_of_links(ranked: Sequence[_Hypothesis]) -> list[_Hypothesis]:
-    """The best law of the best links."""
-    firsts: dict[int, _Hypothesis] = {}
-    for hypothesis in ranked:
-        firsts.setdefault(hypothesis.pair, hypothesis)
-    return list(firsts.values())[:_LINKS]
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """A hypothesis and its fit, if it has one."""
-
-    hypothesis: _Hypothesis
-    fit: LikelihoodFit | None
-
-    @classmethod
-    def of(cls, hypothesis: _Hypothesis, records: Sequence[Record]) -> _Fitted:
-        """The fit from rough starting values, or from better ones if it ends too early to compare."""
-        rough = cls(hypothesis, hypothesis.fitted())
-        if rough.is_exact or (rough.fit is not None and rough.fit.chi_square > _TELLING):
-            return rough
-        refined = hypothesis.refined(records, np.inf)
-        return cls(refined, refined.fitted())
-
-    @property
-    def rank(self) -> tuple[bool, bool, float]:
-        """Fits that leave only noise first, then others that converged, then those that leave least."""
-        if self.fit is None:
-            return True, True, np.inf
-        return not self.is_exact, self.fit.status is not AnnealingStatus.CONVERGED, self.fit.chi_square
-
-    @property
-    def moved(self) -> bool:
-        """Whether the fit left its start; one that did not says nothing of the law."""
-        return self.fit is not None and self.fit.status is not AnnealingStatus.STUCK
-
-    def selected(self) -> Selection | None:
-        """The subset of terms and links that no candidate improves, from this fit; None where it did not converge."""
-        if self.fit is None or self.fit.status is not AnnealingStatus.CONVERGED:
-            return None
-        return self.hypothesis.selected(self.fit)
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the laws leave no more than noise."""
-        return self.fit is not None and leaves_only_noise(self.fit)
-
-    def criterion(self, noise: Floats, penalty: Penalty) -> float:
-        """At a `noise` (C,), or about the bound of it; infinite without a fit.
-
-        A fit that ended early has free states that follow the noise, which chi-square counts and the cost does not.
-        """
-        if self.fit is None:
-            return np.inf
-        structure = self.hypothesis.structure
-        cost = cost_of(self.fit, noise)
-        if not self.is_exact:
-            cost = max(cost, self.fit.chi_square * self.fit.samples)
-        return cost + _size(structure, penalty)
-
-
-def _size(structure: Structure, penalty: Penalty) -> float:
-    """The penalty on a structure, where coefficients of laws with memory cost as terms do."""
-    return penalty.term * len(structure.parameters) + penalty.link * len(structure.links)
-
-
-def _criterion(structure: Structure, fit: LikelihoodFit, noise: Floats, penalty: Penalty) -> float:
-    """Cost plus penalty."""
-    return cost_of(fit, noise) + _size(structure, penalty)
-
-
 def _evidence(
-    best: _Fitted, chosen: Selection, fits: Sequence[_Fitted], selection: Selection, search: TermSearch
+    own: _Hypothesis, chosen: Selection, fits: Sequence[_Hypothesis], selection: Selection, search: TermSearch
 ) -> tuple[MemoryEvidence, ...]:
-    """The evidence for the best hypothesis, and for other laws on its link that explain the records as well."""
-    noise, penalty, own = chosen.noise, chosen.penalty, best.hypothesis
-    least = _criterion(chosen.structure, chosen.fit, noise, penalty)
-    compared = best.criterion(noise, penalty)
-    excess = {
-        (fitted.hypothesis.pair, fitted.hypothesis.law): fitted.criterion(noise, penalty) - compared
-        for fitted in fits
-    }
-    others = [value for (pair, _), value in excess.items() if pair != own.pair]
+    """The evidence for the best hypothesis, and for other laws on its link that explain the records as well.
+
+    A fit that did not leave its start says nothing of a law.
+    """
+    noise, penalty = chosen.noise, chosen.quadratic.penalty
+    compared = own.criterion(noise, penalty)
+    excess = {fitted: fitted.criterion(noise, penalty) - compared for fitted in fits}
+    others = [value for fitted, value in excess.items() if fitted.pair != own.pair]
     laws = {
-        fitted.hypothesis.law: excess[fitted.hypothesis.pair, fitted.hypothesis.law]
-        for fitted in fits
-        if fitted.hypothesis.pair == own.pair and fitted.hypothesis.law != own.law and fitted.moved
+        fitted.law: value
+        for fitted, value in excess.items()
+        if fitted.pair == own.pair
+        and fitted.law != own.law
+        and fitted.fit is not None
+        and fitted.fit.status is not AnnealingStatus.STUCK
     }
     none = [_criterion(selection.structure, selection.fit, noise, penalty)]
     for rival in (_with_forms(own, search), _with_friction(own, chosen, search)):
@@ -414,10 +309,10 @@ def _evidence(
         coefficients=own.memory,
         over_links=min(others, default=np.inf),
         over_laws=min(laws.values(), default=np.inf),
-        over_none=min(none) - least,
+        over_none=min(none) - _criterion(chosen.structure, chosen.fit, noise, penalty),
         unambiguous=chosen.settled,
     )
-    as_well = {fitted.hypothesis.law for fitted in fits if fitted.is_exact}
+    as_well = {fitted.law for fitted in fits if fitted.is_exact}
     return (
         evidence,
         *(
@@ -450,14 +345,7 @@ def _fit_without_memory(
     own: _Hypothesis, rival: Link, chosen: Selection, search: TermSearch
 ) -> LikelihoodFit | None:
     """A fit of the structure chosen with the law of `rival` in place of memory; None where it fails."""
-    pairs = list(search.candidates.pairs)
-    pair = pairs[own.pair]
-    link = rival
-    for given in pair.stated[:1]:
-        law = Law.parse(f"{given.law.text} + {rival.law.text}")
-        link = Link(given.name, given.between, law, {**given.coefficients, **rival.coefficients})
-    pairs[own.pair] = replace(pair, stated=(link, *pair.stated[1:]))
-    candidates = replace(search.candidates, pairs=tuple(pairs))
+    candidates = search.candidates.with_link(own.pair, rival)
     linear = {e.name for e in candidates.entries if e.pair == own.pair and e.term.text in _LINEAR}
     structure = candidates.structure((chosen.chosen & candidates.by_name.keys()) | linear)
     try:

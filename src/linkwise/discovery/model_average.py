@@ -26,15 +26,14 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.arrays import Floats, Indices
-from linkwise.discovery.candidates import Candidates
-from linkwise.discovery.selection import QuadraticModel, Selection, inverse_of, ranked_moves
+from linkwise.arrays import Floats
+from linkwise.discovery.criterion import CERTAIN
+from linkwise.discovery.selection import Selection
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 from linkwise.model.law import Law
 from linkwise.model.names import Name
 from linkwise.verdict import Decision
 
-_WINDOW = 10.0  # of the criterion above that of the selected model: "very strong" evidence, as of decisions that are certain
 _MOST = 60  # models that survive
 _POINTS = 41  # at which forces of models are compared
 _SAME = 1e-3  # of the force of a link: models that differ by less agree
@@ -157,92 +156,72 @@ class ModelAverage:
         return gradient
 
 
-def model_average(selection: Selection, candidates: Candidates, errors: Floats) -> ModelAverage:
+def model_average(selection: Selection, errors: Floats) -> ModelAverage:
     """The models around a selection that survive, and the probabilities of all terms that were tested.
 
     `errors` (p,) are the standard errors of the estimate beside the terms selected, which may be larger than those of the
     quadratic model: errors of the other models are as much larger.
     """
-    quadratic = selection.quadratic
+    quadratic, entries = selection.quadratic, selection.entries
     rises = {
         subset: rise
         for subset, rise in _rises(selection).items()
-        if rise >= _WINDOW or quadratic.determines(sorted(subset))
+        if rise >= CERTAIN or quadratic.determines(sorted(subset))
     }
     weights = np.exp(-0.5 * (np.array(list(rises.values())) - min(rises.values())))
     weights /= weights.sum()
     contained = np.zeros((len(rises), len(quadratic.names)))
     for row, subset in zip(contained, rises, strict=True):
         row[list(subset)] = 1.0
-    offered = [name in candidates.by_name for name in quadratic.names]
-    probabilities = {
-        name: float(probability)
-        for name, probability, is_offered in zip(quadratic.names, weights @ contained, offered, strict=True)
-        if is_offered
-    }
-    surviving = [number for number, rise in enumerate(rises.values()) if rise < _WINDOW]
+    included = weights @ contained
+    surviving = [number for number, rise in enumerate(rises.values()) if rise < CERTAIN]
     surviving = [surviving[0], *sorted(surviving[1:], key=lambda number: -weights[number])][:_MOST]
     members = np.flatnonzero(contained[surviving].any(axis=0))
-    values, covariances = (
-        np.zeros((len(surviving), len(members))),
-        np.zeros((len(surviving), *2 * members.shape)),
-    )
+    values = np.zeros((len(surviving), len(members)))
+    covariances = np.zeros((len(surviving), *2 * members.shape))
     for place, number in enumerate(surviving):
         inside = np.flatnonzero(contained[number])
         among = np.searchsorted(members, inside)
         values[place, among] = quadratic.solve(inside).values
-        covariances[place][np.ix_(among, among)] = _covariance(quadratic, inside)
+        covariances[place][np.ix_(among, among)] = quadratic.covariance(inside)
     factors = np.ones(len(members))
     own = np.sqrt(np.maximum(covariances[0].diagonal()[: len(errors)], 0.0))
     factors[: len(errors)] = np.maximum(np.divide(errors, own, out=np.ones_like(own), where=own > 0.0), 1.0)
     if len(errors):
         factors[len(errors) :] = np.median(factors[: len(errors)])
-    names = [quadratic.names[number] for number in members]
+    models = (np.flatnonzero(contained[number]) for number in surviving)
     return ModelAverage(
-        models=tuple(
-            tuple(quadratic.names[k] for k in np.flatnonzero(contained[number]) if offered[k])
-            for number in surviving
-        ),
+        models=tuple(tuple(quadratic.names[k] for k in model if k in entries) for model in models),
         weights=weights[surviving] / weights[surviving].sum(),
-        probabilities=probabilities,
-        coefficients=tuple(map(Name.parse, names)),
+        probabilities={entry.name: float(included[k]) for k, entry in entries.items()},
+        coefficients=tuple(Name.parse(quadratic.names[number]) for number in members),
         values=values,
         covariances=covariances * np.outer(factors, factors),
-        laws={name: candidates.by_name[name].term.law for name in names if name in candidates.by_name},
+        laws={entries[k].name: entries[k].term.law for k in members.tolist() if k in entries},
     )
 
 
 def _rises(selection: Selection) -> dict[frozenset[int], float]:
     """By how much the criterion of each model that moves reach is above that of the selected one, which is the first."""
-    chosen = frozenset(range(len(selection.structure.parameters)))
-    rises, left = {chosen: 0.0}, set[frozenset[int]]()
-    current, moves = chosen, list(selection.neighbours)
+    chosen, left = frozenset(selection.inside), set[frozenset[int]]()
+    rises = {chosen: 0.0}
     for _ in range(_MOST):
-        for move in moves:
+        surviving = [subset for subset, rise in rises.items() if rise < CERTAIN and subset not in left]
+        if not surviving:
+            break
+        current = min(surviving, key=lambda subset: rises[subset])
+        left.add(current)
+        try:
+            moves = selection.quadratic.moves(sorted(current), swaps=False)
+        except np.linalg.LinAlgError:  # its columns depend on each other
+            del rises[current]
+            continue
+        for move in selection.neighbours if current == chosen else moves:
             subset = frozenset(k for k in (*current, move.added) if k is not None and k != move.dropped)
             rise = rises[current] - move.gain
             if np.isfinite(rise):
                 rises[subset] = min(rise, rises.get(subset, rise))
-        left.add(current)
-        surviving = [subset for subset, rise in rises.items() if rise < _WINDOW and subset not in left]
-        if not surviving:
-            break
-        current = min(surviving, key=lambda subset: rises[subset])
-        try:
-            moves = ranked_moves(selection.quadratic, selection.penalty, sorted(current), swaps=False)
-        except np.linalg.LinAlgError:  # its columns depend on each other
-            moves = []
-            del rises[current]
-            left.add(current)
-            current = chosen
     return rises
-
-
-def _covariance(quadratic: QuadraticModel, inside: Indices) -> Floats:
-    inverse = inverse_of(quadratic.h[np.ix_(inside, inside)])
-    if quadratic.scatter is None:
-        return inverse
-    return np.asarray(inverse @ quadratic.scatter[np.ix_(inside, inside)] @ inverse)
 
 
 @dataclass(frozen=True)
@@ -319,10 +298,6 @@ class RunnerUp:
     margin: float
 
 
-#: Rise of the criterion that makes the decision certain, as that for a term.
-_CERTAIN = 10.0
-
-
 @dataclass(frozen=True)
 class MemoryEvidence:
     """The evidence that a link has memory, by a named law.
@@ -379,7 +354,7 @@ class MemoryEvidence:
     @property
     def decision(self) -> Decision:
         """How firm it is that this link has memory, whatever the law."""
-        firm = self.unambiguous and min(self.over_links, self.over_none) > _CERTAIN
+        firm = self.unambiguous and min(self.over_links, self.over_none) > CERTAIN
         return Decision.CERTAIN if firm else Decision.DOUBTFUL
 
     @property
@@ -390,7 +365,7 @@ class MemoryEvidence:
     @property
     def law_certain(self) -> bool:
         """Whether no other law that was tried explains the records as well."""
-        return self.certain and self.over_laws > _CERTAIN
+        return self.certain and self.over_laws > CERTAIN
 
     @property
     def margin(self) -> float:

@@ -9,35 +9,32 @@ fit has the whole of it, and pays an equal part of what it says with each block.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.selection import Selection
 from linkwise.likelihood.search import FEWEST, block_scores
 from linkwise.likelihood.shooting.normal_equations import add_prior
 from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.tests.diagnosis import link_forces
-from linkwise.likelihood.tests.score_test import CandidateForce, candidate_forces
+from linkwise.likelihood.tests.score_test import candidate_forces
 from linkwise.runtime import one_blas_thread
 
 _BLOCKS = 10  # long enough for what residuals remember
 
 
-@dataclass(frozen=True)
-class PredictionExcess:
-    """The `excess` of a model over the selected one in -2 log likelihood of the blocks left out, and its `scatter`."""
+class Excess(NamedTuple):
+    """What a model pays more than another one in -2 log likelihood of the blocks left out, and the `scatter` of that."""
 
     excess: float
     scatter: float
 
-    @classmethod
-    def of(cls, excesses: Floats) -> PredictionExcess:
-        """That of the `excesses` (B,) of blocks."""
-        return cls(float(excesses.sum()), float(np.sqrt(len(excesses)) * np.std(excesses, ddof=1)))
+
+def _excess(of_blocks: Floats) -> Excess:
+    return Excess(float(of_blocks.sum()), float(np.sqrt(len(of_blocks)) * np.std(of_blocks, ddof=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +42,8 @@ class BlockParabolas:
     """Slopes (B, u) and curvatures (B, u, u) of blocks in u scaled unknowns about a fit, where these have `values` (u,).
 
     The first of them belong to coefficients, in the places that `numbers` gives, and the first `selected` to those of the fit;
-    the others are errors of sensors, which every model finds. `shares` are those of the force of its link that each term
-    makes, by number. `prior` is the slope (u,) and the curvature (u, u) of what is known beforehand, which are in no block;
-    `cost` is that of the fit.
+    the others are errors of sensors, which every model finds. `prior` is the slope (u,) and the curvature (u, u) of what is
+    known beforehand, which are in no block; `cost` is that of the fit.
     """
 
     slopes: Floats
@@ -55,11 +51,10 @@ class BlockParabolas:
     values: Floats
     numbers: dict[int, int]
     selected: int
-    shares: dict[int, float]
     prior: tuple[Floats, Floats] | None = None
     cost: float = 0.0
 
-    def prediction(self, chosen: Collection[int], than: Collection[int] | None = None) -> PredictionExcess:
+    def prediction(self, chosen: Collection[int], than: Collection[int] | None = None) -> Excess:
         """That of the model with the coefficients `chosen`, by number; NaN where it is not determined without a block.
 
         Over the selected model, or over that with the coefficients `than`.
@@ -67,16 +62,16 @@ class BlockParabolas:
         try:
             excess = self._paid(chosen) - self._paid(range(self.selected) if than is None else than)
         except np.linalg.LinAlgError:
-            return PredictionExcess(np.nan, np.nan)
-        return PredictionExcess.of(excess)
+            return Excess(np.nan, np.nan)
+        return _excess(excess)
 
-    def prediction_of(self, values: Floats) -> PredictionExcess:
+    def prediction_of(self, values: Floats) -> Excess:
         """That of other `values` (p,) of the coefficients of the fit, scaled, over the selected model."""
         move = np.zeros(len(self.values))
         move[: self.selected] = values - self.values[: self.selected]
         move[self.selected : len(self.numbers)] = -self.values[self.selected : len(self.numbers)]
         paid = self.curvatures @ move @ move - 2.0 * self.slopes @ move
-        return PredictionExcess.of(paid - self._paid(range(self.selected)))
+        return _excess(paid - self._paid(range(self.selected)))
 
     def _paid(self, chosen: Collection[int]) -> Floats:
         """(B,) what the model pays for each block, fitted to the others."""
@@ -98,80 +93,27 @@ class BlockParabolas:
         return paid
 
 
-@dataclass(frozen=True)
-class TermWithoutGain:
-    """A term, by number in `terms`, of a `share` of the force of its link, that predicts nothing, beside a `model_error`."""
-
-    terms: tuple[int]
-    share: float
-    model_error: float
-
-    def remark(self, names: Sequence[str]) -> str:
-        """A sentence for the user; `names` are those of all terms by number."""
-        return (
-            f"{names[self.terms[0]]} makes {100.0 * self.share:.2g} % of the force of its link, less than the model error of "
-            f"{100.0 * self.model_error:.2g} %, and pieces of the record that were left out are predicted as well without it."
-        )
-
-
-def terms_without_gain(
-    selection: Selection, parabolas: BlockParabolas | None, model_error: float
-) -> tuple[TermWithoutGain, ...]:
-    """Terms that make less of the force of their link than the model error and by which no prediction gains measurably.
-
-    `model_error` is the part of the forces that the laws leave unexplained. None where the selection is without one.
-    """
-    if parabolas is None or not selection.fit.model_error > 0.0:
-        return ()
-    every = range(len(selection.structure.parameters))
-    small = [k for k in every if parabolas.shares.get(k, np.inf) < model_error]
-    predictions = [parabolas.prediction([k for k in every if k != number]) for number in small]
-    return tuple(
-        TermWithoutGain((number,), parabolas.shares[number], model_error)
-        for number, prediction in zip(small, predictions, strict=True)
-        if prediction.excess <= prediction.scatter
-    )
-
-
-@np.errstate(over="ignore", invalid="ignore")  # a term may be infinite somewhere
-def block_parabolas(
-    selection: Selection, candidates: Candidates, added: Sequence[int]
-) -> BlockParabolas | None:
+def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockParabolas | None:
     """Those of the blocks of the records, in the parameters of a selection and the terms `added`, by number.
 
     None where the records are too short for blocks, or random forces act.
     """
-    optimum, structure = selection.fit.optimum, selection.structure
-    segments, p = optimum.segments, len(structure.parameters)
+    optimum = selection.fit.optimum
+    segments, p = optimum.segments, len(selection.inside)
     if segments.count < FEWEST * _BLOCKS or selection.fit.random_forces:
         return None
-    names, index = selection.quadratic.names, structure.topology.index
-    terms = [k for k in (*range(p), *added) if names[k] in candidates.by_name]
-    entries = [candidates.by_name[names[k]] for k in terms]
-    pairs = [candidates.pairs[entry.pair].between for entry in entries]
-    forces = [
-        CandidateForce(index[first], index[second], entry.term.law)
-        for entry, (first, second) in zip(entries, pairs, strict=True)
-    ]
-    selected = len(terms) - len(added)
-    with one_blas_thread():
+    forces = selection.candidates.forces([selection.entries[k] for k in added], selection.structure)
+    with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):  # a term may be infinite somewhere
         misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-        _, units = candidate_forces(optimum, misfit, forces)
-        tested, _ = candidate_forces(optimum, misfit, forces[selected:])
+        tested, _ = candidate_forces(optimum, misfit, forces)
         scores = block_scores(
             segments, misfit, optimum.scales, optimum.loss, optimum.q, _BLOCKS, candidates=tested
         )
-        of_links = {
-            frozenset(link.between): force
-            for link, force in zip(structure.links, link_forces(optimum, misfit), strict=False)
-        }
     if scores is None:
         return None
-    own = p + len(added)
     values = np.zeros(scores.scores.shape[1])
     values[:p] = optimum.point.theta / optimum.scales.theta[:p]
-    scale = optimum.noise**2 * _overdispersion(selection, scores.information, optimum.scales.theta[:p], own)
-    shares = _shares(selection, terms, pairs, units, of_links)
+    scale = optimum.noise**2 * selection.quadratic.overdispersion
     numbers = {k: place for place, k in enumerate((*range(p), *added))}
     slope, curvature = np.zeros_like(scores.scores[0]), np.zeros_like(scores.information[0])
     if segments.prior is not None:
@@ -182,32 +124,4 @@ def block_parabolas(
     )
     prior = slope / scale, curvature / scale
     cost = misfit.cost(optimum.q) / scale
-    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, shares, prior, cost)
-
-
-def _shares(
-    selection: Selection,
-    terms: Sequence[int],
-    pairs: Sequence[tuple[str, str]],
-    units: Floats,
-    of_links: Mapping[frozenset[str], float],
-) -> dict[int, float]:
-    """By number of the `terms` the parts that they make of the forces of their links; `units` (t,) are those of the terms."""
-    p = len(selection.structure.parameters)
-    sizes = selection.quadratic.solve(range(p)).values
-    larger = selection.quadratic.additions(range(p))
-    by_number = dict(zip(larger.numbers.tolist(), larger.values.tolist(), strict=True))
-    return {
-        k: float(abs(sizes[k] if k < p else by_number[k]) / unit / force)
-        for k, unit, pair in zip(terms, units.tolist(), pairs, strict=True)
-        if (force := of_links.get(frozenset(pair), 0.0)) > 0.0
-    }
-
-
-def _overdispersion(selection: Selection, curvatures: Floats, theta: Floats, own: int) -> float:
-    """By what the curvature of the model of a selection is less than that of all blocks."""
-    whole, p = curvatures.sum(axis=0), len(theta)
-    beside = [*range(p), *range(own, len(whole))]
-    inverse = np.linalg.inv(whole[np.ix_(beside, beside)])[:p, :p]
-    h = selection.quadratic.h[:p, :p] * np.outer(theta, theta) * selection.fit.optimum.noise**2
-    return float(p / np.trace(h @ inverse))
+    return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, prior, cost)

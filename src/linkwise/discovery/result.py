@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import inf, isfinite, isnan, nan
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
+from linkwise.discovery.criterion import CERTAIN
 from linkwise.discovery.model_average import MemoryEvidence, ModelAverage, PathPoint, RunnerUp
 from linkwise.discovery.terms import Term
 from linkwise.display import (
@@ -29,10 +30,6 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
 from linkwise.model.structure import Structure
 from linkwise.verdict import Decision, Grade, Verdict, admit_intervals
-
-#: Rise of the criterion, on the scale of -2 log likelihood, that makes a decision certain: the odds are exp(5) to 1 or better,
-#: "very strong" evidence.
-CERTAIN = 10.0
 
 _SMALL, _SMALL_DAMPER = 0.01, 0.001  # of the force of a link: terms below them are as good as absent
 
@@ -330,41 +327,22 @@ class Discovery(JudgedView):
                 {"terms": list(terms), "weight": float(weight)}
                 for terms, weight in zip(self.average.models, self.average.weights, strict=True)
             ],
-            "path": [
-                {
-                    "terms": point.terms,
-                    "cost": point.cost,
-                    "criterion": point.criterion,
-                    "step": point.step,
-                    "chosen": point.chosen,
-                    "prediction": point.prediction,
-                    "scatter": point.scatter,
-                    "share": point.share,
-                }
-                for point in self.path
-            ],
-            "runners_up": [{"change": model.change, "margin": model.margin} for model in self.runners_up],
+            "path": [asdict(point) for point in self.path],
+            "runners_up": [asdict(model) for model in self.runners_up],
             "memory": [law.to_dict() for law in self.memory],
             "untested": list(self.untested),
         }
 
 
 def _as_dict(term: TermEvidence) -> dict[str, Any]:
+    plain = asdict(term)
+    del plain["link"]
+    plain["reliable"], plain["told"] = plain.pop("unambiguous"), plain.pop("identifiable")
     return {
-        "name": term.name,
+        **plain,
         "between": list(term.between),
-        "term": term.term,
-        "kept": term.kept,
-        "reliable": term.unambiguous,
         "certain": term.certain,
-        "told": term.identifiable,
-        "possible_share": term.possible_share,
         "decision": term.decision.value,
-        "value": term.value,
-        "standard_error": term.standard_error,
-        "unit": term.unit,
-        "z": term.z,
-        "margin": term.margin,
     }
 
 
@@ -389,7 +367,8 @@ def discovery_text(discovery: Discovery) -> str:
     first, *sentences = headline(discovery)
     blocks = ["\n".join([first, *(paragraph(sentence) for sentence in sentences)])]
     links = links_by_certainty(discovery)
-    masses = [*mass_rows(discovery), *_mode_rows(discovery)]
+    modes = [coefficient for mode in discovery.estimate.modes for coefficient in mode.coefficients]
+    masses = [*mass_rows(discovery), *_unknown_rows(modes)]
     terms = [row for link in links for row in term_rows(discovery, link)]
     table = iter(align_columns([TERM_HEAD, *masses, *terms]))
     lines = [next(table), *(next(table) for _ in masses)]
@@ -455,9 +434,8 @@ def certainty_sentence(discovery: Discovery) -> str:
     dropped = len(discovery.doubtful) - selected
     if not discovery.doubtful:
         return "Every decision is certain."
-    parts = [f"{selected} of the terms kept"] * (selected > 0) + [f"{dropped} of those dropped"] * (
-        dropped > 0
-    )
+    counts = ((selected, "the terms kept"), (dropped, "those dropped"))
+    parts = [f"{count} of {terms}" for count, terms in counts if count]
     return f"In doubt: {' and '.join(parts)}."
 
 
@@ -479,20 +457,15 @@ def link_title(discovery: Discovery, link: LinkEstimate) -> str:
 
 def mass_rows(discovery: Discovery) -> Rows:
     """A row for every mass that was unknown."""
-    return [
-        (mass.name.removesuffix(".mass"), *_term_row(mass, None, marked=False)[1:4], "", mass.unit)
-        for mass in discovery.estimate.masses
-        if not mass.known
-    ]
+    return _unknown_rows(discovery.estimate.masses)
 
 
-def _mode_rows(discovery: Discovery) -> Rows:
-    """A row for every frequency and damping of a mode that was not known exactly."""
+def _unknown_rows(coefficients: Sequence[CoefficientEstimate]) -> Rows:
+    """A row for every mass, or frequency and damping of a mode, that was not known exactly."""
     return [
-        (coefficient.name, *_term_row(coefficient, None, marked=False)[1:4], "", coefficient.unit)
-        for mode in discovery.estimate.modes
-        for coefficient in mode.coefficients
-        if not coefficient.known
+        (each.name.removesuffix(".mass"), *_term_row(each, None, marked=False)[1:4], "", each.unit)
+        for each in coefficients
+        if not each.known
     ]
 
 
@@ -628,10 +601,10 @@ def percentage(probability: float) -> str:
     return f"{100.0 * probability:.0f} %"
 
 
-def rough(value: float) -> str:
+def rough(value: float, infinite: str = "any") -> str:
     """A number to three digits."""
     if value == inf:
-        return "any"
+        return infinite
     return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"
 
 
@@ -651,21 +624,10 @@ def memory_sentence(evidence: MemoryEvidence) -> str:
     return f"{evidence.link} may have memory, which is in doubt: {evidence.law}."
 
 
-def memory_rows(memory: Sequence[MemoryEvidence]) -> list[tuple[str, ...]]:
+def memory_rows(memory: Sequence[MemoryEvidence]) -> Rows:
     """By how much the criterion rises without memory, with it in another link, and with another law."""
-    margins = [
-        (
-            evidence.link,
-            evidence.law,
-            *map(_rough, (evidence.over_none, evidence.over_links, evidence.over_laws)),
-        )
-        for evidence in memory
+    margins = [(law.link, law.law, law.over_none, law.over_links, law.over_laws) for law in memory]
+    return [
+        MEMORY_HEAD,
+        *((link, law, *(rough(value, "none tried") for value in over)) for link, law, *over in margins),
     ]
-    return [MEMORY_HEAD, *margins]
-
-
-def _rough(value: float) -> str:
-    """A number to three digits."""
-    if value == inf:
-        return "none tried"
-    return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.1e}"

@@ -77,11 +77,10 @@ class TermScore:
 class _ComparedTerm:
     """`value` times the function `basis` of d and v, whose `samples` (200,) at fixed points are compared.
 
-    `found` says that the basis has parameters that were found, such as a gap.
+    `has_parameters` says that the basis has parameters that were found, such as a gap.
     """
 
     name: Name
-    link: str
     ends: frozenset[str]
     value: float
     basis: Expression
@@ -117,25 +116,14 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     >>> lw.discovery.term_score(linear, chain).missing
     ('nes1.beta',)
     """
-    _require_comparable(discovered, truth)
-    orientation = {frozenset(link.between): link.between for link in discovered.links}
-    ours, theirs = (
-        [
-            term
-            for link in structure.links
-            if link.name not in structure.modes
-            for term in _terms(link, orientation)
-            if term.value != 0.0
-        ]
-        for structure in (discovered, truth)
-    )
-    right = [term for term in ours if any(_factor(term, true_term) is not None for true_term in theirs)]
-    missing = [true_term for true_term in theirs if all(_factor(term, true_term) is None for term in ours)]
-    extra = [term for term in ours if term not in right]
+    ours, theirs = _compared(discovered, truth)
+    same = np.array([[_factor(term, true) is not None for true in theirs] for term in ours])
+    same = same.reshape(len(ours), len(theirs))
+    found, right = np.any(same, axis=0).tolist(), np.any(same, axis=1).tolist()
     return TermScore(
-        right=tuple(term.name for term in right),
-        missing=tuple(term.name for term in missing),
-        extra=tuple(term.name for term in extra),
+        right=tuple(term.name for term, is_right in zip(ours, right, strict=True) if is_right),
+        missing=tuple(term.name for term, is_found in zip(theirs, found, strict=True) if not is_found),
+        extra=tuple(term.name for term, is_right in zip(ours, right, strict=True) if not is_right),
         missing_links=_links_elsewhere(truth, {term.ends for term in ours}),
         extra_links=_links_elsewhere(discovered, {term.ends for term in theirs}),
     )
@@ -172,15 +160,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     >>> lw.discovery.align_truth(lw.Structure("found", chain.masses, links), chain).link("m1-ground").law.text
     'k*d + true1*(v)'
     """
-    _require_comparable(discovered, truth)
-    orientation = {frozenset(link.between): link.between for link in discovered.links}
-    theirs = [
-        term
-        for link in truth.links
-        if link.name not in truth.modes
-        for term in _terms(link, orientation)
-        if term.value != 0.0
-    ]
+    _, theirs = _compared(discovered, truth)
     done: set[frozenset[str]] = set()
     links = []
     for link in discovered.links:
@@ -232,7 +212,6 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
         function = _reversed(basis) if reversed_ else basis
         yield _ComparedTerm(
             Name(link.name, name),
-            link.name,
             ends,
             value,
             function,
@@ -276,7 +255,11 @@ def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[s
     )
 
 
-def _require_comparable(discovered: Structure, truth: Structure) -> None:
+def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
+    """The terms of both that are not 0, written for the order of ends of the discovered links; modes have none.
+
+    Raises StructureError if the two cannot be compared.
+    """
     refuse_memory((*discovered.links, *truth.links), COMPARISON)
     missing = [name for name in discovered.mass_names if name not in truth.mass_names]
     if missing:
@@ -284,3 +267,15 @@ def _require_comparable(discovered: Structure, truth: Structure) -> None:
             f"the true structure does not have the mass {', '.join(missing)}, so the two cannot be compared; it has "
             f"{', '.join(truth.mass_names)}"
         )
+    orientation = {frozenset(link.between): link.between for link in discovered.links}
+    ours, theirs = (
+        [
+            term
+            for link in structure.links
+            if link.name not in structure.modes
+            for term in _terms(link, orientation)
+            if term.value != 0.0
+        ]
+        for structure in (discovered, truth)
+    )
+    return ours, theirs

@@ -11,7 +11,7 @@ list of terms, and are selected one by one.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -195,19 +195,9 @@ def _remembers(summand: str, law: NamedLaw) -> bool:
     return not set(symbols(Law.parse(summand).expression)).isdisjoint(law.states)
 
 
-def _summands(text: str) -> Sequence[str]:
+def _summands(text: str) -> list[str]:
     """The summands of a law, without the brackets of others."""
-    return tuple(_split_sum(text))
-
-
-def _split_sum(text: str) -> Iterator[str]:
-    depth = begin = 0
-    for place, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0 and text.startswith(" + ", place):
-            yield text[begin:place]
-            begin = place + 3
-    yield text[begin:]
+    return _split(text, " + ")
 
 
 DEFAULT = "v, d, d**2, d**3"
@@ -452,7 +442,7 @@ def _number(value: float | None, name: str) -> str:
 def _require_independent(terms: Sequence[Term]) -> None:
     """IdentificationError if a term is undefined for negative d or v, or a linear combination of the terms before it.
 
-    Gram-Schmidt orthogonalisation of the terms' values at random points (d, v).
+    By the QR factors of the terms' values at random points (d, v).
     """
     rng = np.random.default_rng(0)
     d, v = rng.choice([-1.0, 1.0], (2, _SAMPLES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _SAMPLES))
@@ -467,19 +457,13 @@ def _require_independent(terms: Sequence[Term]) -> None:
                 "abs and sign, as in sign(d)*sqrt(abs(d))"
             )
     values = values[:, np.all(np.abs(values) < _LARGEST, axis=0)]
-    basis: list[Floats] = []
-    for number, (term, column) in enumerate(zip(terms, values, strict=True)):
-        residual = column
-        for _ in range(2):  # the second pass removes the rounding error of the first
-            residual = residual - sum(
-                (vector * (vector @ residual) for vector in basis), start=np.zeros(len(column))
-            )
-        if np.linalg.norm(residual) <= _DEPENDENT * np.linalg.norm(column):
-            before = ", ".join(earlier.text for earlier in terms[:number])
-            raise IdentificationError(
-                f"the term {term.text!r} is a linear combination of {before or 'no terms (it is zero)'}; leave it out"
-            )
-        basis.append(residual / np.linalg.norm(residual))
+    size = np.linalg.norm(values, axis=1, keepdims=True)
+    left = np.abs(np.linalg.qr((values / np.where(size > 0.0, size, 1.0)).T).R.diagonal())
+    for number in np.flatnonzero(left <= _DEPENDENT)[:1].tolist():
+        before = ", ".join(earlier.text for earlier in terms[:number])
+        raise IdentificationError(
+            f"the term {terms[number].text!r} is a linear combination of {before or 'no terms (it is zero)'}; leave it out"
+        )
 
 
 def offered_memory(text: str | Sequence[str]) -> tuple[str, ...]:
@@ -491,15 +475,12 @@ def _parts(text: str | Sequence[str]) -> list[str]:
     return _split(text) if isinstance(text, str) else [part.strip() for part in text]
 
 
-def _split(text: str) -> list[str]:
-    """The parts of a list: between commas that are outside of brackets."""
-    parts, depth = [""], 0
-    for character in text:
-        depth += (character == "(") - (character == ")")
-        if character == "," and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += character
+def _split(text: str, separator: str = ",") -> list[str]:
+    """The parts of a list: between separators that are outside of brackets."""
+    parts: list[str] = []
+    for piece in text.split(separator):
+        is_open = bool(parts) and parts[-1].count("(") > parts[-1].count(")")
+        parts = [*parts[:-1], parts[-1] + separator + piece] if is_open else [*parts, piece]
     return [part.strip() for part in parts if part.strip()]
 
 

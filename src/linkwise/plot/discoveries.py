@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from linkwise.discovery.result import CERTAIN, Discovery, TermEvidence, runner_up_changes
+from linkwise.discovery.criterion import CERTAIN
+from linkwise.discovery.result import Discovery, TermEvidence, runner_up_changes
 from linkwise.plot.style import (
     IDENTIFIED,
     MEASURED,

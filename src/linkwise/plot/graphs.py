@@ -20,7 +20,8 @@ from scipy.sparse.csgraph import connected_components, shortest_path
 
 from linkwise.analysis.potential_wells import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
-from linkwise.discovery.result import CERTAIN, Discovery, headline
+from linkwise.discovery.criterion import CERTAIN
+from linkwise.discovery.result import Discovery, headline
 from linkwise.model.link import GROUND
 from linkwise.plot import style
 from linkwise.plot.style import (

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from linkwise import __version__
+from linkwise.discovery.criterion import CERTAIN
 from linkwise.discovery.result import (
-    CERTAIN,
     PATH_TITLE,
     Discovery,
     TermEvidence,
