@@ -23,7 +23,7 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
-from linkwise.likelihood.explained import explained_answer
+from linkwise.likelihood.explained import answer_with_sensors, explained_answer
 from linkwise.likelihood.fit import LikelihoodFit, denoised, likelihood_fit, motion_of_links, require_told
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
@@ -46,7 +46,6 @@ from linkwise.likelihood.options import (
     CALIBRATION,
     INPUT_NOISE,
     LikelihoodOptions,
-    answer_with_sensors,
     errors_to_find,
     require_known_kinds,
     unknown_gains,

@@ -16,7 +16,19 @@ from typing import TypeVar
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.options import LikelihoodOptions, distinct_error, is_admissible, with_error
+from linkwise.likelihood.options import (
+    ADMISSIBLE,
+    OF_FORCE,
+    Answer,
+    Fit,
+    LikelihoodOptions,
+    Report,
+    Search,
+    is_admissible,
+    require_known_kinds,
+    with_delays,
+    with_error,
+)
 from linkwise.likelihood.random_forces import noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
@@ -32,6 +44,7 @@ from linkwise.verdict import Grade, Verdict
 
 _ERRORS = 4  # that are added at most: with more, a term is missing rather
 _TERMS = 2  # the same of terms, and what is off beside one: with more, the laws are of another form
+_DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very strong" evidence
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
 _TRIED = 3  # causes that are as likely
@@ -40,20 +53,64 @@ _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 Rung = TypeVar("Rung")
 
 
-def explained(
-    stated: Rung, beside: Callable[[Rung], Rung | None], enough: Callable[[Rung], bool], most: int
-) -> Rung:
-    """The last of answers from that as stated on, each `beside` what the one before lacks, until one is `enough`.
+def explained(stated: Rung, beside: Callable[[Rung], Rung | None], most: int) -> Rung:
+    """The last of answers from that as stated on, each `beside` what the one before lacks, of which `most` are added.
 
-    There is none beside an answer that lacks nothing which can be added; `most` are added.
+    There is none beside an answer that lacks nothing, or nothing which can be added.
     """
     current = stated
     for _ in range(most):
-        wider = None if enough(current) else beside(current)
+        wider = beside(current)
         if wider is None:
             break
         current = wider
     return current
+
+
+def answer_with_sensors(
+    search: Search[Fit],
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    admitted: Sequence[str],
+    report: Report[Fit, Answer],
+) -> Answer:
+    """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
+
+    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
+    that is named twice, and a delay that cannot be found.
+    """
+    require_known_kinds((options.offsets, options.gains, options.delays), admitted)
+
+    def answered(options: LikelihoodOptions) -> tuple[LikelihoodOptions, Answer, bool]:
+        return options, *with_delays(search, records, options, report)
+
+    def beside(
+        rung: tuple[LikelihoodOptions, Answer, bool],
+    ) -> tuple[LikelihoodOptions, Answer, bool] | None:
+        options, answer, interrupted = rung
+        error = None if interrupted else _distinct_error(answer.diagnosis)
+        if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
+            return None
+        wider = with_error(options, error, records[0])
+        return None if wider is None else answered(wider)
+
+    return explained(answered(options), beside, len(ADMISSIBLE) * len(records[0].channels))[1]
+
+
+def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
+    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
+    instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
+    if not instruments or not is_admissible(instruments[0]):
+        return None
+    first = instruments[0]
+    is_late = first.kind.endswith("delay")
+    return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
+
+
+def _rivals(first: Cause, second: Cause) -> bool:
+    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
+    kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    return second.kind in kinds and second.gain > first.gain - _DISTINCT
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,23 +149,21 @@ def explained_answer(
     first = _Model(structure, options, (), stated)
     if first.is_explained or stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
         return stated
-    error = partial(_beside_error, records, answered, first)
-    last = explained(first, error, lambda model: model.is_explained, _ERRORS)
+    last = explained(first, partial(_beside_error, records, answered, first), _ERRORS)
     if last.is_explained:
         return replace(last.answer, added=_as_found(last.added, last.answer))
     bar = part(options.progress, 1.0, 1.0)  # the search itself is done
-    quiet = replace(options, progress=bar, steps=_STEPS)
-    lacking = partial(_beside_cause, records, answered)
-    last = explained(replace(first, options=quiet), lacking, lambda model: model.is_explained, _TERMS)
-    return (
-        replace(stated, alternative=replace(last.answer, added=last.added)) if last.is_explained else stated
-    )
+    first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
+    last = explained(first, partial(_beside_cause, records, answered), _TERMS)
+    return replace(stated, alternative=replace(last.answer, added=last.added) if last.is_explained else None)
 
 
 def _beside_error(
     records: Sequence[Record], answered: Answered, first: _Model, model: _Model
 ) -> _Model | None:
     """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first."""
+    if model.is_explained:
+        return None
     rung = _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
     return None if rung is None else _refitted(answered, model, model.structure, *rung)
 
@@ -119,7 +174,7 @@ def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) 
     Of those that are as likely the one that explains most; None where another one, of other laws, explains as much. That the
     records contradict sensors or stated values alone is said of the answer.
     """
-    causes = model.answer.diagnosis
+    causes = () if model.is_explained else model.answer.diagnosis
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
     least = max(_ALIKE * causes[0].gain, named[0].gain - _AS_LIKELY) if named else 0.0
     fits = (_with(cause, records, answered, model) for cause in [c for c in named if c.gain > least][:_TRIED])
@@ -188,7 +243,7 @@ def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause
 
 def _first_error(options: LikelihoodOptions, records: Sequence[Record], current: Estimate) -> _Rung | None:
     """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
-    first = distinct_error(current.diagnosis)
+    first = _distinct_error(current.diagnosis)
     if first is None or first is not current.diagnosis[0]:
         return None
     if options.random and first.kind.endswith(("delay", "gain")):
