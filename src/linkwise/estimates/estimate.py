@@ -494,7 +494,7 @@ class Estimate(JudgedView):
     def _alternative_document(self, other: Estimate) -> dict[str, Any]:
         """The second answer as plain data: the first term that it adds, its link and law, all of its laws and coefficients."""
         laws = self._laws_of(other)
-        term = other.added[0].term
+        term = next(cause.term for cause in other.added if cause.term)
         link = next(name for name, law in laws.items() if f"({term})" in law)
         unknown = {name: c for name, c in other._coefficients.items() if not c.known}
         return {

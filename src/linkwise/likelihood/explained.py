@@ -46,6 +46,7 @@ _ERRORS = 4  # that are added at most: with more, a term is missing rather
 _TERMS = 2  # the same of terms, and what is off beside one: with more, the laws are of another form
 _DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very strong" evidence
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
+_NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
 _TRIED = 3  # causes that are as likely
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
@@ -150,12 +151,15 @@ def explained_answer(
     if first.is_explained or stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
         return stated
     last = explained(first, partial(_beside_error, records, answered, first), _ERRORS)
-    if last.is_explained:
-        return replace(last.answer, added=_as_found(last.added, last.answer))
-    bar = part(options.progress, 1.0, 1.0)  # the search itself is done
-    first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
-    last = explained(first, partial(_beside_cause, records, answered), _TERMS)
-    return replace(stated, alternative=replace(last.answer, added=last.added) if last.is_explained else None)
+    if not last.is_explained:
+        bar = part(options.progress, 1.0, 1.0)  # the search itself is done
+        first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
+        last = explained(first, partial(_beside_cause, records, answered), _TERMS)
+    if not last.is_explained:
+        return stated
+    answer = replace(last.answer, added=_as_found(last.added, last.answer))
+    as_stated = all(cause.is_instrument for cause in last.added)
+    return answer if as_stated else replace(stated, alternative=answer)
 
 
 def _beside_error(
@@ -171,13 +175,17 @@ def _beside_error(
 def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
     """The model with the first of the terms and links that the diagnosis of its answer names, or next to it any other cause.
 
-    Of those that are as likely the one that explains most; None where another one, of other laws, explains as much. That the
-    records contradict sensors or stated values alone is said of the answer.
+    Of those that are as likely, and an error that a term hardly exceeds, the one that explains most; None where another one
+    explains as much. That the records contradict stated values alone is said of the answer.
     """
     causes = () if model.is_explained else model.answer.diagnosis
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
     least = max(_ALIKE * causes[0].gain, named[0].gain - _AS_LIKELY) if named else 0.0
-    fits = (_with(cause, records, answered, model) for cause in [c for c in named if c.gain > least][:_TRIED])
+    tried = [cause for cause in named if cause.gain > least][:_TRIED]
+    if tried and not (model.added or causes[0].is_instrument):
+        errors = (cause for cause in causes if is_admissible(cause))
+        tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
+    fits = (_with(cause, records, answered, model) for cause in tried)
     likeliest = sorted(
         (richer for richer in fits if richer is not None),
         key=lambda richer: (not richer.is_explained, richer.misfit),
