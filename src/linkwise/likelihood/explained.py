@@ -183,7 +183,7 @@ def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) 
     least = max(_ALIKE * causes[0].gain, named[0].gain - _AS_LIKELY) if named else 0.0
     tried = [cause for cause in named if cause.gain > least][:_TRIED]
     if tried and not (model.added or causes[0].is_instrument):
-        errors = (cause for cause in causes if is_admissible(cause))
+        errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
         tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
     fits = (_with(cause, records, answered, model) for cause in tried)
     likeliest = sorted(
@@ -197,10 +197,13 @@ def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) 
 
 
 def _can_be_added(cause: Cause) -> bool:
-    """Whether laws can have it: a term or a link, a stated value that becomes unknown, or an error of a sensor."""
+    """Whether laws can have it: a term or a link, a stated value that becomes unknown, or an error of a sensor.
+
+    A delay, which takes many fits to find, is none.
+    """
     if not cause.is_instrument:
         return cause.term not in MEMORY_TERMS
-    return cause.kind in FREED or is_admissible(cause)
+    return cause.kind in FREED or (is_admissible(cause) and not cause.kind.endswith("delay"))
 
 
 def _with(cause: Cause, records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
