@@ -29,8 +29,9 @@ from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
+from linkwise.likelihood.explained import answer_with_sensors
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.options import LikelihoodOptions, answer_with_sensors, errors_to_find, unknown_gains
+from linkwise.likelihood.options import LikelihoodOptions, errors_to_find, unknown_gains
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.shooting.minimise import AnnealingStatus

@@ -103,6 +103,13 @@ class Cause:
         return self.kind not in ("term", "link")
 
     @property
+    def label(self) -> str:
+        """What it is, without its size where it is a term or a link."""
+        if self.is_instrument:
+            return self.description
+        return f"{self.term} in {'a link ' if self.kind == 'link' else ''}{self.where}"
+
+    @property
     def description(self) -> str:
         """In words, with its size."""
         size = abs(self.size)

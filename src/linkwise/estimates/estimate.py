@@ -209,6 +209,8 @@ class Estimate(JudgedView):
         What would explain what the laws leave, in sensors, masses, applied forces and terms, the largest gain first.
     added : tuple of Cause
         Errors of sensors and inputs that were taken into the model, since laws as stated leave more than noise without them.
+    alternative : Estimate or None
+        The answer of laws with what is missing in those stated, if they leave only noise then; `added` holds what that is.
     more_records : tuple of Record
         The records that were fitted together with `record`.
     random_forces, sensor_errors : tuple of RandomForceEstimate, tuple of SensorErrorEstimate
@@ -266,6 +268,7 @@ class Estimate(JudgedView):
     profile_intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     approximate: bool = False
     added: tuple[Cause, ...] = ()
+    alternative: Estimate | None = None
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -485,7 +488,50 @@ class Estimate(JudgedView):
             "links": [link_document(link) for link in self.links],
             **({"profile_intervals": profiles} if profiles else {}),
             **({"modes": [mode_document(mode, self.shapes) for mode in self.modes]} if self.modes else {}),
+            **({"alternative": self._alternative_document(self.alternative)} if self.alternative else {}),
         }
+
+    def _alternative_document(self, other: Estimate) -> dict[str, Any]:
+        """The second answer as plain data: the first term that it adds, its link and law, all of its laws and coefficients."""
+        laws = self._laws_of(other)
+        term = next(cause.term for cause in other.added if cause.term)
+        link = next(name for name, law in laws.items() if f"({term})" in law)
+        unknown = {name: c for name, c in other._coefficients.items() if not c.known}
+        return {
+            "term": term,
+            "link": link,
+            "law": laws[link],
+            "laws": laws,
+            "grade": other.grade.value,
+            "added": [cause.to_dict() for cause in other.added],
+            "coefficients": {name: coefficient_document(c) for name, c in unknown.items()},
+        }
+
+    def _laws_of(self, other: Estimate) -> dict[str, str]:
+        """The laws of links in another answer that those of this one do not have."""
+        own = {(link.name, link.law.text) for link in self.given_structure.links}
+        laws = ((link.name, link.law.text) for link in other.given_structure.links)
+        return {name: law for name, law in laws if (name, law) not in own}
+
+    @property
+    def second_answer(self) -> tuple[str, list[str], list[tuple[str, ...]]]:
+        """Title, what asks for it, and table of `alternative`; empty without one."""
+        other = self.alternative
+        if other is None:
+            return "", [], []
+        laws = self._laws_of(other)
+        asked = [
+            f"{link.name} ({' - '.join(link.between)}): {laws[link.name]}"
+            for link in other.given_structure.links
+            if link.name in laws
+        ]
+        asked += [f"{cause.where} unknown" for cause in other.added if cause.is_instrument]
+        unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
+        return (
+            f"With {' and '.join(cause.label for cause in other.added)} only noise is left: a second answer, to",
+            asked,
+            [COEFFICIENT_HEAD, *(coefficient_row(c, name) for name, c in unknown)],
+        )
 
     def to_dataframe(self) -> pandas.DataFrame:
         """The coefficients and masses as a table of pandas, which is not a requirement of linkwise.
@@ -541,6 +587,9 @@ class Estimate(JudgedView):
             blocks.append(_profiles(self))
         if len(self.diagnosis) > 1:
             blocks.append(_diagnosis(self))
+        title, asked, rows = self.second_answer
+        if rows:
+            blocks.append("\n".join([title, *(f"  {line}" for line in asked), *align_columns(rows)]))
         if self.findings:
             blocks.append("\n".join(remark_lines(finding) for finding in self.findings))
         return "\n\n".join(blocks)

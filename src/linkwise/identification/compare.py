@@ -15,7 +15,6 @@ from linkwise.estimates.link_estimate import CoefficientEstimate
 from linkwise.identification.identify import identify
 from linkwise.identification.methods import METHODS
 from linkwise.identification.validation.validate import validate
-from linkwise.likelihood.checks.richer_laws import with_cause
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import Record
@@ -150,8 +149,8 @@ class Comparison(JudgedView):
 
 
 def compare(record: Record, structure: Structure, *, progress: Progress = silent) -> Comparison:
-    """Identify a structure by maximum likelihood, the weak form and the paper's SINDy, and by maximum likelihood with the term
-    that its diagnosis misses first, and predict the record by each.
+    """Identify a structure by maximum likelihood, the weak form and the paper's SINDy, and by maximum likelihood with terms
+    beside which it leaves only noise, if there are any, and predict the record by each.
 
     Parameters
     ----------
@@ -187,22 +186,16 @@ def compare(record: Record, structure: Structure, *, progress: Progress = silent
     expect("compare(record, structure): record", record, Record)
     expect("compare(record, structure): structure", structure, Structure)
     step = 0.2
-    best = identify(record, structure, progress=part(progress, 0.0, step))
+    best = identify(record, structure, progress=part(progress, 0.0, 3.0 * step))
     found = [_predicted("ml", best, record)]
     for number, name in enumerate((name for name in METHODS if name != "ml"), start=1):
-        progress(ProgressReport(step * number, name))
+        progress(ProgressReport(step * (2 + number), name))
         found.append(_by(name, record, structure))
-    missing = next((cause for cause in best.diagnosis if not cause.is_instrument), None)
-    if missing is not None:
-        name = f"ml with {missing.term} in {missing.where}"
-        try:
-            richer = identify(
-                record, with_cause(structure, missing), progress=part(progress, 3.0 * step, 1.0)
-            )
-            found.append(_predicted(name, richer, record))
-        except LinkwiseError as error:
-            found.append(MethodAnswer(name, None, _reason(error)))
-    return Comparison(record, tuple(found), missing)
+    missing, richer = (cause for cause in best.diagnosis if not cause.is_instrument), best.alternative
+    if richer is not None:
+        name = f"ml with {' and '.join(cause.label for cause in richer.added)}"
+        found.append(_predicted(name, richer, record))
+    return Comparison(record, tuple(found), next(missing, None))
 
 
 def _by(name: str, record: Record, structure: Structure) -> MethodAnswer:

@@ -43,7 +43,6 @@ _OF_THE_LIKELIHOOD = (
     "another position of rest",
     "regularity",
     "skewed profiles",
-    "richer laws",
     "clipped samples and errors of channels",
 )
 """Checks of other optima and of the shape of the likelihood, on which intervals of the weak form do not rest, and of causes

@@ -23,8 +23,8 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
+from linkwise.likelihood.explained import answer_with_sensors, explained_answer
 from linkwise.likelihood.fit import LikelihoodFit, denoised, likelihood_fit, motion_of_links, require_told
-from linkwise.likelihood.ladder import with_errors_added
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
     is_loosened,
@@ -46,7 +46,6 @@ from linkwise.likelihood.options import (
     CALIBRATION,
     INPUT_NOISE,
     LikelihoodOptions,
-    answer_with_sensors,
     errors_to_find,
     require_known_kinds,
     unknown_gains,
@@ -358,8 +357,8 @@ class MaximumLikelihood(Estimator):
     profile : bool
         Also give intervals that follow the likelihood (`profile_interval`), of all unknowns but shapes of hosts.
     as_stated : bool
-        Take no error of a sensor or an input into the model by itself where what was stated leaves more than noise. So it is
-        beside errors that are admitted by kind.
+        Take no error of a sensor or an input into the model by itself where what was stated leaves more than noise, and
+        look for no second answer with a missing term. So it is beside errors that are admitted by kind.
 
     Raises
     ------
@@ -476,15 +475,15 @@ class MaximumLikelihood(Estimator):
             added = (*options.drifts, *options.hums, *options.corners)
             refuse_beside_random_forces(options.delays, admitted, added, robust=robust, records=records)
 
-        def answer(options: LikelihoodOptions) -> Estimate:
+        def answer(structure: Structure, options: LikelihoodOptions) -> Estimate:
             return answer_with_sensors(
                 partial(self._search, structure), records, options, admitted, partial(estimate_of, structure)
             )
 
-        stated = answer(options)
+        stated = answer(structure, options)
         if self.as_stated or admitted:
             return stated
-        return with_errors_added(stated, answer, options, records)
+        return explained_answer(stated, answer, structure, options, records)
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""

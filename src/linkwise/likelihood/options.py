@@ -106,11 +106,10 @@ class LikelihoodOptions:
 
 ALL = "all"
 ADMISSIBLE = ("gain", "offset", "delay", "drift", HIGH_PASS)
-_OF_FORCE = "force "  # before the kind of an error of an applied force
+OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
-_ALIKE = 10.0  # difference of -2 log likelihood by which one error is distinguished from another, "very strong" evidence
 _FAR = (
     -4,
     -2,
@@ -179,40 +178,6 @@ def by_channel(
     return defaults | {name: deviation for name, deviation in calibration.items() if name != ALL}
 
 
-def answer_with_sensors(
-    search: Search[Fit],
-    records: Sequence[Record],
-    options: LikelihoodOptions,
-    admitted: Sequence[str],
-    report: Report[Fit, Answer],
-) -> Answer:
-    """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
-
-    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
-    that is named twice, and a delay that cannot be found.
-    """
-    require_known_kinds((options.offsets, options.gains, options.delays), admitted)
-    while True:
-        answer, interrupted = _with_delays(search, records, options, report)
-        error = distinct_error(answer.diagnosis)
-        if interrupted or error is None or error.kind.removeprefix(_OF_FORCE) not in admitted:
-            return answer
-        wider = with_error(options, error, records[0])
-        if wider is None:
-            return answer
-        options = wider
-
-
-def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
-    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
-    instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
-    if not instruments or not is_admissible(instruments[0]):
-        return None
-    first = instruments[0]
-    is_late = first.kind.endswith("delay")
-    return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
-
-
 def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[str]) -> None:
     """Raise IdentificationError for a kind of error that cannot be admitted, and a channel named twice for one kind."""
     for named in channels:
@@ -245,20 +210,14 @@ def _bases(record: Record) -> tuple[str, ...]:
     return tuple(channel for channel in record.inputs if not channel.is_force)
 
 
-def _rivals(first: Cause, second: Cause) -> bool:
-    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
-    kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
-    return second.kind in kinds and second.gain > first.gain - _ALIKE
-
-
 def is_admissible(cause: Cause) -> bool:
     """Whether a cause is an error of a sensor or of an applied force that can be estimated with the laws."""
-    return cause.kind.removeprefix(_OF_FORCE) in ADMISSIBLE
+    return cause.kind.removeprefix(OF_FORCE) in ADMISSIBLE
 
 
 def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> LikelihoodOptions | None:
     """The options with the error of a sensor that a cause names as an unknown; None where none can be, or is one already."""
-    kind, channel = cause.kind.removeprefix(_OF_FORCE), cause.where
+    kind, channel = cause.kind.removeprefix(OF_FORCE), cause.where
     present = {
         "offset": options.offsets,
         "gain": options.gains,
@@ -281,7 +240,7 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
     return replace(options, delays=channels)
 
 
-def _with_delays(
+def with_delays(
     search: Search[Fit], records: Sequence[Record], options: LikelihoodOptions, report: Report[Fit, Answer]
 ) -> tuple[Answer, bool]:
     """The answer; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.

@@ -46,6 +46,12 @@ UNSEEN_HEAD = (
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 
+def _second_answer(reported: Reported[Estimate]) -> Section | None:
+    """What laws with a term that is missing say, where they leave only noise."""
+    title, asked, rows = reported.result.second_answer
+    return Section(title, items=asked, rows=rows) if rows else None
+
+
 def _record(reported: Reported[Estimate]) -> Section:
     """The record: where it comes from, its noise and its histories."""
     estimate = reported.result
@@ -99,7 +105,8 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
 
 
 SECTIONS: Registry[Build[Estimate]] = Registry(
-    "section", {"unseen": _unseen, "residuals": _residuals, "histories": _record}
+    "section",
+    {"alternative": _second_answer, "unseen": _unseen, "residuals": _residuals, "histories": _record},
 )
 """What follows the links, in order; the name of a section is that of its figure's files."""
 
@@ -284,7 +291,7 @@ def write_result(
     """Write an estimate into a folder.
 
     The folder holds result.json, structure.toml, force_NAME.csv, figures, report.html and, of an estimate that can be trusted,
-    covariance.csv.
+    covariance.csv. Where an answer has an `alternative`, alternative.toml is the structure with unknowns that asks for it.
 
     Parameters
     ----------
@@ -331,6 +338,9 @@ def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
     (folder / "structure.toml").write_text(
         comment + format_structure(estimate.structure), encoding="utf-8", newline="\n"
     )
+    if estimate.alternative is not None:
+        asked = format_structure(estimate.alternative.given_structure)
+        (folder / "alternative.toml").write_text(asked, encoding="utf-8", newline="\n")
     for estimated_link in estimate.links:
         _write_force(estimate, estimated_link.link.name, folder / f"force_{estimated_link.link.name}.csv")
     if result.grade is not Grade.REFUSED and estimate.intervals:

@@ -55,9 +55,9 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
         return None
     change = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis)
     if change is not None:
-        return with_change(before, change)
+        return _with_change(before, change)
     hidden = None if of.causes else _hidden_change(of.closer, of.records)
-    return None if hidden is None else with_change(before, hidden, "Held closer to the laws")
+    return None if hidden is None else _with_change(before, hidden, "Held closer to the laws")
 
 
 def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause | None:
@@ -68,7 +68,7 @@ def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause
     return change if change is not None and closer.explains_most(change.gain) else None
 
 
-def with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:
+def _with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:
     """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
     explained = f"{beside}, one value" if beside else "One value"
     return replace(

@@ -7,7 +7,6 @@ from collections.abc import Collection
 from linkwise.likelihood.checks import recording, verdicts
 from linkwise.likelihood.checks.changed_coefficients import changed_coefficients
 from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
-from linkwise.likelihood.checks.richer_laws import richer_laws
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 
 VERDICTS = (
@@ -38,7 +37,6 @@ FINDINGS = (
     Check("stated noise", "names", recording.understated_noise),
     Check("changes along the record", "approximates", changed_coefficients),
     Check("skewed profiles", "widens", skewed_profiles),
-    Check("richer laws", "names", richer_laws),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
     Check("modes that hosts lack", "approximates", recording.modes_of_hosts),
     Check("uneven samples", "names", recording.uneven_samples),

@@ -1,11 +1,10 @@
-"""What laws with the likeliest missing cause say of an answer: that it stands, or what the model error hid."""
+"""Laws with what the diagnosis of an answer names first: a second answer where only noise is left; changes of coefficients."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +14,11 @@ from structures import HARDENING, NES, Value, coefficient, host, link, structure
 from within import errors
 
 import linkwise as lw
-from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.changed_coefficients import likeliest_change
 from linkwise.likelihood.checks.judgement import Examined
-from linkwise.likelihood.checks.richer_laws import with_cause
 from linkwise.likelihood.checks.table import judge
+from linkwise.likelihood.explained import with_cause
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import BLOCKS
@@ -48,116 +46,97 @@ def answer(cubic: float, speed: float, seed: int, *missing: lw.Link) -> lw.Estim
     return lw.identify(record(cubic, speed, seed, *missing), ASKED)
 
 
-def test_an_answer_stands_where_its_laws_lack_one_term() -> None:
+def test_a_missing_term_is_a_second_answer() -> None:
+    """The answer as stated stands beside it, and the command that asks for it gives the same."""
     fit = answer(2e7, 1.0, 61)
-    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
-    assert fit.message.endswith(" With d**3 in spring1 only noise is left.")
-    assert fit.grade is lw.Grade.APPROXIMATE
+    assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].term == "d**3"
+    other = present(fit.alternative)
+    assert other.grade is lw.Grade.EXPLAINED and [cause.label for cause in other.added] == ["d**3 in spring1"]
+    told = fit.to_dict()["alternative"]
+    assert (told["term"], told["link"], told["law"]) == ("d**3", "spring1", "k*d + c*v + added*(d**3)")
+    truths = {"spring1.added": 2e7, "spring1.k": 3e4, "nes1.alpha": -100.0, "nes1.beta": 1e6, "nes1.c": 0.02}
+    for name, value in truths.items():
+        given = told["coefficients"][name]
+        assert abs(given["value"] - value) < FAR * given["standard_error"], name
+    assert f"only noise is left: a second answer, to\n  spring1 (m1 - ground): {told['law']}\n" in str(fit)
 
 
 @pytest.mark.slow
-def test_a_link_that_the_model_error_hides_takes_trust_away() -> None:
-    """A damper of a tenth of that of the sink, to the ground."""
-    fit = answer(5e6, 1.0, 63, DAMPER)
-    assert not fit.trusted
-    assert [cause.where for cause in fit.diagnosis[:2]] == ["spring1", "m2-ground"]
-    assert (
-        f"With d**3 in spring1 and {fit.diagnosis[1].term} in a link m2-ground only noise is left"
-        in fit.message
+@pytest.mark.usefixtures("unrendered")
+def test_a_result_folder_holds_what_asks_for_the_second_answer(tmp_path: Path) -> None:
+    fit = answer(2e7, 1.0, 61)
+    folder = lw.report.write_result(fit, tmp_path / "answer")
+    assert "With d**3 in spring1 only noise is left" in (folder / "report.html").read_text(encoding="utf-8")
+    again = lw.identify(record(2e7, 1.0, 61), lw.read_structure(folder / "alternative.toml"))
+    assert again.trusted and again.values == pytest.approx(present(fit.alternative).values, rel=1e-3)
+
+
+WELLS = "alpha*d + beta*d**3 + c*v"
+
+
+@pytest.mark.slow
+def test_asymmetric_wells_are_not_trusted_without_the_term_that_makes_them() -> None:
+    """An offset of the sensor explains nearly as much, and is tried beside the term."""
+    rng = np.random.default_rng(4017)
+    lines = zip(rng.uniform(0.1, 0.5, 6), rng.uniform(5.0, 40.0, 6), rng.uniform(0.0, 6.0, 6), strict=True)
+    force = "+".join(
+        f"{size:.3f}*sin({2.0 * np.pi * hertz:.4f}*t + {phase:.3f})" for size, hertz, phase in lines
     )
-    named = [(cause.kind, cause.where, cause.term, cause.source) for cause in fit.diagnosis]
-    assert len(named) == len(set(named)) >= 2
-    assert abs(fit.coefficient("nes1.c").value - 0.02) > 0.02 * 0.02
-
-
-def faulty(record: lw.Record, change: Callable[[Floats, Floats], Floats]) -> lw.Record:
-    """The record whose second displacement is what `change` makes of it and of the first."""
-    first, second = (record.channel(name) for name in ("x:m1", "x:m2"))
-    values = record.values.copy()
-    values[:, record.channels.index("x:m2")] = change(second, first)
-    return replace(record, values=values, simulated=None)
+    values = {"alpha": -100.0, "beta": 1e6, "c": 0.05}
+    true = structure({"m1": 0.01}, link("nes", "m1-ground", f"{WELLS} + q*d**2", **values, q=600.0))
+    stated = structure({"m1": 0.01}, link("nes", "m1-ground", WELLS, **values))
+    clean = lw.simulate(true, forces={"m1": force}, duration=3.5, rate=1000.0)
+    fit = lw.identify(clean.with_noise(40.0, seed=1), stated.unknown("all"))
+    other = present(fit.alternative)
+    assert not fit.trusted and [cause.label for cause in other.added] == ["d**2 in nes"]
+    assert np.abs(errors(other, {f"nes.{name}": value for name, value in values.items()})).max() < FAR
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "seed", "said"),
-    [
-        (lambda x, other: x + 4e-5, 64, r"an offset of 4\.\d+e-05 m in x:m2"),
-        (lambda x, other: x - 0.05 * other, 5830066, r"-(4\.9|5|5\.1)\d* % of x:m1 in x:m2"),
-    ],
-    ids=["offset", "crosstalk"],
-)
-def test_an_error_of_a_sensor_is_told_beside_the_term_that_hides_it(
-    change: Callable[[Floats, Floats], Floats], seed: int, said: str
-) -> None:
-    fit = lw.identify(faulty(record(2e7, 1.0, seed), change), ASKED)
-    assert fit.verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
-    assert re.search(rf"With d\*\*3 in spring1 and {said} only noise is left", fit.message)
-    assert fit.grade is lw.Grade.APPROXIMATE
+def test_an_error_that_a_term_hardly_exceeds_is_tried_beside_it() -> None:
+    """Half of the displacement, which as d**2 would explain a little more."""
+    exact = record(0.0, 1.0, 1354187)[:4001]
+    offset = 0.5 * float(np.sqrt(np.mean(exact.channel("x:m2") ** 2)))
+    shifted = replace(exact, values=exact.values + np.array([0.0, offset]), simulated=None)
+    fit = lw.identify(shifted, ASKED)
+    assert [(cause.kind, cause.where) for cause in fit.added] == [("offset", "x:m2")] and fit.trusted
+
+
+def test_laws_that_leave_noise_have_no_second_answer() -> None:
+    fit = answer(0.0, 1.0, 61)
+    assert fit.trusted and fit.alternative is None and "alternative" not in fit.to_dict()
 
 
 @pytest.mark.slow
-def test_a_gain_that_the_model_error_hides_takes_trust_away() -> None:
-    """Of 1 %, which makes 2 % of a cubic spring."""
-    fit = lw.identify(faulty(record(2e7, 1.0, 65), lambda x, other: 1.01 * x), ASKED)
-    assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
-    named = [(cause.kind, cause.where) for cause in fit.diagnosis[:2]]
-    assert named == [("term", "spring1"), ("gain", "x:m2")]
-
-
-DAMPED = link("spring1", "m1-ground", "k*d + c*v + g*d**3 + q*(v*abs(v))", k=3e4, c=1.0, g=2e7, q=0.6)
-HEAVY = structure({**MASSES, "m2": 1.02 * MASSES["m2"]}, *STATED.links)
+def test_a_link_that_a_missing_term_hides_is_found_beside_it() -> None:
+    """A damper of a tenth of that of the sink, to the ground."""
+    other = present(answer(5e6, 1.0, 63, DAMPER).alternative)
+    assert [cause.label for cause in other.added] == ["d**3 in spring1", "v in a link m2-ground"]
+    size = other.coefficient("m2_ground.size")
+    assert abs(size.value - 0.002) < FAR * present(size.standard_error)
 
 
 @pytest.mark.slow
-def test_three_errors_take_trust_away() -> None:
-    """Damping that grows with speed, and a mass of 2 %, of which the other mass stands for most."""
-    damped = lw.simulate(structure(MASSES, DAMPED, SINK), release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
-    noisy = damped.with_noise(30.0, seed=5830066)
-    fit = lw.identify(noisy, HEAVY.unknown("all"))
-    assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
-    assert [(cause.where, cause.term) for cause in fit.diagnosis[:3]] == [
-        ("spring1", "d**3"),
-        ("m2", ""),
-        ("spring1", "v*abs(v)"),
-    ]
-    assert "v*abs(v) in spring1 only noise is left, and nes1." in fit.message
-    off = (fit.values - truth(STATED, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
-    assert np.abs(off).max() > 4.0
+def test_an_error_of_a_sensor_is_found_beside_a_missing_term() -> None:
+    exact = record(2e7, 1.0, 64)
+    shifted = replace(exact, values=exact.values + np.array([0.0, 4e-5]), simulated=None)
+    fit = lw.identify(shifted, ASKED)
+    other = present(fit.alternative)
+    assert fit.grade is lw.Grade.APPROXIMATE and not fit.added
+    assert [(cause.kind, cause.where) for cause in other.added] == [("term", "spring1"), ("offset", "x:m2")]
 
 
 @pytest.mark.slow
-def test_shadows_of_two_errors_take_trust_away() -> None:
-    """A mass and a stated stiffness of a sink are off by 4 and 3 %: a link that is not there stands for a part of both."""
-    masses = {"m1": 1.0, "m2": 0.7, "m3": 0.01}
-    upper = link("s2", "m2-m1", "k*d + c*v", k=2e4, c=0.8)
-    sink = link("nes", "m3-m2", NES, alpha=-100.0, beta=1e6, c=0.02)
-    harder = link("s1", "m1-ground", "k*d + c*v + g*d**3", k=3e4, c=1.0, g=9.99e7)
-    true = structure({**masses, "m3": 0.01039}, harder, upper, sink)
-    clean = lw.simulate(true, release={"v:m1": 0.91}, duration=5.0, rate=500.0)
-    stated = [link("s1", "m1-ground", "k*d + c*v"), link("s2", "m2-m1", "k*d + c*v")]
-    asked = structure(masses, *stated, link("nes", "m3-m2", NES, alpha=-96.8))
-    fit = lw.identify(clean.with_noise(30.0, seed=5837007), asked)
-    assert fit.grade is lw.Grade.APPROXIMATE and not fit.trusted
-    assert "noise is left, and nes.beta changes by" in fit.message
-    assert present(fit.coefficient("nes.beta").value) < 0.97e6
+def test_two_terms_that_explain_as_much_are_no_second_answer() -> None:
+    """A spring of 1 N/m to the ground or a cubic one: either leaves only noise, with another alpha."""
+    spring = link("extra", "m2-ground", "k*d", k=1.0)
+    fit = lw.identify(record(0.0, 1.0, 9101, spring), ASKED)
+    assert not fit.trusted and fit.alternative is None
+    assert {cause.term for cause in fit.diagnosis[:2]} == {"d", "d**3"}
 
 
 @pytest.mark.slow
-def test_a_term_beside_a_base_is_told_along_the_elongation() -> None:
-    """The displacement of the mass is ten times as large, and its cube a thousand times."""
-    upper = link("upper", "m2-m1", HARDENING, k=1500.0, k3=4e6, c=0.5)
-    lower = link("lower", "m1-base", "k*d + c*v", k=2000.0, c=1.0)
-    harder = link("lower", "m1-base", "k*d + c*v + g*d**3", k=2000.0, c=1.0, g=1e5)
-    masses = {"m1": 1.0, "m2": 0.5}
-    base = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.002*sin(71*t + 2) + 0.05*sin(3*t)"
-    driven = lw.simulate(structure(masses, harder, upper), base=base, duration=12.0, rate=300.0)
-    fit = lw.identify(driven.with_noise(30.0, seed=5830001), structure(masses, lower, upper).unknown("all"))
-    assert "With d**3 in lower only noise is left" in fit.message
-
-
-@pytest.mark.slow
-def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away() -> None:
+def test_an_interrupt_of_the_fit_with_a_term_leaves_the_answer_as_stated() -> None:
     """The bar stays full meanwhile: the search of the laws as stated is done."""
     fractions: list[float] = []
 
@@ -167,9 +146,7 @@ def test_an_interrupt_of_the_fit_with_a_term_takes_trust_away() -> None:
             raise KeyboardInterrupt
 
     fit = lw.identify(record(2e7, 1.0, 61), ASKED, progress=stop)
-    assert fit.verdicts == (lw.Verdict.NOT_CONVERGED,) and not fit.trusted
-    assert fit.message.startswith("Interrupted: the fit with d**3 in spring1 did not end")
-    assert fit.coefficient("nes1.alpha").interval is None
+    assert fit.alternative is None and fit.grade is lw.Grade.APPROXIMATE
     assert fit.values == pytest.approx(answer(2e7, 1.0, 61).values, rel=1e-4)
 
 
@@ -315,13 +292,11 @@ def test_a_search_that_does_not_converge_says_where_it_is_stuck(at: int, easier:
 
 
 @pytest.mark.slow
-def test_a_change_beside_a_missing_term_is_told_by_laws_with_the_term() -> None:
-    """The term gains more, and hides it: trusted before, with a wrong interval."""
+def test_a_term_beside_which_a_coefficient_changes_is_no_second_answer() -> None:
+    """Trusted once, with a wrong interval."""
     parts = ((3.0, sink_on_spring(g=2e7)), (3.0, sink_on_spring(alpha=-97.0, g=2e7)))
     fit = lw.identify(motion(*parts).with_noise(30.0, seed=80), ASKED)
-    assert fit.verdicts == (lw.Verdict.COEFFICIENT_CHANGES,)
-    assert fit.message.startswith("With d**3 in spring1, one value of nes1.alpha does not explain")
-    assert [cause.kind for cause in fit.diagnosis[:2]] == ["change", "term"]
+    assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].term == "d**3" and fit.alternative is None
 
 
 @pytest.mark.parametrize("calibration", [{}, {"all": 0.01}])

@@ -1,0 +1,370 @@
+"""What explains a record that laws as stated leave more than noise of: one thing after another that the diagnosis names.
+
+Errors of inputs and sensors are taken into the model by themselves: noise of inputs at the level that their channels show,
+then what the diagnosis names first, as long as it is one of a sensor or an input. Terms and links that are missing are a
+second answer beside the one as stated, with what else is off beside the first of them. Either counts where it leaves nothing
+but noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+from linkwise.errors import IdentificationError
+from linkwise.estimates.causes import Cause, SensorErrorEstimate
+from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.options import (
+    ADMISSIBLE,
+    OF_FORCE,
+    Answer,
+    Fit,
+    LikelihoodOptions,
+    Report,
+    Search,
+    is_admissible,
+    require_known_kinds,
+    with_delays,
+    with_error,
+)
+from linkwise.likelihood.random_forces import noise_of_channels, random_forces
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
+from linkwise.model.coefficient import Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.names import SHAPE
+from linkwise.model.structure import Structure
+from linkwise.progress import part
+from linkwise.records.channel_units import unit_in
+from linkwise.records.record import Record
+from linkwise.verdict import Grade, Verdict
+
+_ERRORS = 4  # that are added at most: with more, a term is missing rather
+_TERMS = 2  # the same of terms, and what is off beside one: with more, the laws are of another form
+_DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very strong" evidence
+_ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
+_NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
+_AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
+_TRIED = 3  # causes that are as likely
+_STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
+
+Rung = TypeVar("Rung")
+
+
+def explained(stated: Rung, beside: Callable[[Rung], Rung | None], most: int) -> Rung:
+    """The last of answers from that as stated on, each `beside` what the one before lacks, of which `most` are added.
+
+    There is none beside an answer that lacks nothing, or nothing which can be added.
+    """
+    current = stated
+    for _ in range(most):
+        wider = beside(current)
+        if wider is None:
+            break
+        current = wider
+    return current
+
+
+def answer_with_sensors(
+    search: Search[Fit],
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    admitted: Sequence[str],
+    report: Report[Fit, Answer],
+) -> Answer:
+    """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
+
+    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
+    that is named twice, and a delay that cannot be found.
+    """
+    require_known_kinds((options.offsets, options.gains, options.delays), admitted)
+
+    def answered(options: LikelihoodOptions) -> tuple[LikelihoodOptions, Answer, bool]:
+        return options, *with_delays(search, records, options, report)
+
+    def beside(
+        rung: tuple[LikelihoodOptions, Answer, bool],
+    ) -> tuple[LikelihoodOptions, Answer, bool] | None:
+        options, answer, interrupted = rung
+        error = None if interrupted else _distinct_error(answer.diagnosis)
+        if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
+            return None
+        wider = with_error(options, error, records[0])
+        return None if wider is None else answered(wider)
+
+    return explained(answered(options), beside, len(ADMISSIBLE) * len(records[0].channels))[1]
+
+
+def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
+    """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
+    instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
+    if not instruments or not is_admissible(instruments[0]):
+        return None
+    first = instruments[0]
+    is_late = first.kind.endswith("delay")
+    return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
+
+
+def _rivals(first: Cause, second: Cause) -> bool:
+    """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
+    kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    return second.kind in kinds and second.gain > first.gain - _DISTINCT
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """A structure and options with what was `added` to those stated, and the answer to them."""
+
+    structure: Structure
+    options: LikelihoodOptions
+    added: tuple[Cause, ...]
+    answer: Estimate
+
+    @property
+    def is_explained(self) -> bool:
+        return self.answer.grade is Grade.EXPLAINED
+
+    @property
+    def misfit(self) -> float:
+        """What the answer leaves, in -2 log likelihood."""
+        return (self.answer.chi_square_per_sample or 0.0) * self.answer.samples
+
+
+Answered = Callable[[Structure, LikelihoodOptions], Estimate]
+
+
+def explained_answer(
+    stated: Estimate,
+    answered: Answered,
+    structure: Structure,
+    options: LikelihoodOptions,
+    records: Sequence[Record],
+) -> Estimate:
+    """The answer as `stated`, that beside errors of inputs and sensors, or the former with one of other laws beside it.
+
+    The latter two where they leave nothing but noise. `answered` gives the answer to a structure by some options.
+    """
+    first = _Model(structure, options, (), stated)
+    if first.is_explained or stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
+        return stated
+    last = explained(first, partial(_beside_error, records, answered, first), _ERRORS)
+    if not last.is_explained:
+        bar = part(options.progress, 1.0, 1.0)  # the search itself is done
+        first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
+        last = explained(first, partial(_beside_cause, records, answered), _TERMS)
+    if not last.is_explained:
+        return stated
+    answer = replace(last.answer, added=_as_found(last.added, last.answer))
+    as_stated = all(cause.is_instrument for cause in last.added)
+    return answer if as_stated else replace(stated, alternative=answer)
+
+
+def _beside_error(
+    records: Sequence[Record], answered: Answered, first: _Model, model: _Model
+) -> _Model | None:
+    """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first."""
+    if model.is_explained:
+        return None
+    rung = _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
+    return None if rung is None else _refitted(answered, model, model.structure, *rung)
+
+
+def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
+    """The model with the first of the terms and links that the diagnosis of its answer names, or next to it any other cause.
+
+    Of those that are as likely, and an error that a term hardly exceeds, the one that explains most; None where another one
+    explains as much. That the records contradict stated values alone is said of the answer.
+    """
+    causes = () if model.is_explained else model.answer.diagnosis
+    named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
+    least = max(_ALIKE * causes[0].gain, named[0].gain - _AS_LIKELY) if named else 0.0
+    tried = [cause for cause in named if cause.gain > least][:_TRIED]
+    if tried and not (model.added or causes[0].is_instrument):
+        errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
+        tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
+    fits = (_with(cause, records, answered, model) for cause in tried)
+    likeliest = sorted(
+        (richer for richer in fits if richer is not None),
+        key=lambda richer: (not richer.is_explained, richer.misfit),
+    )
+    rivals = [rival for rival in likeliest[1:] if rival.is_explained]
+    if rivals and rivals[0].misfit < likeliest[0].misfit + _AS_LIKELY:
+        return None
+    return next(iter(likeliest), None)
+
+
+def _can_be_added(cause: Cause) -> bool:
+    """Whether laws can have it: a term or a link, a stated value that becomes unknown, or an error of a sensor.
+
+    A delay, which takes many fits to find, is none.
+    """
+    if not cause.is_instrument:
+        return cause.term not in MEMORY_TERMS
+    return cause.kind in FREED or (is_admissible(cause) and not cause.kind.endswith("delay"))
+
+
+def _with(cause: Cause, records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
+    structure, options = model.structure, model.options
+    if not is_admissible(cause):
+        return _refitted(answered, model, with_cause(structure, cause), options, (cause,))
+    wider = with_error(options, cause, records[0])
+    return None if wider is None else _refitted(answered, model, structure, wider, (cause,))
+
+
+def _refitted(
+    answered: Answered,
+    model: _Model,
+    structure: Structure,
+    options: LikelihoodOptions,
+    causes: tuple[Cause, ...],
+) -> _Model | None:
+    try:
+        return _Model(structure, options, (*model.added, *causes), answered(structure, options))
+    except IdentificationError:
+        return None
+
+
+_Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]
+
+
+def _noise(options: LikelihoodOptions, records: Sequence[Record], stated: Estimate) -> _Rung | None:
+    """Noise of the inputs at the level of their channels; None beside what excludes it, or where there is none."""
+    robust = not isinstance(options.loss, Gaussian)
+    beside = (*options.delays, *options.drifts, *options.hums, *options.random)
+    of_links = any(channel.of_link for channel in records[0].channels)
+    structure = stated.given_structure
+    levels = noise_of_channels(records, structure)
+    levels = {name: level for name, level in levels.items() if not name.startswith("signal:")}
+    if not levels or robust or beside or of_links or structure.hosts:
+        return None
+    try:
+        random = random_forces((), levels, records[0], structure)
+    except IdentificationError:
+        return None
+    return replace(options, random=random), tuple(_of_input(name, levels, stated) for name in levels)
+
+
+def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause:
+    gain = next((c.gain for c in stated.diagnosis if c.kind == "input noise" and c.where == name), 0.0)
+    return Cause("input noise", name, levels[name], unit_in(stated.given_structure, name), gain, 0.0)
+
+
+def _first_error(options: LikelihoodOptions, records: Sequence[Record], current: Estimate) -> _Rung | None:
+    """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
+    first = _distinct_error(current.diagnosis)
+    if first is None or first is not current.diagnosis[0]:
+        return None
+    if options.random and first.kind.endswith(("delay", "gain")):
+        return None  # delays are not estimated then, and masses, which look like a gain, not tested
+    wider = with_error(options, first, records[0])
+    return None if wider is None else (wider, (first,))
+
+
+def _as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
+    """What was added, with the sizes and standard errors of the answer beside it."""
+    found: dict[tuple[str, str], SensorErrorEstimate] = {
+        (error.kind, error.channel): error for error in answer.sensor_errors
+    }
+    sizes = []
+    for cause in added:
+        error = found.get((cause.kind.removeprefix("force "), cause.where))
+        of_gain = cause.kind.endswith("gain")
+        if error is not None:
+            size = error.value - 1.0 if of_gain else error.value
+            cause = replace(cause, size=size, standard_error=error.standard_error)
+        sizes.append(cause)
+    return tuple(sizes)
+
+
+FREED = {
+    "mass": "mass:{where}",
+    "frequency": "{where}.frequency",
+    "shape": f"{{source}}.{SHAPE}{{point}}",
+}
+"""What `Structure.unknown` frees where a stated value is off, by the kind of the cause."""
+
+
+def with_cause(structure: Structure, cause: Cause) -> Structure:
+    """The structure with a missing term or link of unknown size, or with an unknown for a stated value that is off.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    cause : Cause
+        A cause of the kind "term", "link", "mass", "frequency" or "shape".
+
+    Returns
+    -------
+    Structure
+        The structure with it.
+    """
+    links = structure.links
+    if cause.kind in FREED:
+        point = cause.where.partition(".")[2]  # after the name of its host, which has no dot
+        which = FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
+        return _with_own_value(structure, cause).unknown(which)
+    if cause.kind == "link":
+        name = cause.where.replace("-", "_")
+        while any(link.name == name for link in links):
+            name += "_"
+        law, coefficients = Law.parse(f"size*({cause.term})"), {"size": Coefficient.unknown(start=0.0)}
+        return replace(structure, links=(*links, Link(name, ends_of(structure, cause), law, coefficients)))
+    return replace(
+        structure,
+        links=tuple(_with_term(link, cause.term) if link.name == cause.where else link for link in links),
+    )
+
+
+def _with_own_value(structure: Structure, cause: Cause) -> Structure:
+    """The structure in which the mass or the frequency of a cause is equal to no other's, as its score takes it alone."""
+    name = f"{cause.where}.{cause.kind}"
+
+    def apart(coefficient: Coefficient, own: str) -> Coefficient:
+        is_shared = own == name or coefficient.same_as == name
+        return replace(coefficient, same_as=None) if coefficient.known and is_shared else coefficient
+
+    masses = (replace(mass, mass=apart(mass.mass, f"{mass.name}.mass")) for mass in structure.masses)
+    links = (
+        replace(
+            link, coefficients={key: apart(c, f"{link.name}.{key}") for key, c in link.coefficients.items()}
+        )
+        for link in structure.links
+    )
+    return replace(structure, masses=tuple(masses), links=tuple(links))
+
+
+def ends_of(structure: Structure, cause: Cause) -> tuple[str, str]:
+    """The two ends of a missing link, which a cause has in one word.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    cause : Cause
+        A cause of the kind "link".
+
+    Returns
+    -------
+    tuple of (str, str)
+        The places that it joins.
+    """
+    places = list(structure.topology.index)
+    return next(
+        (first, second) for first in places for second in places if f"{first}-{second}" == cause.where
+    )
+
+
+def _with_term(link: Link, term: str) -> Link:
+    name = "added"
+    while name in link.coefficients or name in link.law.variables:
+        name += "_"
+    declared = dict(link.law.declared)
+    if declared:  # as of a mode, whose law has numbers with units
+        declared |= Law.parse(f"{name}*({term})").units
+    signals = dict(link.law.signal_units)
+    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states, units=declared, signals=signals)
+    return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})
