@@ -29,6 +29,8 @@ BUDGETS = (20_000, 100_000, 500_000)
 # which a file or a host that cannot be had is not.
 PROBE = """<script>addEventListener("load", () => {
   for (const image of document.images) image.dataset.width = image.naturalWidth;
+  for (const figure of document.querySelectorAll("svg[role=img]"))
+    figure.dataset.width = Math.round(figure.getBoundingClientRect().width);
   document.body.dataset.loaded = "yes";
 })</script>"""
 LOADED = 'data-loaded="yes"'
@@ -44,13 +46,11 @@ class Shown:
     shades: int
 
     @property
-    def pictures(self) -> dict[str, int]:
-        """Width in pixels of every image by what it is said to show; 0 where it is broken."""
+    def pictures(self) -> list[tuple[str, int]]:
+        """What every figure is said to show, and its width in pixels; 0 where it is broken."""
         without = re.sub(r'src="[^"]*"', "", self.document)
-        return {
-            name: int(width)
-            for name, width in re.findall(r'<img +alt="([^"]*)"[^>]* data-width="(\d+)"', without)
-        }
+        shown = re.findall(r'<(?:img|svg)[^>]* (?:alt|aria-label)="([^"]*)"[^>]* data-width="(\d+)"', without)
+        return [(name, int(width)) for name, width in shown]
 
     @property
     def body(self) -> str:

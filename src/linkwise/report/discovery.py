@@ -213,7 +213,6 @@ def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]
     discovery = reported.result
     return rendered(
         "discovery.html.jinja",
-        interactive=True,
         **page_parts(links_of(reported), pictures),
         discovery=discovery,
         headline=headline(discovery),

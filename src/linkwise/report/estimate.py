@@ -59,7 +59,6 @@ def _record(reported: Reported[Estimate]) -> Section:
         items=record.notes,
         rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
         figure=lambda: record_figures.histories_figure(record),
-        interactive=True,
     )
 
 
@@ -125,7 +124,7 @@ LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] 
 def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
     """All sections with a figure, by the name of its files: those of the links, then the others."""
     links = {
-        f"{kind}_{name}": Section(name, figure=figure, interactive=True)
+        f"{kind}_{name}": Section(name, figure=figure)
         for kind, build in LINK_FIGURES.items()
         for name in _pictured(reported.result)
         if (figure := build(reported, name)) is not None
@@ -138,7 +137,7 @@ def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) 
 
     `pictures` are those that `write_figures` made of `estimate_figures`.
     """
-    return rendered("page.html.jinja", interactive=True, **page_parts(reported, pictures))
+    return rendered("page.html.jinja", **page_parts(reported, pictures))
 
 
 def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
