@@ -7,26 +7,31 @@ from typing import Any
 
 import pytest
 from browser import CHROMIUM, Shown, show
+from problems import chain_record
 
 import linkwise as lw
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
 
 
-def shown(folder: Path, scratch: Path, *, figures: int) -> Shown:
+def shown(folder: Path, scratch: Path, *, figures: int, width: int = 1000) -> Shown:
     """The page of a folder: it renders without a word on the console, with its figures at their size."""
     scratch.mkdir()
-    page = show(folder / "report.html", scratch)
-    assert page.console == ()
+    page = show(folder / "report.html", scratch, width)
+    assert page.console == () and page.overlaps == ""
     assert page.shades > 50  # text and lines are smoothed: an empty page has one
     assert len(page.pictures) == figures and min(width for _, width in page.pictures) > 400
     return page
 
 
-def test_identify_page(fitted: lw.Estimate, chain: lw.Structure, tmp_path: Path) -> None:
-    folder = lw.report.write_result(fitted, tmp_path / "answer", truth=chain)
-    page = shown(folder, tmp_path / "browser", figures=2)
-    assert "This answer can be trusted." in page.body
+@pytest.mark.parametrize("width", [800, 1280])
+def test_identify_page(width: int, tmp_path: Path) -> None:
+    """Everything is unfolded, no two texts overlap, and the page is small."""
+    chain = lw.bnes_chain(2)
+    record = chain_record(2, duration=2.0).with_noise(30.0, seed=1)
+    folder = lw.report.write_result(lw.identify(record, chain.unknown("all")), tmp_path / "answer")
+    shown(folder, tmp_path / "browser", figures=5, width=width)
+    assert (folder / "report.html").stat().st_size < 1.5e6
 
 
 def test_study_page(paper_report: Path, tmp_path: Path) -> None:
@@ -46,7 +51,7 @@ def test_absorption_pages(chain: lw.Structure, tmp_path: Path) -> None:
 
 def test_discovery_page(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
     folder = lw.report.write_discovery(discovered, tmp_path / "answer", truth=chain)
-    shown(folder, tmp_path / "browser", figures=7)
+    shown(folder, tmp_path / "browser", figures=8)
 
 
 FAULTS = {  # what is told of each
@@ -67,7 +72,11 @@ def test_faults_and_an_empty_page_would_be_seen(tmp_path: Path) -> None:
     assert len(faulty.console) == len(FAULTS)
     for message in FAULTS.values():
         assert sum(message in line for line in faulty.console) == 1, message
-    page.write_text(html.format(""))
+    assert faulty.overlaps == ""
+    page.write_text(html.format('<p>Words</p><p style="margin-top: -2em">over others</p>'))
+    (tmp_path / "over").mkdir()
+    assert show(page, tmp_path / "over").overlaps == "Words | over others"
     (tmp_path / "again").mkdir()
+    page.write_text(html.format(""))
     empty = show(page, tmp_path / "again")
     assert empty.console == () and empty.shades < 5

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.display import format_value
-from linkwise.report.estimate import estimate_page
+from linkwise.report.estimate import estimate_figures, estimate_page
 from linkwise.report.page import Reported
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -27,8 +28,15 @@ def page_of(estimate: lw.Estimate, **options: Any) -> str:
 def test_verdict_comes_first_and_what_was_found_before_what_was_known(fitted: lw.Estimate) -> None:
     body = page_of(fitted).partition("<body>")[2]
     assert fitted.trusted
-    assert 0 < body.index("This answer can be trusted.") < body.index("<table>")
+    assert 0 < body.index("This answer can be trusted.") < body.index("<h2>Evidence") < body.index("<table>")
     assert body.index("<h3>nes1 ") < body.index("<h3>spring1 ")
+    alpha, low = fitted.coefficient("nes1.alpha"), fitted.link("nes1").wells[0]
+    half = 1e-3 * 1.96 * present(alpha.standard_error)
+    law = re.findall('<p class="law">alpha = (.*?) ± (.*?) N/mm, beta = .* N/mm\\^3, c = .* N s/mm</p>', body)
+    # the unit of length of the axes; two digits of what is within, the value to these
+    assert [float(text) for text in law[0]] == pytest.approx([1e-3 * alpha.value, half], abs=0.05 * half)
+    assert f"well 1 = {1e3 * low.value:.1f}" in body and "frequency in well 2 = " in body
+    assert "<summary>Links: nes1, spring1</summary>" in body
     assert "<svg" not in body  # no link was to be pictured
 
 
@@ -37,7 +45,38 @@ def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
     assert not bad.trusted
     page = page_of(bad)
     assert "Do not trust this answer." in page and "can be trusted" not in page
-    assert "Not converged. The cost still falls." in page
+    assert "<p>The cost still falls.</p>" in page and "<li>Not converged." in page
+    assert "Every number on this page, for the reason above." in page and " ± " not in page
+
+
+def test_one_sentence_says_what_could_still_be_wrong_and_by_how_much(fitted: lw.Estimate) -> None:
+    assert "Nothing that this record shows. Beyond the range visited" in page_of(fitted)
+    unseen = lw.estimates.UnseenTerm("nes1", "d**5", 1.07, "nes1.beta", -1.0, 513.0, 0.03)
+    assert (
+        "does not rule out a force like d**5 in nes1 of up to 107 % of the force there, which would change nes1.beta by 3 % "
+        "or 510 of its standard errors."
+    ) in page_of(replace(fitted, unseen_terms=(unseen,)))
+    verdicts = (lw.Verdict.UNEXPLAINED_FORCES,)
+    rough = replace(fitted, fit_verdicts=verdicts, approximate=True, model_error=0.12)
+    assert "Forces by about 12 %, and coefficients by more than their intervals" in page_of(rough)
+
+
+def test_a_force_without_elongation_is_drawn_over_the_rate(fitted: lw.Estimate) -> None:
+    """Over the elongation there is nothing to see of a dashpot."""
+    sink = fitted.structure.link("nes1")
+    coefficients = {
+        **sink.coefficients,
+        "alpha": lw.Coefficient.number(0.0),
+        "beta": lw.Coefficient.number(0.0),
+    }
+    links = (fitted.structure.links[0], replace(sink, coefficients=coefficients))
+    motion = replace(fitted.motion, structure=replace(fitted.structure, links=links))
+    figures = estimate_figures(Reported(replace(fitted, compute_motion=lambda: motion)))
+    assert present(figures["force_nes1"].figure)().axes[0].get_xlabel() == "rate v, m/s"
+    assert (
+        present(estimate_figures(Reported(fitted))["force_nes1"].figure)().axes[0].get_xlabel()
+        == "elongation d, mm"
+    )
 
 
 def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) -> None:
