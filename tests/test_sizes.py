@@ -14,7 +14,7 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (13, 2340),
     "analysis": (5, 574),
-    "cli": (24, 2097),
+    "cli": (24, 2101),
     "discovery": (17, 4760),
     "estimates": (7, 1353),
     "export": (8, 1079),

@@ -156,7 +156,7 @@ def test_errors_of_sensors_are_found_where_they_are_asked_for() -> None:
     # 1000 samples at 30 dB: five deviations of 3 %, over their root
     assert factor == pytest.approx(1.2, rel=0.005)
 
-    said("identify gain.csv unknown.toml --from 0.5 --as-stated", 3)
+    assert "how-to/if-it-refuses" in said("identify gain.csv unknown.toml --from 0.5 --as-stated", 3).err
     [added] = document("identify gain.csv unknown.toml --from 0.5")["added"]
     assert (added["cause"], added["where"]) == ("gain", "x:m1")
     assert added["size"] == pytest.approx(0.2, abs=0.02)
