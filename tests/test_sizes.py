@@ -14,7 +14,7 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (13, 2340),
     "analysis": (5, 574),
-    "cli": (24, 2101),
+    "cli": (24, 2108),
     "discovery": (17, 4760),
     "estimates": (7, 1353),
     "export": (8, 1079),
@@ -34,7 +34,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "signals": (7, 932),
     "simulation": (11, 1846),
     "sindy": (10, 1210),
-    "study": (12, 1677),
+    "study": (12, 1718),
     "weak": (13, 2366),
 }
 

@@ -215,6 +215,8 @@ REFUSED = {
         ("paper", "Missing option '-o' / '--output'"),
         ("paper -o x --workers 0", "0 is not in the range x>=1"),
         ("paper -o x --workers 2 --scheduler tcp://a:1", "--scheduler on a cluster; give only one"),
+        ("paper -o x --shard 4/3", "a shard is the i-th of n parts, as in 3/16, got '4/3'"),
+        ("paper -o x --shard third", "got 'third'"),
         ("paper -o x --export", "the folder does not hold a study"),
     ],
 }  # fmt: skip
