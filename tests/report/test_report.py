@@ -14,6 +14,7 @@ from present import present
 
 import linkwise as lw
 from linkwise.display import format_value
+from linkwise.report.discovery import discovery_page
 from linkwise.report.estimate import estimate_figures, estimate_page
 from linkwise.report.page import Reported
 
@@ -174,3 +175,12 @@ def test_a_discovery_from_a_simulated_record_with_memory_is_written(
     folder = lw.report.write_discovery(discovery, tmp_path / "answer")
     assert "truth" not in json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert (folder / "force_m2-m1.png").exists()
+
+
+def test_the_box_of_a_discovery_has_its_grade_and_not_that_of_its_fit(discovered: lw.Discovery) -> None:
+    """A search that did not settle is refused, though the laws that it found explain the record."""
+    unsettled = replace(discovered, verdicts=(lw.Verdict.SEARCH_UNSETTLED,))
+    assert discovered.trusted and unsettled.estimate.trusted and not unsettled.trusted
+    page = discovery_page(Reported(unsettled), {})
+    assert '<div class="verdict refused">' in page and "Every number on this page" in page
+    assert '<div class="verdict explained">' in discovery_page(Reported(discovered), {})

@@ -166,11 +166,11 @@ def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) 
 
     `pictures` are those that `write_figures` made of `estimate_figures`.
     """
-    return rendered("page.html.jinja", **page_parts(reported, pictures))
+    return rendered("page.html.jinja", **page_parts(reported, pictures, reported.result.grade))
 
 
-def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
-    """What the page's template shows, by name, for this page and those that extend it."""
+def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], grade: Grade) -> dict[str, Any]:
+    """What the page's template shows of an answer of this grade, by name, for this page and those that extend it."""
     estimate, truth = reported.result, reported.truth
     identified_first = sorted(estimate.links, key=lambda link: not link.free)
     of_modes = (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
@@ -182,7 +182,8 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
     return {
         "estimate": estimate,
         "laws": [_law(link) for link in identified_first[:FIRST] if link.free],
-        "doubt": _doubt(estimate),
+        "grade": grade.value,
+        "doubt": _doubt(estimate, grade),
         "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
         "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
         "masses": rows(estimate.masses),
@@ -236,11 +237,11 @@ def _within(quantity: CoefficientEstimate | DerivedQuantity, length: str) -> str
     return " ".join((" ± ".join(format_both(value, half)), unit)).rstrip()
 
 
-def _doubt(estimate: Estimate) -> str:
+def _doubt(estimate: Estimate, grade: Grade) -> str:
     """One sentence on what could still be wrong, and by how much."""
-    if estimate.grade is Grade.REFUSED:
+    if grade is Grade.REFUSED:
         return "Every number on this page, for the reason above."
-    if estimate.grade is Grade.APPROXIMATE:
+    if grade is Grade.APPROXIMATE:
         part = format_percent(estimate.model_error)
         forces = f"Forces by about {part}, and coefficients" if estimate.model_error else "Coefficients"
         return f"{forces} by more than their intervals where a law has another form, or for the reason above."
