@@ -21,14 +21,30 @@ OPTIONS = [
         "--enable-logging=stderr",
         "--v=0",
     ),
-    *("--host-resolver-rules=MAP * ~NOTFOUND", "--window-size=1000,2500"),
+    "--host-resolver-rules=MAP * ~NOTFOUND",
 ]
 BUDGETS = (20_000, 100_000, 500_000)
 """Time in ms on the clock of the page, which runs ahead of a busy machine: the next one where pictures were not loaded."""
 # What the page is allowed, put into a copy: all that it carries in itself. Asking for anything else is a word on the console,
 # which a file or a host that cannot be had is not.
 PROBE = """<script>addEventListener("load", () => {
+  for (const folded of document.querySelectorAll("details")) folded.open = true;
   for (const image of document.images) image.dataset.width = image.naturalWidth;
+  for (const figure of document.querySelectorAll("svg[role=img]"))
+    figure.dataset.width = Math.round(figure.getBoundingClientRect().width);
+  const texts = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), range = document.createRange();
+  while (walker.nextNode()) {
+    const node = walker.currentNode, drawn = node.parentElement.closest("text");
+    if (!node.data.trim() || node.parentElement.closest("script, style")) continue;
+    range.selectNodeContents(node);
+    for (const box of drawn ? [drawn.getBoundingClientRect()] : range.getClientRects()) {
+      const inset = 0.15 * Math.min(box.width, box.height);  // letters are smaller than the box of their font
+      texts.push([node.data.trim(), box.left + inset, box.right - inset, box.top + inset, box.bottom - inset]);
+    }
+  }
+  const over = texts.flatMap(([a, l, r, t, b], i) => texts.slice(i + 1).filter(
+    ([, left, right, top, bottom]) => left < r && l < right && top < b && t < bottom).map(([other]) => `${a} | ${other}`));
+  document.body.dataset.overlaps = over.slice(0, 9).join("; ");
   document.body.dataset.loaded = "yes";
 })</script>"""
 LOADED = 'data-loaded="yes"'
@@ -44,13 +60,17 @@ class Shown:
     shades: int
 
     @property
-    def pictures(self) -> dict[str, int]:
-        """Width in pixels of every image by what it is said to show; 0 where it is broken."""
+    def overlaps(self) -> str:
+        """Texts that overlap, two by two."""
+        [found] = re.findall(r'<body[^>]* data-overlaps="([^"]*)"', self.document)
+        return str(found)
+
+    @property
+    def pictures(self) -> list[tuple[str, int]]:
+        """What every figure is said to show, and its width in pixels; 0 where it is broken."""
         without = re.sub(r'src="[^"]*"', "", self.document)
-        return {
-            name: int(width)
-            for name, width in re.findall(r'<img +alt="([^"]*)"[^>]* data-width="(\d+)"', without)
-        }
+        shown = re.findall(r'<(?:img|svg)[^>]* (?:alt|aria-label)="([^"]*)"[^>]* data-width="(\d+)"', without)
+        return [(name, int(width)) for name, width in shown]
 
     @property
     def body(self) -> str:
@@ -58,8 +78,8 @@ class Shown:
         return re.sub(r"<script.*?</script>", "", self.document.partition("<body")[2], flags=re.DOTALL)
 
 
-def show(page: Path, scratch: Path) -> Shown:
-    """Open a copy of `page` in a fresh profile below `scratch`, without any network."""
+def show(page: Path, scratch: Path, width: int = 1000) -> Shown:
+    """Open a copy of `page` in a fresh profile below `scratch`, in a window of this `width`, without any network."""
     picture, copy = scratch / "window.png", scratch / "copy.html"
     policy = f'<head><meta http-equiv="Content-Security-Policy" content="{ALLOWED}">{PROBE}'
     markup = page.read_text(encoding="utf-8")
@@ -69,7 +89,11 @@ def show(page: Path, scratch: Path) -> Shown:
         run = subprocess.run(
             [
                 *(str(CHROMIUM), *OPTIONS, f"--user-data-dir={scratch / 'profile'}"),
-                *(f"--virtual-time-budget={budget}", f"--screenshot={picture}"),
+                *(
+                    f"--virtual-time-budget={budget}",
+                    f"--screenshot={picture}",
+                    f"--window-size={width},2500",
+                ),
                 *("--dump-dom", copy.absolute().as_uri()),
             ],
             capture_output=True,

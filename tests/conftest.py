@@ -55,7 +55,10 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 def _unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("linkwise.plot.style.encoded", lambda figure, *formats: [PIXEL for _ in formats])
+    empty = {"png": PIXEL, "svg": b"<?xml?><svg></svg>"}
+    monkeypatch.setattr(
+        "linkwise.plot.style.encoded", lambda figure, *formats: [empty[name] for name in formats]
+    )
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from public import PACKAGES, public
 import linkwise as lw
 from linkwise.registry import listed_names
 
-HEAVY = {"numpy", "scipy", "heyoka", "h5py", "matplotlib", "plotly", "jinja2", "pint"}
+HEAVY = {"numpy", "scipy", "heyoka", "h5py", "matplotlib", "jinja2", "pint"}
 LOADED = "; import sys; print(*{name.partition('.')[0] for name in sys.modules})"
 
 

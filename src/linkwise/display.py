@@ -94,6 +94,15 @@ def format_both(value: float, error: float) -> tuple[str, str]:
     return format_value(value, error), format_error(error)
 
 
+def format_percent(part: float) -> str:
+    """A part of a whole in per cent: two digits, or whole per cents where it has more.
+
+    >>> [format_percent(part) for part in (0.00123, 0.0456, 1.07, -2.0)]
+    ['0.12 %', '4.6 %', '107 %', '-200 %']
+    """
+    return f"{100.0 * part:.0f} %" if abs(part) >= 0.1 else f"{100.0 * part:.2g} %"
+
+
 def format_chi_square(value: float) -> str:
     """Chi-square per degree of freedom with three decimals, or with three digits where laws leave far more than noise."""
     return f"{value:.3f}" if value < _FAR_FROM_NOISE else f"{value:.3g}"

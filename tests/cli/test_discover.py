@@ -199,7 +199,7 @@ def test_help_fits_a_screen_and_says_where_the_rest_is(command: str) -> None:
     )
     options = set(re.findall(r"^  (?:-o, )?(--[a-z-]+)", whole, re.MULTILINE))
     shared = set(re.findall(r"^  (--[a-z-]+)", reading, re.MULTILINE)) - {"--help"}
-    assert {"--channel", "--delay", "--noise-of"} < shared < options and len(options) > 25
+    assert {"--channel", "--delay", "--sensor"} < shared < options and len(options) > 25
     assert (
         "no help on 'readin'; choose reading" in said("help readin", 2).err
         and said("help").out == said("--help").out

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from problems import chain_record
 from structures import asked_oscillator
 
 import linkwise as lw
+from linkwise.cli.reading_options import RecordOptions
 from linkwise.likelihood.options import errors_to_find
 from linkwise.likelihood.shooting import steps as stepping
 
@@ -117,21 +118,45 @@ def test_part_of_a_record_whose_columns_are_mapped(tmp_path: Path) -> None:
     assert part["fit"]["samples"] == 2 * 601
 
 
+def test_errors_of_sensors_have_one_spelling() -> None:
+    """CHANNEL:ERROR[=SIZE],...; --delay is short for one of them."""
+    typed = (
+        "x:wing.tip:offset=+-0.1mm,gain=1%,hum=50,hum=0.1kHz,noise=0.2mm",
+        "a:m1:drift,corner=300mHz",
+        "x:m2:drift=2s",
+    )
+    nothing = dict.fromkeys((option.name for option in fields(RecordOptions)), None)
+    given: dict[str, Any] = {**nothing, "channel": (), "interpolation": (), "record": Path("run.csv")}
+    options = RecordOptions(**{**given, "sensor": typed, "delay": ("rel:x:m2=2ms", "f:leaf")})
+    assert options.fitted_errors() == {
+        "hums": {"x:wing.tip": (50.0, 100.0)},
+        "drifts": {"a:m1": None, "x:m2": 2.0},
+        "corners": {"a:m1": 0.3},
+    }
+    sensors = dict(options.record_mapping().sensors)
+    tip = sensors.pop("x:wing.tip")
+    assert (tip.offset, tip.gain, tip.noise) == ((0.0, 1e-4), (1.0, 0.01), 2e-4)
+    assert {name: sensor.delay for name, sensor in sensors.items()} == {
+        "rel:x:m2": (2e-3, 0.0),
+        "f:leaf": (0.0, np.inf),
+    }
+
+
 @pytest.mark.slow
 def test_errors_of_sensors_are_found_where_they_are_asked_for() -> None:
-    offset = document("identify offset.csv unknown.toml --offset x:m1")
+    offset = document("identify offset.csv unknown.toml --sensor x:m1:offset")
     # 2000 samples scatter by sqrt(2/2000) = 0.03, three of them
     assert offset["fit"]["chi_square_per_sample"] == pytest.approx(1.0, abs=0.1)
     low, high = alpha(offset)["interval"]
     assert low < -100.0 < high  # the truth
 
-    gain = document("identify gain.csv unknown.toml --gain x:m1")
+    gain = document("identify gain.csv unknown.toml --sensor x:m1:gain")
     findings = [re.match(r"x:m1 shows (\S+) of its motion", line) for line in gain["findings"]]
     [factor] = [float(match[1]) for match in findings if match]
     # 1000 samples at 30 dB: five deviations of 3 %, over their root
     assert factor == pytest.approx(1.2, rel=0.005)
 
-    said("identify gain.csv unknown.toml --from 0.5 --as-stated", 3)
+    assert "how-to/if-it-refuses" in said("identify gain.csv unknown.toml --from 0.5 --as-stated", 3).err
     [added] = document("identify gain.csv unknown.toml --from 0.5")["added"]
     assert (added["cause"], added["where"]) == ("gain", "x:m1")
     assert added["size"] == pytest.approx(0.2, abs=0.02)
@@ -158,7 +183,7 @@ def test_the_help_says_what_a_calibration_of_all_stands_for() -> None:
     assert set(errors_to_find([record], calibration={"all": 0.01})["calibration"]) == {"x:m1", "f:spring"}
     out = said("identify --help-all").out
     assert '"all" stands for every response channel that is not named' in " ".join(out.split())
-    assert out.count("linkwise identify run.csv unknown.toml") == 14 and "--profile" in out
+    assert out.count("linkwise identify run.csv unknown.toml") == 13 and "--profile" in out
 
 
 @pytest.mark.parametrize(
@@ -194,11 +219,11 @@ def test_exact_laws_leave_no_model_error(files: Path, chain: lw.Structure, exact
 def test_known_noise_reaches_the_fit() -> None:
     """The true noise is believed; noise stated a hundred times too small cannot explain what is left."""
     noise = present(chain_record(2, duration=1.0).with_noise(30.0, seed=1).simulated).noise
-    known = " ".join(f"--noise-of={name}={sigma}" for name, sigma in noise.items())
+    known = " ".join(f"--sensor={name}:noise={sigma}" for name, sigma in noise.items())
     chi_square = document(f"{IDENTIFY} {known}")["fit"]["chi_square_per_sample"]
     # 2000 samples: five deviations of chi-square
     assert chi_square == pytest.approx(1.0, abs=5.0 * np.sqrt(2.0 / 2000.0))
-    too_small = " ".join(f"--noise-of={name}={sigma / 100.0}" for name, sigma in noise.items())
+    too_small = " ".join(f"--sensor={name}:noise={sigma / 100.0}" for name, sigma in noise.items())
     assert "approximate, NOT to be trusted as exact" in said(f"{IDENTIFY} {too_small}", 4).out
 
 

@@ -40,6 +40,12 @@ def test_alerts_come_first_and_name_the_options_that_mend(record: lw.Record, tmp
     assert "the longest of 3 samples at 0.1 s" in out and "(--from S, --to S)" in out
 
 
+def test_errors_that_fits_find_are_named_as_they_are_typed(record: lw.Record, tmp_path: Path) -> None:
+    values = record.values + np.outer(5e-3 * np.sin(2.0 * np.pi * 50.0 * record.time), [0.0, 1.0])
+    lw.write_record(replace(record, values=values, simulated=None), tmp_path / "hum.csv")
+    assert "(--sensor x:m2:hum=HZ (identify))" in said(f"inspect {tmp_path}/hum.csv").out
+
+
 def test_channels_that_fits_refuse_are_inspected(record: lw.Record, tmp_path: Path) -> None:
     path = tmp_path / "faulty.csv"
     x = record.channel("x:m1")

@@ -40,7 +40,7 @@ def test_json_is_the_bound_of_the_library(limit: str) -> None:
 
 def test_excitation_sensors_noise_and_segment_reach_it(limit: str) -> None:
     drive = "--impulse m2=0.01@0.2 --force m2=0.1*sin(2*pi*20*t) --sensors a:m2,v:m1"
-    printed = document(f"{limit} {drive} --noise-of a:m2=3 --noise-of v:m1=0.01 --segment 0.1")
+    printed = document(f"{limit} {drive} --noise a:m2=3 --noise v:m1=10mm/s --segment 0.1")
     expected = lw.limit(
         lw.bnes_chain(2),
         duration=0.5,

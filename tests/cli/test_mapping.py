@@ -84,12 +84,14 @@ def test_every_command_that_reads_takes_a_mapping() -> None:
 
 
 def test_options_go_before_the_mapping() -> None:
-    findings = document(f"identify {MAPPED} unknown.toml --offset x:m2 --gain x:m1=1")["findings"]
+    findings = document(f"identify {MAPPED} unknown.toml --sensor x:m2:offset --sensor x:m1:gain=1")[
+        "findings"
+    ]
     [offset] = [finding for finding in findings if finding.startswith("x:m2 is off by")]
     # 1 mm; at 40 dB the mean of 2000 samples of some centimetres is known to some micrometres
     assert float(offset.split()[4]) == pytest.approx(1e-3, abs=2e-5)
     assert not any(finding.startswith("x:m1 shows ") for finding in findings)
-    within = document(f"identify {MAPPED} unknown.toml --offset x:m2=1mm+-0.01mm")
+    within = document(f"identify {MAPPED} unknown.toml --sensor x:m2:offset=1mm+-0.01mm")
     assert any(finding.startswith("x:m2 is off by") for finding in within["findings"])
 
 
@@ -135,7 +137,7 @@ def test_attributes_of_a_file_are_counted_and_options_go_before_them(tmp_path: P
     notes = said(f"inspect {path}").err
     assert "note: x:m1: its gain is known to 2 %." in notes
     assert "The attribute gain of x:m2, '7.0', was not used" in notes
-    known = document(f"identify {path} unknown.toml --offset x:m2=0 --gain x:m1=1")
+    known = document(f"identify {path} unknown.toml --sensor x:m2:offset=0 --sensor x:m1:gain=1")
     assert not any("estimated with the other unknowns" in finding for finding in known["findings"])
 
 

@@ -116,7 +116,7 @@ def test_every_help_has_an_example(command: str) -> None:
 
 
 def test_every_example_of_help_is_right_usage() -> None:
-    """Parsed and not run: --hum x:m2=50 was refused for want of a unit."""
+    """Parsed and not run: a hum without a unit was refused for want of a unit."""
     helps = ((command.help or "").replace("\\\n", " ") for command in commands_with_help())
     lines = [line.strip() for text in helps for line in text.splitlines()]
     texts = [line for line in lines if line.startswith("linkwise ")]
@@ -128,7 +128,9 @@ def test_every_example_of_help_is_right_usage() -> None:
             command = command.commands[words.pop(0)]
         command.make_context(command.name, words)
     with pytest.raises(click.UsageError, match="loud"):
-        linkwise.commands["identify"].make_context("identify", ["a.csv", "b.toml", "--hum", "x:m1=loud"])
+        linkwise.commands["identify"].make_context(
+            "identify", ["a.csv", "b.toml", "--calibration", "x:m1=loud"]
+        )
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:

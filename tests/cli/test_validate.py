@@ -87,11 +87,11 @@ def test_a_messy_file_is_mapped_like_that_of_identify(tmp_path: Path) -> None:
     ("record", "stated", "code", "removed"),
     [
         ("scaled2.csv", "", 0, True),
-        ("scaled2.csv", "--gain force:m1=1.05", 0, False),
-        ("scaled2.csv", "--gain force:m1=1.05+-1%", 0, False),
-        ("scaled2.csv", "--gain force:m1=+-1%", 0, True),  # nothing was taken out
+        ("scaled2.csv", "--sensor force:m1:gain=1.05", 0, False),
+        ("scaled2.csv", "--sensor force:m1:gain=1.05+-1%", 0, False),
+        ("scaled2.csv", "--sensor force:m1:gain=+-1%", 0, True),  # nothing was taken out
         ("run2.csv", "", 3, True),
-        ("run2.csv", "--gain force:m1=1", 0, False),
+        ("run2.csv", "--sensor force:m1:gain=1", 0, False),
     ],
 )
 def test_a_gain_that_is_stated_counts_in_place_of_what_the_answer_found(

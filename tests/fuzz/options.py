@@ -11,8 +11,8 @@ from fuzz.text_files import SENSORS, sound_structures
 
 _DRIVE = ("--release", "--impulse", "--force", "--base", "--sensors", "--noise", "--rate", "--duration")
 _RECORD = (
-    "--channel", "--rate", "--resample", "--from", "--to", "--noise-of", "--mapping", "--header", "--decimate", "--period",
-    "--then", "--offset", "--gain", "--delay", "--interpolation", "--by-time", "--mark-missing",
+    "--channel", "--rate", "--resample", "--from", "--to", "--mapping", "--header", "--decimate", "--period",
+    "--then", "--sensor", "--delay", "--interpolation", "--by-time", "--mark-missing",
 )  # fmt: skip
 _SENSORS = ("--calibration", "--let")
 _FLAGS = ("--json", "--quick", "--by-time", "--profile")
@@ -35,7 +35,7 @@ _COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
         *_DRIVE, "--seed", "-o", "--json",
     ),
     ("limit", "chain.toml", "--duration", "0.1", "--rate", "500", "--release", "v:m1=1", "--noise", "30"): (
-        *_DRIVE, "--noise-of", "--unknown", "--segment", "--json",
+        *_DRIVE, "--noise", "--unknown", "--segment", "--json",
     ),
     ("absorb", "chain.toml", "--duration", "0.2", "--release", "v:m1=1"): (
         "--release", "--force", "--duration", "--sink", "--harvester", "--without", "--settle", "--sweep", "--json",
@@ -47,7 +47,7 @@ _MEANT = (
     "x:m1=1e-4", "v:m1=1.0", "m1=0.3@0.1", "m1=sin(30*t)", "0.1", "100", "1", "2", "nes", "nes1", "x,v", "a:m2", "x:m2", "all",
     "run.csv", "chain.toml", "unknown.toml", "out", "o.h5", "v, d, d**3", "m2=10 g", "nes1.alpha=-200:-20:3", "locked",
     "huber", "sensors.toml", "part.csv", "x:m2=part.csv:x:m2", "x:m1[mm]=2", "all=1%", "common=0.5%", "clipped", "offset",
-    "x:m1=+-0.1mm", "x:m2=2ms+-1ms", "x:m1=1.02+-1%",
+    "x:m1:offset=+-0.1mm,noise=1e-4", "x:m2=2ms+-1ms", "x:m1:gain=1.02+-1%", "x:m2:drift,hum=50Hz,corner",
 )  # fmt: skip
 
 

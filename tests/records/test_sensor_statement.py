@@ -40,6 +40,16 @@ def test_an_error_is_known_known_to_within_or_unknown(given: object, value: floa
     assert statement(offset=given).offset == pytest.approx((value, sigma), rel=1e-12)
 
 
+def test_a_gain_in_per_cent_is_known_to_within_that() -> None:
+    """As in --sensor x:m1:gain=1%; what may be a factor is refused."""
+    assert (
+        statement(gain="1 %").gain == statement(gain="+- 1 %").gain == pytest.approx((1.0, 0.01), rel=1e-12)
+    )
+    for factor in ("98 %", "102 %"):
+        with pytest.raises(lw.RecordError, match=r"cannot be read; write '1\.02' for a known gain"):
+            statement(gain=factor)
+
+
 def test_a_sensor_shows_gain_times_motion_and_offset() -> None:
     shown = 1.25 * MOTION + 2e-4
     record = lw.Record(0.0, 200.0, ("x:m1",), shown[:, None], noise={"x:m1": 1e-5})

@@ -2,41 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from browser import CHROMIUM, Shown, show
+from problems import chain_record
 
 import linkwise as lw
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
 
 
-def shown(folder: Path, scratch: Path, *, stills: int, interactive: Sequence[str] = ()) -> Shown:
+def shown(folder: Path, scratch: Path, *, figures: int, width: int = 1000) -> Shown:
     """The page of a folder: it renders without a word on the console, with its figures at their size."""
     scratch.mkdir()
-    page = show(folder / "report.html", scratch)
-    assert page.console == ()
+    page = show(folder / "report.html", scratch, width)
+    assert page.console == () and page.overlaps == ""
     assert page.shades > 50  # text and lines are smoothed: an empty page has one
-    assert len(page.pictures) == stills and min(page.pictures.values(), default=401) > 400
-    for name in interactive:
-        # plotly draws three layers a figure, all named main-svg, into the division that waits for it
-        assert 'class="main-svg"' in page.body.partition(f'id="{name}"')[2][:3000], name
+    assert len(page.pictures) == figures and min(width for _, width in page.pictures) > 400
     return page
 
 
-def test_identify_page(fitted: lw.Estimate, chain: lw.Structure, tmp_path: Path) -> None:
-    folder = lw.report.write_result(fitted, tmp_path / "answer", truth=chain)
-    page = shown(folder, tmp_path / "browser", stills=0, interactive=["force_nes1", "histories"])
-    assert "This answer can be trusted." in page.body
+@pytest.mark.parametrize("width", [800, 1280])
+def test_identify_page(width: int, tmp_path: Path) -> None:
+    """Everything is unfolded, no two texts overlap, and the page is small."""
+    chain = lw.bnes_chain(2)
+    record = chain_record(2, duration=2.0).with_noise(30.0, seed=1)
+    folder = lw.report.write_result(lw.identify(record, chain.unknown("all")), tmp_path / "answer")
+    shown(folder, tmp_path / "browser", figures=5, width=width)
+    assert (folder / "report.html").stat().st_size < 1.5e6
 
 
 def test_study_page(paper_report: Path, tmp_path: Path) -> None:
-    page = shown(paper_report, tmp_path / "browser", stills=8)
+    page = shown(paper_report, tmp_path / "browser", figures=8)
     assert "The paper's results are reproduced, and surpassed." in page.body
-    names = [name.partition(":")[0] for name in page.pictures]
+    names = [name.partition(":")[0] for name, _ in page.pictures]
     assert names == [f"Figure {number}" for number in range(2, 10)]
 
 
@@ -44,13 +45,13 @@ def test_absorption_pages(chain: lw.Structure, tmp_path: Path) -> None:
     options: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
     over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
     absorption, swept = lw.absorb(chain, **options), lw.absorption.absorption_map(chain, over, **options)
-    shown(lw.report.write_absorption(absorption, tmp_path / "absorbed"), tmp_path / "first", stills=3)
-    shown(lw.report.write_absorption_map(swept, tmp_path / "map"), tmp_path / "second", stills=1)
+    shown(lw.report.write_absorption(absorption, tmp_path / "absorbed"), tmp_path / "first", figures=3)
+    shown(lw.report.write_absorption_map(swept, tmp_path / "map"), tmp_path / "second", figures=1)
 
 
 def test_discovery_page(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
     folder = lw.report.write_discovery(discovered, tmp_path / "answer", truth=chain)
-    shown(folder, tmp_path / "browser", stills=4, interactive=["force_m1-ground", "force_m2-m1", "histories"])
+    shown(folder, tmp_path / "browser", figures=8)
 
 
 FAULTS = {  # what is told of each
@@ -67,11 +68,15 @@ def test_faults_and_an_empty_page_would_be_seen(tmp_path: Path) -> None:
     broken = '<img src="data:image/png;base64,AAAA" alt="broken">'
     page.write_text(html.format(f"<p>Words</p>{broken}{''.join(FAULTS)}"))
     faulty = show(page, tmp_path)
-    assert faulty.pictures == {"broken": 0}
+    assert faulty.pictures == [("broken", 0)]
     assert len(faulty.console) == len(FAULTS)
     for message in FAULTS.values():
         assert sum(message in line for line in faulty.console) == 1, message
-    page.write_text(html.format(""))
+    assert faulty.overlaps == ""
+    page.write_text(html.format('<p>Words</p><p style="margin-top: -2em">over others</p>'))
+    (tmp_path / "over").mkdir()
+    assert show(page, tmp_path / "over").overlaps == "Words | over others"
     (tmp_path / "again").mkdir()
+    page.write_text(html.format(""))
     empty = show(page, tmp_path / "again")
     assert empty.console == () and empty.shades < 5

@@ -10,27 +10,35 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 
 import linkwise as lw
 from linkwise.display import format_value
-from linkwise.report.estimate import estimate_page
+from linkwise.report.discovery import discovery_page
+from linkwise.report.estimate import estimate_figures, estimate_page
 from linkwise.report.page import Reported
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
 
 def page_of(estimate: lw.Estimate, **options: Any) -> str:
-    """The page without its 4 MB of script and without figures."""
-    page = estimate_page(Reported(estimate, **options), {})
-    return re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
+    """The page without figures."""
+    return estimate_page(Reported(estimate, **options), {})
 
 
 def test_verdict_comes_first_and_what_was_found_before_what_was_known(fitted: lw.Estimate) -> None:
     body = page_of(fitted).partition("<body>")[2]
     assert fitted.trusted
-    assert 0 < body.index("This answer can be trusted.") < body.index("<table>")
+    assert 0 < body.index("This answer can be trusted.") < body.index("<h2>Evidence") < body.index("<table>")
     assert body.index("<h3>nes1 ") < body.index("<h3>spring1 ")
-    assert "plotly-graph-div" not in body.partition("<h2>Masses")[0]  # no link was to be pictured
+    alpha, low = fitted.coefficient("nes1.alpha"), fitted.link("nes1").wells[0]
+    half = 1e-3 * 1.96 * present(alpha.standard_error)
+    law = re.findall('<p class="law">alpha = (.*?) ± (.*?) N/mm, beta = .* N/mm\\^3, c = .* N s/mm</p>', body)
+    # the unit of length of the axes; two digits of what is within, the value to these
+    assert [float(text) for text in law[0]] == pytest.approx([1e-3 * alpha.value, half], abs=0.05 * half)
+    assert f"well 1 = {1e3 * low.value:.1f}" in body and "frequency in well 2 = " in body
+    assert "<summary>Links: nes1, spring1</summary>" in body
+    assert "<svg" not in body  # no link was to be pictured
 
 
 def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
@@ -38,7 +46,38 @@ def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
     assert not bad.trusted
     page = page_of(bad)
     assert "Do not trust this answer." in page and "can be trusted" not in page
-    assert "Not converged. The cost still falls." in page
+    assert "<p>The cost still falls.</p>" in page and "<li>Not converged." in page
+    assert "Every number on this page, for the reason above." in page and " ± " not in page
+
+
+def test_one_sentence_says_what_could_still_be_wrong_and_by_how_much(fitted: lw.Estimate) -> None:
+    assert "Nothing that this record shows. Beyond the range visited" in page_of(fitted)
+    unseen = lw.estimates.UnseenTerm("nes1", "d**5", 1.07, "nes1.beta", -1.0, 513.0, 0.03)
+    assert (
+        "does not rule out a force like d**5 in nes1 of up to 107 % of the force there, which would change nes1.beta by 3 % "
+        "or 510 of its standard errors."
+    ) in page_of(replace(fitted, unseen_terms=(unseen,)))
+    verdicts = (lw.Verdict.UNEXPLAINED_FORCES,)
+    rough = replace(fitted, fit_verdicts=verdicts, approximate=True, model_error=0.12)
+    assert "Forces by about 12 %, and coefficients by more than their intervals" in page_of(rough)
+
+
+def test_a_force_without_elongation_is_drawn_over_the_rate(fitted: lw.Estimate) -> None:
+    """Over the elongation there is nothing to see of a dashpot."""
+    sink = fitted.structure.link("nes1")
+    coefficients = {
+        **sink.coefficients,
+        "alpha": lw.Coefficient.number(0.0),
+        "beta": lw.Coefficient.number(0.0),
+    }
+    links = (fitted.structure.links[0], replace(sink, coefficients=coefficients))
+    motion = replace(fitted.motion, structure=replace(fitted.structure, links=links))
+    figures = estimate_figures(Reported(replace(fitted, compute_motion=lambda: motion)))
+    assert present(figures["force_nes1"].figure)().axes[0].get_xlabel() == "rate v, m/s"
+    assert (
+        present(estimate_figures(Reported(fitted))["force_nes1"].figure)().axes[0].get_xlabel()
+        == "elongation d, mm"
+    )
 
 
 def test_findings_are_told_and_markup_in_names_is_harmless(fitted: lw.Estimate) -> None:
@@ -60,13 +99,20 @@ def test_numbers_stand_in_the_table(fitted: lw.Estimate, chain: lw.Structure) ->
 
 def test_page_needs_nothing_else(answer_folder: Path) -> None:
     page = (answer_folder / "report.html").read_text(encoding="utf-8")
-    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert re.findall(r"<(?:script|link|img|iframe)[^>]*\b(?:src|href)=", page) == []
-    assert "http" not in markup
-    assert page.count("plotly.js v") == 1
-    assert {f'id="{name}"' in page for name in ("force_nes1", "histories")} == {True}
-    # characters, most of them those of plotly; 5.1e6 here
-    assert len(page) < 6e6
+    assert "http" not in page and "<script" not in page
+    titles = re.findall('<svg role="img" aria-label="([^"]*)"', page)
+    assert titles[0] == "nes1" and titles[-1] == "Record"
+    assert len(page) < 1.5e6
+
+
+def test_figures_beyond_the_size_of_a_page_lie_beside_it(
+    fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that no page is larger than 1.5 MB, however many links and channels there are."""
+    monkeypatch.setattr("linkwise.report.page._PAGE", 40)
+    page = (lw.report.write_result(fitted, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 1 and '<a href="histories.png">histories.png</a>' in page
 
 
 def test_folder_holds_what_the_interface_promises(answer_folder: Path, fitted: lw.Estimate) -> None:
@@ -129,3 +175,12 @@ def test_a_discovery_from_a_simulated_record_with_memory_is_written(
     folder = lw.report.write_discovery(discovery, tmp_path / "answer")
     assert "truth" not in json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert (folder / "force_m2-m1.png").exists()
+
+
+def test_the_box_of_a_discovery_has_its_grade_and_not_that_of_its_fit(discovered: lw.Discovery) -> None:
+    """A search that did not settle is refused, though the laws that it found explain the record."""
+    unsettled = replace(discovered, verdicts=(lw.Verdict.SEARCH_UNSETTLED,))
+    assert discovered.trusted and unsettled.estimate.trusted and not unsettled.trusted
+    page = discovery_page(Reported(unsettled), {})
+    assert '<div class="verdict refused">' in page and "Every number on this page" in page
+    assert '<div class="verdict explained">' in discovery_page(Reported(discovered), {})

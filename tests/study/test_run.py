@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import multiprocessing
 from collections import deque
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
-from typing import Self, final
+from typing import Any, Self, final
 
 import pytest
 from here import Here, studies_here
@@ -65,7 +67,7 @@ def study(small_folder: Path) -> lw.study.Study:
 def run_by(executor: Executor, study: lw.study.Study, folder: Path) -> list[lw.study.Row]:
     """The rows of a study whose cases this executor runs, or goes on with."""
     with open_store(folder, study) as store, executor:
-        run(study, store, executor, silent)
+        run(study, tuple(study.cases()), store, executor, silent)
     return list(lw.study.read_rows(folder))
 
 
@@ -120,6 +122,43 @@ def test_workers_that_cannot_work_end_the_study(study: lw.study.Study, tmp_path:
         run_batch(CaseBatch(study.text(), (), linkwise="99.0"))
 
 
+class Replaying(concurrent.futures.Executor):
+    """An executor as libraries have them, that knows the rows."""
+
+    def __init__(self, rows: Sequence[lw.study.Row]) -> None:
+        self.rows = {row.case: row for row in rows}
+        self.ran: list[Case] = []
+
+    def submit(self, function: Callable[..., Any], /, batch: CaseBatch) -> Future[Any]:  # type: ignore[override]
+        assert function is run_batch
+        self.ran += batch.cases
+        future: Future[Any] = Future()
+        future.set_result([CaseResult(self.rows[case], 0.1) for case in batch.cases])
+        return future
+
+
+def test_shards_by_any_executor_are_gathered(
+    small_folder: Path, study: lw.study.Study, tmp_path: Path
+) -> None:
+    known = lw.study.read_rows(small_folder)
+    executor, folder = Replaying(known), tmp_path / "out"
+    for part in (1, 3):
+        rows = lw.study.run_study(study, folder, executor=executor, shard=f"{part}/3")
+        assert {row.case for row in rows} == set(list(study.cases())[part - 1 :: 3])
+        assert (folder / "shards" / f"{part}-of-3" / "summary.csv").exists()
+    assert lw.study.run_study(study, folder, executor=executor) == known  # runs what is left
+    assert executor.ran[-len(executor.ran[2::3]) :] == list(study.cases())[1::3] and len(executor.ran) == len(
+        known
+    )
+    with pytest.raises(lw.StudyError, match="as in 3/16, got '4/3'"):
+        lw.study.run_study(study, folder, shard="4/3")
+    with (
+        open_store(folder / "shards" / "1-of-3", study),
+        pytest.raises(lw.StudyError, match="another process is run"),
+    ):
+        lw.study.run_study(study, folder, executor=executor)
+
+
 @final
 class Gone(Executor):
     """An executor whose cluster has gone: it drops what it is given."""
@@ -171,7 +210,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     reports: list[StudyProgress] = []
     with open_store(tmp_path / "out", study) as store, Here(known=answered) as executor:
         assert store.done() == set(study.cases()) - faulty
-        run(study, store, executor, lambda report: reports.append(report.detail))
+        run(study, tuple(study.cases()), store, executor, lambda report: reports.append(report.detail))
         assert store.done() == set(study.cases())
     assert reports[0].done == len(study) - len(faulty) and reports[-1].done == len(study)
     assert {case for batch in executor.batches for case in batch} == faulty

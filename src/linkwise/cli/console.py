@@ -104,6 +104,10 @@ def deliver(
             raise
         if not as_json:
             tell(f"written to {folder}; open {folder / 'report.html'}")
+    if result.grade is Grade.REFUSED and kind in ("estimate", "discovery"):
+        tell(
+            'note: what to do, by cause, stands on the page "If it refuses" of the documentation (how-to/if-it-refuses)'
+        )
     if unheard is not None:
         raise unheard
     return ended(result, answer)

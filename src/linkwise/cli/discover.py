@@ -79,10 +79,7 @@ def mass_value(name: str, text: str) -> float | str:
     """A plain number, a text with a unit of inertia, or "unknown"; UsageError for anything else."""
     if text.strip() == "unknown":
         return "unknown"
-    try:
-        return text if rotations.is_inertia(text) else quantity(text, "kg")
-    except lw.LinkwiseError as error:
-        raise click.UsageError(f"--mass {name}: {error}") from error
+    return text if rotations.is_inertia(text) else quantity(text, "kg", f"--mass {name}")
 
 
 @click.command(
@@ -124,7 +121,7 @@ def discover(
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.5 --terms "cubic, bouc-wen"
       linkwise discover hits.csv --structure two_beams.toml --terms "cubic, friction(0.02)" -o joint
       linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --calibration all=1%
-      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --delay x:m2 --let offset,gain
+      linkwise discover run.csv --mass m1=1.0 --mass m2=0.01 --sensor x:m2:delay --let offset,gain
       linkwise discover wind.csv --mass m1=1.0 --mass m2=0.5 --ambient all
 
     Beside functions of d and v, --terms accepts these families:
@@ -143,6 +140,7 @@ def discover(
     at their points as at masses, and accelerometers at some of the points are enough. What the record cannot determine is
     reported on standard error before the search.
     """
+    source.refuse_unknown_errors("offset", "gain", "delay")
     masses = prior.masses(source.record_mapping())
     try:
         options = lw.discovery.DiscoveryOptions(**given)

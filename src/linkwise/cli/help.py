@@ -23,7 +23,7 @@ def reading(source: ReadingOptions) -> None:
     Examples:
       linkwise identify run.csv unknown.toml --channel "x:m1[mm]=Laser 1" --channel "time[ms]=Time"
       linkwise identify run.csv unknown.toml --mapping sensors.toml --from 0.5 --decimate 4
-      linkwise identify run.csv unknown.toml --offset x:m1=+-0.1mm --gain force:m1=1.02 --delay x:m2
+      linkwise identify run.csv unknown.toml --sensor x:m1:offset=+-0.1mm,gain=1% --sensor x:m2:delay
     """
 
 

@@ -29,7 +29,7 @@ from linkwise.output import RESULT
 
 @click.command(
     cls=screen(
-        *("mapping", "channel", "rate", "method", "more", "calibration", "input_noise", "admit", "profile"),
+        *("mapping", "channel", "rate", "method", "more", "sensor", "input_noise", "admit", "profile"),
         *("output", "as_json"),
     )
 )
@@ -80,18 +80,17 @@ def identify(
     Examples:
       linkwise identify run.csv unknown.toml -o answer
       linkwise identify run.csv unknown.toml --mapping sensors.toml --with run2.csv
-      linkwise identify run.csv unknown.toml --channel "x:m1[mm]=Laser 1" --offset x:m1
+      linkwise identify run.csv unknown.toml --channel "x:m1[mm]=Laser 1" --sensor x:m1:offset
     \f
     \b
-      linkwise identify run.csv unknown.toml --with run2.csv --offset x:m1 --profile
+      linkwise identify run.csv unknown.toml --with run2.csv --sensor x:m1:offset --profile
       linkwise identify run.csv unknown.toml --mapping sensors.toml --decimate 4
-      linkwise identify run.csv unknown.toml --calibration all=1% --offset x:m1=+-0.1mm
-      linkwise identify run.csv unknown.toml --delay x:m2
-      linkwise identify run.csv unknown.toml --drift a:m1 --hum x:m2=50
+      linkwise identify run.csv unknown.toml --calibration all=1% --sensor x:m1:offset=+-0.1mm,delay
+      linkwise identify run.csv unknown.toml --sensor a:m1:drift --sensor x:m2:hum=50Hz,hum=100Hz
       linkwise identify run.csv unknown.toml --ambient all
       linkwise identify run.csv unknown.toml --input-noise force:m1=0.5
       linkwise identify run.csv unknown.toml --let offset,gain,delay
-      linkwise identify run.csv unknown.toml --robust student --noise-of x:m1=1e-4
+      linkwise identify run.csv unknown.toml --robust student --sensor x:m1:noise=0.1mm
       linkwise identify run.csv unknown.toml --exact
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
@@ -121,9 +120,12 @@ def _estimator(
 ) -> lw.estimates.Estimator:
     """The method with its options; UsageError for those of another method."""
     foreign = [(name, option_name(option)) for name, options in given.items() for option in options]
-    foreign += [("ml", option) for option in source.errors_to_find]
     for name, option in foreign:
         if name != method:
             raise click.UsageError(f"{option} is for --method {name}, not for {method}.")
+    if method != "ml":
+        source.refuse_unknown_errors()
     options = {name: value for name, value in given.get(method, {}).items() if name != "more"}
+    for name, sizes in source.fitted_errors().items():
+        options[name] = {**sizes, **options.get(name, {})}
     return METHODS.lookup(method)(**options)

@@ -17,12 +17,9 @@ from linkwise.output import INSPECTION
 
 MENDED_BY = {
     **FLAGS,
-    "noise": "--noise-of CHANNEL=SIGMA",
-    "offsets": "--offset CHANNEL (identify)",
-    "gains": "--gain CHANNEL (identify)",
-    "delays": "--delay CHANNEL (identify)",
-    "drifts": "--drift CHANNEL (identify)",
-    "hums": "--hum CHANNEL=HZ (identify)",
+    "noise": "--sensor CHANNEL:noise=SIGMA",
+    **{f"{kind}s": f"--sensor CHANNEL:{kind} (identify)" for kind in ("offset", "gain", "delay", "drift")},
+    "hums": "--sensor CHANNEL:hum=HZ (identify)",
     "loss": "--robust student (identify)",
 }
 """Flag by the argument that an alert names."""
@@ -121,4 +118,5 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
 def _with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:
     """The alert, with the flags that mend it."""
     flags = [MENDED_BY[name] for name in alert.arguments if name in MENDED_BY]
+    flags = [flag.replace("CHANNEL", alert.channel) for flag in flags]
     return replace(alert, message=f"{alert.message} ({', '.join(flags)})") if flags else alert

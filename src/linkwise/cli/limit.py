@@ -14,7 +14,8 @@ from linkwise.cli.excitation_options import (
     SamplingOptions,
     drive_options,
 )
-from linkwise.cli.options import FILE, POSITIVE, grouped, number, pairs, typed, unstarted_is_usage
+from linkwise.cli.method_options import unit_of_channel
+from linkwise.cli.options import FILE, POSITIVE, grouped, number, pairs, quantity, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
 
@@ -25,10 +26,9 @@ class PlannedTest(SamplingOptions):
 
     Parameters
     ----------
-    noise : float | None
-        Signal-to-noise ratio expected in every sensor.
-    noise_of : tuple[str, ...]
-        Standard deviation expected in a sensor, in SI units, instead of --noise. Repeatable.
+    noise : tuple[str, ...]
+        Signal-to-noise ratio expected in every sensor in dB, or for each sensor the standard deviation, as in
+        x:m1=0.01mm. Repeatable.
     unknown : tuple[str, ...]
         The unknowns: all, nes, a link, nes1.alpha, mass:m2. Repeatable. By default the unknowns of STRUCTURE, at
         their starting values, or all if it has none.
@@ -37,8 +37,7 @@ class PlannedTest(SamplingOptions):
         longest whose sensitivities are resolved where the motion is chaotic).
     """
 
-    noise: float | None = typed("DB", type=float)
-    noise_of: tuple[str, ...] = typed("CHANNEL=SIGMA", multiple=True)
+    noise: tuple[str, ...] = typed("DB|CHANNEL=SIGMA", multiple=True)
     unknown: tuple[str, ...] = typed("WHAT", multiple=True)
     segment: float | None = typed("S", type=POSITIVE)
 
@@ -60,26 +59,23 @@ def limit(structure: Path, test: PlannedTest, drive: ExcitationOptions, as_json:
     Examples:
       linkwise limit chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 20
       linkwise limit chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 20 --sensors a:m2 --unknown nes
-      linkwise limit chain.toml --duration 2 --rate 500 --force m1="5*sin(30*t)" --noise-of x:m1=1e-5 --sensors x:m1
+      linkwise limit chain.toml --duration 2 --rate 500 --force m1="5*sin(30*t)" --noise x:m1=0.01mm --sensors x:m1
     """
     keywords = {**test.keywords(), **drive.keywords()}
     if test.segment is not None:
         keywords["segment"] = test.segment
     subject = read_told(structure)
     with progress("simulating the test") as step, unstarted_is_usage():
-        result = lw.limit(
-            subject, noise=_noise(test.noise, test.noise_of), unknown=test.unknown, progress=step, **keywords
-        )
+        result = lw.limit(subject, noise=_noise(test.noise), unknown=test.unknown, progress=step, **keywords)
     click.echo(to_json(result.to_dict()) if as_json else str(result))
     return ended(result, structure)
 
 
-def _noise(decibel: float | None, of: tuple[str, ...]) -> float | dict[str, float]:
-    if (decibel is None) == (not of):
-        raise click.UsageError(
-            "Give the noise of the sensors: either --noise DB or --noise-of CHANNEL=SIGMA."
-        )
-    if decibel is not None:
-        return decibel
-    sigmas = pairs(of, "--noise-of", "x:m1=1e-4")
-    return {name: number(value, "--noise-of", "x:m1=1e-4") for name, value in sigmas.items()}
+def _noise(texts: tuple[str, ...]) -> float | dict[str, float]:
+    """The ratio in dB, or standard deviations in SI by channel."""
+    if len(texts) == 1 and "=" not in texts[0]:
+        return number(texts[0], "--noise", "20")
+    if not texts:
+        raise click.UsageError("Give the noise of the sensors: either --noise DB or --noise CHANNEL=SIGMA.")
+    sigmas = pairs(texts, "--noise", "x:m1=0.1mm").items()
+    return {name: quantity(text, unit_of_channel(name), f"--noise {name}") for name, text in sigmas}

@@ -2,7 +2,7 @@
 
 A field whose metadata say what is "typed" behind its flag is an option; its help is what the docstring of the object says of
 it, and what is typed decides how it is read: nothing, NAME=VALUE, NAME[=VALUE], or a value like the default. Further metadata:
-the "unit" of a value, the "choices", whether a name may have "several" values, an "example".
+the "unit" of a value, the "choices", an "example".
 """
 
 from __future__ import annotations
@@ -100,9 +100,9 @@ def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
             else:
                 values = dict.fromkeys(part.strip() for part in text.split(","))
             for name, one in values.items():
-                if name in stated and not about.get("several"):
+                if name in stated:
                     raise click.UsageError(f"{option.opts[0]} is given twice for {name!r}.")
-                stated[name] = (*stated.get(name, ()), one) if about.get("several") else one
+                stated[name] = one
         return stated or None
 
     return read
@@ -118,16 +118,13 @@ def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str
     except ValueError:
         if unit is None:
             return value
-        unit = _unit_of_channel(name) if unit == "channel" else unit
+        unit = unit_of_channel(name) if unit == "channel" else unit
     if "sqrt" in unit:
         raise click.UsageError(f"{flag} takes a number in {unit}, as in {about['example']}, got {value!r}.")
-    try:
-        return quantity(value, unit)
-    except lw.LinkwiseError as error:
-        raise click.UsageError(f"{flag} {text}: {error}") from error
+    return quantity(value, unit, f"{flag} {text}")
 
 
-def _unit_of_channel(name: str) -> str:
+def unit_of_channel(name: str) -> str:
     """The SI unit of an input; N if the name is not a channel, which the estimator reports."""
     try:
         return channels.Channel.parse(name).unit

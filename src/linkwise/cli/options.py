@@ -96,12 +96,15 @@ def number(text: str, option: str, example: str) -> float:
         raise click.UsageError(f"{option}: {text!r} is not a number, as in {option} {example}.") from None
 
 
-def quantity(text: str, unit: str) -> float:
-    """A plain number, which is in the SI `unit`, or one with a unit of its own; LinkwiseError for anything else."""
+def quantity(text: str, unit: str, option: str) -> float:
+    """A plain number, which is in the SI `unit`, or one with a unit of its own; anything else is wrong usage."""
     given: float | str = text
     with suppress(ValueError):  # of a text with a unit
         given = float(text)
-    return lw.files.to_si(given, unit)
+    try:
+        return lw.files.to_si(given, unit)
+    except LinkwiseError as error:
+        raise click.UsageError(f"{option}: {error}") from error
 
 
 def percentage(text: str, flag: str, example: str) -> float:
@@ -194,7 +197,7 @@ def gathered(
 
 
 def option_name(parameter: str) -> str:
-    """How an option of the running command is typed, "--offset" for the parameter "offsets"."""
+    """How an option of the running command is typed, "--calibration" for the parameter "calibration"."""
     command = click.get_current_context().command
     return next(option.opts[0] for option in command.params if option.name == parameter)
 
@@ -222,6 +225,11 @@ def comma_separated(
     return tuple(part.strip() for text in texts for part in text.split(","))
 
 
+def header_line(context: click.Context, option: click.Parameter, text: str | None) -> str | int | None:
+    """The number of a header line, or text that it contains."""
+    return int(text) if text is not None and text.isdecimal() else text
+
+
 FLAGS = {
     "channels": "--channel NAME=COLUMN",
     "mapping": "--mapping FILE (inspect --write-mapping FILE writes a first one)",
@@ -243,7 +251,7 @@ FLAGS = {
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
 
-METHOD_FLAGS: dict[str, str] = {}
+METHOD_FLAGS = {"drifts": "--sensor CHANNEL:drift[=TIME]", "hums": "--sensor CHANNEL:hum=HZ"}
 """The same of options made from fields, as far as they are loaded; an error that names one is wrong usage."""
 
 

@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from math import inf, isinf
+from functools import cached_property
+from math import isinf
 from pathlib import Path
+from typing import Any
 
 import click
 
 import linkwise as lw
 from linkwise.cli.console import tell
-from linkwise.cli.options import FILE, POSITIVE, comma_separated, file_and_column, grouped, pairs, typed
+from linkwise.cli.options import (
+    FILE,
+    POSITIVE,
+    comma_separated,
+    file_and_column,
+    grouped,
+    header_line,
+    pairs,
+    quantity,
+    typed,
+)
+from linkwise.display import near_miss
 from linkwise.estimates.estimate import stated_grade
 from linkwise.model import rotations
 from linkwise.signals.force_window import with_force_windows
 
-_EXAMPLES = {"gain": "x:m1=1.02", "offset": "x:m1=0.3mm", "delay": "a:base=2ms"}
 _BY_WIDTH = -1.0  # of --force-window without a time, which none below 0 is
-_NONE = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
+_FITTED = {"drift": ("drifts", "s"), "hum": ("hums", "Hz"), "corner": ("corners", "Hz")}
+"""Errors of sensors that a fit alone knows: fields of `MaximumLikelihood`, and the units of what is typed of them."""
+_ERRORS = ("offset", "gain", "delay", "noise", *_FITTED)
 
 
 @dataclass(frozen=True)
@@ -38,7 +53,7 @@ class ReadingOptions:
     mapping : Path | None
         A file that states columns, units, masses, calibration, noise, offsets and delays once, for all records of a
         test; other options take precedence over it. inspect --write-mapping FILE writes a first one.
-    header : str | None
+    header : str | int | None
         The header line of a text file, if it is not found: its number, or text that it contains.
     rate : float | None
         Sampling rate of a file without a time column.
@@ -57,25 +72,22 @@ class ReadingOptions:
     force_window : float | None
         Take each force of a hammer as 0 but from S before to S behind its hits (default: a quarter of their width). Forces
         that are quiet between hits, beside white noise, get such a window by themselves.
-    offset : tuple[str, ...]
-        A constant error of this channel: 0.3mm is known and removed; 0.3mm+-0.1mm, or +-0.1mm, is known to within a
-        standard deviation and estimated by identify and discover, as is one without a size. Repeatable.
-    gain : tuple[str, ...]
-        The factor by which this channel scales its motion: 1.02, 1.02+-1%, or estimated if none is given. Repeatable.
+    sensor : tuple[str, ...]
+        Errors of a channel's sensor, as in x:m1:offset=+-0.1mm,gain=1%,noise=0.1mm. An offset, gain or delay with a
+        size is known and removed; one to within +- a standard deviation, as a gain of 1%, is estimated by identify and
+        discover, as is one without a size. identify also finds drift[=LENGTH OF PIECES], hum=HZ and corner[=HZ] of a high
+        pass. Repeatable.
     delay : tuple[str, ...]
-        The time by which this channel is late, in s or with a unit: 2ms, 2ms+-0.1ms, or estimated if none is given.
-        Repeatable.
+        Short for --sensor CHANNEL:delay[=TIME], the time by which a channel is late. Repeatable.
     interpolation : tuple[str, ...]
         How an input behaves between its samples: held, linear or band-limited (default). Repeatable.
-    noise_of : tuple[str, ...]
-        Standard deviation of a channel's noise in SI units, if it is known. Repeatable.
     """
 
     channel: tuple[str, ...] = typed("NAME=COLUMN", multiple=True)
     by_time: bool = typed(is_flag=True)
     then: tuple[Path, ...] = typed("FILE", type=FILE, multiple=True)
     mapping: Path | None = typed("FILE", type=FILE)
-    header: str | None = typed("LINE")
+    header: str | int | None = typed("LINE", callback=header_line)
     rate: float | None = typed("HZ", type=POSITIVE)
     resample: float | None = typed("HZ", type=POSITIVE)
     decimate: int | None = typed("N", type=click.IntRange(min=1))
@@ -84,11 +96,9 @@ class ReadingOptions:
     period: float | None = typed("S", type=POSITIVE)
     mark_missing: tuple[str, ...] = typed("KINDS", multiple=True, callback=comma_separated)
     force_window: float | None = typed("[S]", type=float, is_flag=False, flag_value=_BY_WIDTH)
-    offset: tuple[str, ...] = typed("CHANNEL[=SIZE]", multiple=True)
-    gain: tuple[str, ...] = typed("CHANNEL[=FACTOR]", multiple=True)
+    sensor: tuple[str, ...] = typed("CHANNEL:ERROR[=SIZE],...", multiple=True)
     delay: tuple[str, ...] = typed("CHANNEL[=TIME]", multiple=True)
     interpolation: tuple[str, ...] = typed("CHANNEL=KIND", multiple=True)
-    noise_of: tuple[str, ...] = typed("CHANNEL=SIGMA", multiple=True)
 
     def read_file(self, path: Path, masses: tuple[str, ...] | None, *, informative: bool = True) -> lw.Record:
         """The record in `path`, cut to the asked time; RecordError names file, line and channel.
@@ -146,7 +156,6 @@ class ReadingOptions:
 
     def record_mapping(self) -> lw.files.RecordMapping:
         """What the options state, and the mapping file beside them."""
-        header = int(self.header) if self.header is not None and self.header.isdecimal() else self.header
         channels = {name: column for name, (file, column) in self._columns().items() if file is None}
         own = lw.files.RecordMapping(
             channels,
@@ -154,7 +163,7 @@ class ReadingOptions:
             rate=self.rate,
             resample=self.resample,
             decimate=self.decimate,
-            header=header,
+            header=self.header,
         )
         return own if self.mapping is None else own.over(lw.files.read_mapping(self.mapping))
 
@@ -180,38 +189,52 @@ class ReadingOptions:
             and (own.mass.value, own.unit) != (stated[own.name].mass.value, stated[own.name].unit)
         )
 
-    @property
-    def errors_to_find(self) -> tuple[str, ...]:
-        """The options that state an error of a sensor that is not known exactly, as typed."""
-        return tuple(
-            f"--{kind} {text}"
-            for kind, text, _, statement in self._statements()
-            if getattr(statement, kind).sigma
-        )
+    def fitted_errors(self) -> dict[str, dict[str, Any]]:
+        """Sizes by channel of the errors of sensors that a fit alone knows, by field of `MaximumLikelihood`."""
+        fitted: dict[str, dict[str, Any]] = {}
+        for channel, kind, size in self._errors:
+            if kind in _FITTED:
+                field, unit = _FITTED[kind]
+                known = quantity(size, unit, f"--sensor {channel}:{kind}") if size else None
+                sizes = fitted.setdefault(field, {})
+                sizes[channel] = (*sizes.get(channel, ()), known) if kind == "hum" else known
+        return fitted
 
     def removed_errors(self, record: lw.Record) -> dict[str, list[str]]:
         """The kinds of errors, by channel of `record`, that options state with a size, and that it is without."""
         removed: dict[str, list[str]] = {}
-        for kind, _, name, statement in self._statements():
-            stated = getattr(statement, kind)
-            if name in record.channels and (stated.value != _NONE[kind] or not stated.sigma):
-                removed.setdefault(name, []).append(kind)
+        sensors = self._sensors()
+        for channel, kind, _ in self._errors:
+            known = getattr(sensors[channel], kind) if kind != "noise" else None
+            if known and channel in record.channels and (known.value != (kind == "gain") or not known.sigma):
+                removed.setdefault(channel, []).append(kind)
         return removed
 
-    def refuse_unknown_errors(self) -> None:
-        """Raise UsageError for an error of a sensor of which nothing is known, which `identify` and `discover` find."""
-        for kind, text, name, statement in self._statements():
-            if isinf(getattr(statement, kind).sigma):
+    def refuse_unknown_errors(self, *found: str) -> None:
+        """Raise UsageError for an error of a sensor of which nothing is known, unless it is of a kind that is `found`."""
+        sensors = self._sensors()
+        for channel, kind, size in self._errors:
+            if kind not in found and (
+                kind in _FITTED or isinf(getattr(sensors[channel].uncertainty, kind, 0.0))
+            ):
                 raise click.UsageError(
-                    f"--{kind} {text} has no {'time' if kind == 'delay' else 'size'}, which identify and discover find; "
-                    f"here write it, as in --{kind} {name}={_EXAMPLES[kind].partition('=')[2]}."
+                    f"--sensor {channel}:{kind}{size and f'={size}'}: identify by maximum likelihood finds this {kind}; here "
+                    "leave it out, or state a size that is known, as in --sensor x:m1:offset=0.3mm,gain=1.02,delay=2ms."
                 )
 
-    def _statements(self) -> Iterator[tuple[str, str, str, lw.records.SensorStatement]]:
-        """The kind, the text, the channel and the statement of every option for an error of a sensor."""
-        for kind in _NONE:
-            for text in getattr(self, kind):
-                yield kind, text, *_statement(kind, text)
+    @cached_property
+    def _errors(self) -> tuple[tuple[str, str, str], ...]:
+        """Channel, kind and size as typed, empty for one to be found, of the errors of sensors that options state; UsageError
+        for anything else, and for a kind, other than hums, that is stated twice of a channel.
+        """
+        late = [text.partition("=") for text in self.delay]
+        texts = (*self.sensor, *(f"{channel}:delay{sign}{size}" for channel, sign, size in late))
+        errors = [error for text in texts for error in _of_sensor(text)]
+        places = [error[:2] for error in errors if error[1] != "hum"]
+        for channel, kind in places:
+            if places.count((channel, kind)) > 1:
+                raise click.UsageError(f"--sensor {channel}:{kind}: the {kind} of {channel} is given twice.")
+        return tuple(errors)
 
     def _by_file(self, whole: lw.files.RecordMapping) -> dict[Path | None, lw.files.RecordMapping]:
         """The mapping of the record's own file, and of each that was started with it; delays are taken out later."""
@@ -255,18 +278,17 @@ class ReadingOptions:
     def _sensors(self) -> dict[str, lw.records.SensorStatement]:
         """What the options state of sensors; UsageError for a text that does not say it."""
         sensors: dict[str, lw.records.SensorStatement] = {}
-        given: set[tuple[str, str]] = set()
-        for kind, _, name, stated in self._statements():
-            if (kind, name) in given:
-                raise click.UsageError(f"--{kind} is given twice for {name!r}.")
-            given.add((kind, name))
-            sensors[name] = stated.over(sensors.get(name, lw.records.SensorStatement()))
-        runs = pairs(self.interpolation, "--interpolation", "force:m1=held")
-        for name, run in runs.items():
-            sensors[name] = replace(sensors.get(name, lw.records.SensorStatement()), interpolation=run)
-        for name, text in pairs(self.noise_of, "--noise-of", "x:m1=1e-4").items():
-            noise = _parsed("noise", "--noise-of", name, text)
-            sensors[name] = noise.over(sensors.get(name, lw.records.SensorStatement()))
+        nothing = lw.records.SensorStatement()
+        for name, kind, size in self._errors:
+            if kind not in _FITTED:
+                try:
+                    stated = lw.records.SensorStatement.of({kind: size or "unknown"}, name)
+                except lw.RecordError as error:
+                    reason = error.__cause__ or error  # without the key, which the option names
+                    raise click.UsageError(f"--sensor {name}:{kind}={size}: {reason}") from error
+                sensors[name] = stated.over(sensors.get(name, nothing))
+        for name, run in pairs(self.interpolation, "--interpolation", "force:m1=held").items():
+            sensors[name] = replace(sensors.get(name, nothing), interpolation=run)
         return sensors
 
 
@@ -275,24 +297,17 @@ def _channel(key: str) -> str:
     return key.partition("[")[0].strip()
 
 
-def _statement(kind: str, text: str) -> tuple[str, lw.records.SensorStatement]:
-    """What an option states of a channel: CHANNEL, or CHANNEL=SIZE; UsageError for anything else."""
-    name, sign, size = (part.strip() for part in text.partition("="))
-    if not name or (sign and not size):
-        raise click.UsageError(
-            f"--{kind} {text!r} is not CHANNEL or CHANNEL=SIZE, as in --{kind} {_EXAMPLES[kind]}."
-        )
-    if not sign:
-        return name, lw.records.SensorStatement(**{kind: lw.records.StatedError(_NONE[kind], inf)})  # type: ignore[arg-type]
-    return name, _parsed(kind, f"--{kind}", name, size)
-
-
-def _parsed(kind: str, option: str, name: str, text: str) -> lw.records.SensorStatement:
-    try:
-        return lw.records.SensorStatement.of({kind: text}, name)
-    except lw.RecordError as error:
-        reason = error.__cause__ or error  # without the key, which the option names
-        raise click.UsageError(f"{option} {name}={text}: {reason}") from error
+def _of_sensor(text: str) -> Iterator[tuple[str, str, str]]:
+    """Channel, kind and size of the errors in CHANNEL:ERROR[=SIZE],...; UsageError for anything else."""
+    channel = re.split("[,=]", text, maxsplit=1)[0].rpartition(":")[0]
+    for part in text[len(channel) + 1 :].split(",") if channel else [text]:
+        kind, sign, size = (word.strip() for word in part.partition("="))
+        if kind not in _ERRORS or not channel or (not size and (sign or kind in ("noise", "hum"))):
+            raise click.UsageError(
+                f"--sensor {text!r} is not CHANNEL:ERROR[=SIZE],..., as in x:m1:offset=+-0.1mm,gain=1%,hum=50Hz, with errors "
+                f"that are {', '.join(_ERRORS)}, noise and hum with a size{near_miss(kind, _ERRORS)}"
+            )
+        yield channel.strip(), kind, size
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from linkwise.cli.console import tell
 from linkwise.cli.discover import discover, mass_value
 from linkwise.cli.identify import identify
 from linkwise.cli.inspect import inspect
-from linkwise.cli.options import FILE, FOLDER, POSITIVE, grouped, pairs, typed
+from linkwise.cli.options import FILE, FOLDER, POSITIVE, grouped, header_line, pairs, typed
 from linkwise.display import align_columns
 from linkwise.files import guesses as columns
 from linkwise.files import read_table
@@ -72,7 +72,7 @@ class StartOptions:
         A column that is no channel. Repeatable.
     rate : float | None
         Sampling rate of a file without a time column.
-    header : str | None
+    header : str | int | None
         The header line of a text file, if it is not found: its number, or text that it contains.
     yes : bool
         Take what is guessed without asking; what cannot be guessed is an error that names the option.
@@ -85,7 +85,7 @@ class StartOptions:
     channel: tuple[str, ...] = typed("NAME=COLUMN", multiple=True)
     leave_out: tuple[str, ...] = typed("COLUMN", multiple=True)
     rate: float | None = typed("HZ", type=POSITIVE)
-    header: str | None = typed("LINE")
+    header: str | int | None = typed("LINE", callback=header_line)
     yes: bool = typed(is_flag=True)
 
 
@@ -122,7 +122,7 @@ def start(options: StartOptions, output: Path | None) -> int:
     masses = {
         name: mass_value(name, text) for name, text in pairs(options.mass, "--mass", "frame=1.8").items()
     }
-    test = _Test(options, masses, read_table(options.records[0], _header(options.header)))
+    test = _Test(options, masses, read_table(options.records[0], options.header))
     test = test.with_masses().with_columns().with_rate().with_forces()
     links = test.links()
     sensors, structure = folder / "sensors.toml", folder / "structure.toml"
@@ -162,8 +162,8 @@ class _Test:
     def mapping(self) -> lw.files.RecordMapping:
         """The columns, the masses and the rate as a mapping file states them."""
         named = {_key(guess): guess.label for guess in self.guesses if guess.name}
-        rate, header = self.options.rate or self.rate, _header(self.options.header)
-        return lw.files.RecordMapping(named, masses=self.masses, rate=rate, header=header)
+        rate = self.options.rate or self.rate
+        return lw.files.RecordMapping(named, masses=self.masses, rate=rate, header=self.options.header)
 
     def with_masses(self) -> _Test:
         """The test with its masses, which no file states: names are guessed from columns, numbers are asked."""
@@ -392,10 +392,6 @@ def _number_or_text(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text
-
-
-def _header(text: str | None) -> str | int | None:
-    return int(text) if text is not None and text.isdecimal() else text
 
 
 def _refuse_overwriting(*paths: Path) -> None:

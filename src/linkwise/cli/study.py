@@ -25,6 +25,8 @@ class RunOptions:
         Processes on this machine. [default: one for each processor]
     scheduler : str | None
         Run on the dask cluster with this scheduler, such as tcp://host:8786.
+    shard : str | None
+        Run the I-th of N parts of the cases, for array jobs of batch systems; the same command without it gathers all.
     output : Path
         Folder of the study; an interrupted study is resumed.
     export : bool
@@ -34,6 +36,7 @@ class RunOptions:
     quick: bool = typed(is_flag=True)
     workers: int | None = typed("N", type=click.IntRange(min=1))
     scheduler: str | None = typed("ADDRESS")
+    shard: str | None = typed("I/N")
     output: Path = typed("DIR", "-o", "--output", type=FOLDER, required=True)
     export: bool = typed(is_flag=True)
 
@@ -55,6 +58,7 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
       linkwise study reach -o results/reach
       linkwise study mine.toml --workers 4 -o results/mine
       linkwise study mine.toml --scheduler tcp://host:8786 -o results/mine
+      linkwise study mine.toml --shard 3/16 --workers 1 -o results/mine
     """
     if options.workers is not None and options.scheduler is not None:
         raise click.UsageError(
@@ -66,6 +70,9 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
         _require_stored(definition, options.output)
     else:
         _run(definition, options)
+    if options.shard is not None:
+        tell(f"part {options.shard} is done; without --shard the same command gathers all parts")
+        return 0
     summary = lw.study.study_summary(options.output)
     if not as_json:  # before the files, which may fail
         click.echo(f"{summary}\n")
@@ -101,7 +108,10 @@ def _run(study: lw.study.Study, options: RunOptions) -> None:
                 step(report)
 
             workers, scheduler = options.workers, options.scheduler
-            lw.study.run_study(study, options.output, workers=workers, scheduler=scheduler, progress=show)
+            where = options.output
+            lw.study.run_study(
+                study, where, workers=workers, scheduler=scheduler, shard=options.shard, progress=show
+            )
     except KeyboardInterrupt:
         done = f"{last[0].activity.partition(',')[0]} are" if last else "What was finished is"
         tell(f"{done} in {options.output}; the same command resumes it.")

@@ -36,8 +36,8 @@ def validate(
     record; from there the structure moves freely under the recorded inputs, or in windows if the motion is chaotic. With the
     folder of a trusted answer, each coefficient is also estimated again from RECORD alone and compared.
 
-    Errors of sensors that the answer found are taken out of RECORD. A --gain, --offset or --delay with a size, such as
-    --gain force:m1=1 for a load cell that was repaired, counts in place of what the answer found of it.
+    Errors of sensors that the answer found are taken out of RECORD. A gain, offset or delay that --sensor states with
+    a size, as force:m1:gain=1 of a load cell that was repaired, counts in place of what the answer found of it.
 
     Exit code 3 means that the prediction disagrees with the record: in some channel its RMSE is larger than noise, the error
     of the initial state, the intervals of the coefficients and the model error of the answer explain in 999 of 1000 records.
@@ -48,7 +48,7 @@ def validate(
     Examples:
       linkwise validate second.csv answer -o validation
       linkwise validate run.csv answer --from 4 --burn 0.2
-      linkwise validate second.csv answer --gain force:m1=1
+      linkwise validate second.csv answer --sensor force:m1:gain=1
       linkwise validate second.csv answer/structure.toml --json
     """
     source.refuse_unknown_errors()

@@ -21,6 +21,7 @@ from linkwise.display import (
     format_chi_square,
     format_duration,
     format_error,
+    format_percent,
     format_value,
     paragraph,
     remark_lines,
@@ -566,7 +567,7 @@ def path_rows(discovery: Discovery) -> Rows:
         return rows
     functions = _functions_of_dropped(discovery)
     for point in near:
-        share = _share(100.0 * point.share) if isfinite(point.share) else ""
+        share = format_percent(point.share) if isfinite(point.share) else ""
         step = _with_functions(point.step, functions)
         figures = rough(point.criterion), rough(point.prediction), rough(point.scatter), share
         judged = ("selected", "", "", "", "") if point.chosen else (step, *figures)
@@ -582,11 +583,6 @@ def _functions_of_dropped(discovery: Discovery) -> dict[str, str]:
 def _with_functions(change: str, functions: Mapping[str, str]) -> str:
     """A change of a model in words, with the functions of the terms that it names."""
     return " ".join(f"{word} ({functions[word]})" if word in functions else word for word in change.split())
-
-
-def _share(percent: float) -> str:
-    """A share to two digits, or to whole percents where it has more."""
-    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
 def all_remarks(discovery: Discovery) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from linkwise.display import format_error, format_percent
 from linkwise.model.host import in_words, is_between_modes
 from linkwise.model.names import MASS
 from linkwise.records.record import Record
@@ -288,13 +289,13 @@ class UnseenTerm:
     @property
     def description(self) -> str:
         """In words, with its sizes."""
-        part = f"of up to {100.0 * self.share:.2g} %"
+        part = f"of up to {format_percent(self.share)}"
         change = (
-            f"would change {self.coefficient} by {100.0 * self.relative_change:.2g} % or "
-            f"{self.standard_errors:.2g} of its standard errors"
+            f"would change {self.coefficient} by {format_percent(self.relative_change)} or "
+            f"{format_error(self.standard_errors)} of its standard errors"
         )
         if self.is_mass:
-            return f"a mass of {self.link} that is off by up to {100.0 * self.share:.2g} %, which {change}"
+            return f"a mass of {self.link} that is off by up to {format_percent(self.share)}, which {change}"
         term = f"a force like {self.term} in {self.link} {part} of the force there"
         if is_between_modes(self.link):
             term = f"damping {in_words(self.link)} {part} of the largest that dissipates"

@@ -231,6 +231,23 @@ def has_loop(estimate: Estimate, name: str) -> bool:
     return forces is not None and bool(np.isfinite(forces[:, index]).any())
 
 
+def fitted_channels(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
+    """Channels (N,) of the first record as measured, and what the fit says that they show: those of a fit to samples, or the
+    load cells of links whose forces are known.
+    """
+    motion, record = estimate.motion, estimate.record
+    if motion.residuals:
+        left = {
+            name: estimate.noise[name].sigma * one[: len(record)] for name, one in motion.residuals.items()
+        }
+        return {name: (record.channel(name), record.channel(name) - one) for name, one in left.items()}
+    if motion.measured_force is None or motion.identified_force is None:
+        return {}
+    names = [f"f:{link.name}" for link in motion.structure.links]
+    forces = zip(names, motion.measured_force.T, motion.identified_force.T, strict=True)
+    return {name: (a[: len(record)], b[: len(record)]) for name, a, b in forces if name in record.channels}
+
+
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
 
 

@@ -386,13 +386,8 @@ class MaximumLikelihood(Estimator):
     gains: Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict, metadata=CALIBRATION)
     delays: Sequence[str] = ()
-    drifts: str | Sequence[str] | Mapping[str, float | None] = field(
-        default=(), metadata={"typed": "CHANNEL[=TIME]", "unit": "s", "example": "x:m1=2s"}
-    )
-    hums: Mapping[str, float | Sequence[float]] = field(
-        default_factory=dict,
-        metadata={"typed": "CHANNEL=HZ", "unit": "Hz", "several": True, "example": "x:m1=50Hz"},
-    )
+    drifts: str | Sequence[str] | Mapping[str, float | None] = ()
+    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     corners: Sequence[str] | Mapping[str, float | None] = field(
         default=(), metadata={"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
     )

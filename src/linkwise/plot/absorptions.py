@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import EngFormatter
 
 from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
@@ -282,6 +283,9 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
     axes.set(xlim=(min(edges), max(edges)), ylabel=unit or "number")
 
 
+_MANY_DIGITS = 1e5
+
+
 def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
     axes.set_xlabel(_axis_label(across))
     if across.logarithmic and across.values[0] > 0.0:
@@ -290,6 +294,8 @@ def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
         axes.set_ylabel(_axis_label(up))
         if up.logarithmic and up.values[0] > 0.0:
             log_scale(axes, "y")
+        elif np.abs(up.values).max() >= _MANY_DIGITS:  # a common factor would stand over the title
+            axes.yaxis.set_major_formatter(EngFormatter(sep=""))
 
 
 def _axis_label(axis: SweepAxis) -> str:

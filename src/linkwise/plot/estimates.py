@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,12 @@ from linkwise.plot.style import (
     sheet,
     wrap_title,
 )
+from linkwise.records.record import Record
 
 _MOST = 4  # channels that still can be read on one page
+_OVERLAID = 3  # channels of which measured and fitted are seen at a glance
+_MEASURED: dict[str, Any] = {"color": MEASURED, "linewidth": 1.8, "label": "measured"}
+_FITTED: dict[str, Any] = {"color": IDENTIFIED, "linewidth": 0.7, "label": "fitted"}
 _APART = 8  # standard deviations of noise between the channels over time
 
 
@@ -115,7 +119,8 @@ def _over_frequency(axes: Axes, values: Floats, rate: float, **style: Any) -> No
     axes.plot(spectrogram.frequency[1:-1], density, **{"linewidth": 0.9, **style})
     if density.any():
         log_scale(axes, "y")
-    axes.set(xlim=(0.0, 0.5 * rate), xlabel="frequency, Hz")
+    axes.set(xlim=spectrogram.frequency[[1, -2]], xlabel="frequency, Hz")
+    log_scale(axes, "x")
 
 
 def _over_motion(axes: Axes, values: Floats, along: Floats, factor: float, **style: Any) -> Floats:
@@ -170,6 +175,30 @@ def residuals_figure(estimate: Estimate) -> Figure:
         for axes in over_motion:
             axes.set_ylabel("mean / noise")
         legend_below(figure, over_motion[0], over_frequency, columns=3)
+    return figure
+
+
+def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) -> Figure:
+    """Channels (N,) of a record as measured over what a fit says they show, in time and frequency; of more than 3 the first
+    ones."""
+    overlaid = list(channels.items())[:_OVERLAID]
+    with sheet(len(overlaid), 2, height=1.0 + 1.3 * len(overlaid)) as (figure, panels):
+        for (name, (measured, fitted)), over_time, over_frequency in zip(
+            overlaid, panels[::2], panels[1::2], strict=True
+        ):
+            factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), record.unit(name))
+            for shown, style in ((measured, _MEASURED), (fitted, _FITTED)):
+                over_time.plot(*envelope(record.time, shown * factor, 1500), **style)
+                spectrogram = Spectrogram.of(shown, record.rate)
+                density = np.sqrt(spectrogram.mean[1:-1]) * factor
+                over_frequency.plot(spectrogram.frequency[1:-1], density, **style)
+            over_time.set(xlim=record.time[[0, -1]], ylabel=f"{literal(name)}, {unit}")
+            over_frequency.set(xlim=spectrogram.frequency[[1, -2]], ylabel=f"{unit}/√Hz")
+            log_scale(over_frequency, "x")
+            log_scale(over_frequency, "y")
+        panels[-2].set_xlabel("time, s")
+        panels[-1].set_xlabel("frequency, Hz")
+        legend_below(figure, panels[0])
     return figure
 
 

@@ -87,7 +87,8 @@ class SensorStatement:
         ----------
         stated : mapping of str to object
             The keys calibration, gain, offset, delay, noise and interpolation: numbers in SI units, or texts such as
-            ``"0.3 mm"``, ``"0.3 mm +- 0.1 mm"``, ``"+- 0.1 mm"`` and ``"unknown"``.
+            ``"0.3 mm"``, ``"0.3 mm +- 0.1 mm"``, ``"+- 0.1 mm"`` and ``"unknown"``; a gain of ``"1 %"`` is known
+            to within that.
         channel : str
             The channel, or ``"common"``.
         file : str, optional
@@ -168,14 +169,16 @@ def _units(given: object, sensor: Channel | None) -> list[str]:
 
 
 def known_within(text: str, dimension: str, kind: str) -> StatedError:
-    """Read "0.3 mm", "0.3 mm +- 0.1 mm", "+- 0.1 mm" or "unknown" as an error of this kind.
+    """Read "0.3 mm", "0.3 mm +- 0.1 mm", "+- 0.1 mm" or "unknown" as an error of this kind; "1 %" of a gain is "+- 1 %".
 
     Raises LinkwiseError for anything else.
     """
     if text.strip() == "unknown":
         return StatedError(_PLAIN[kind], inf)
     parts = _WITHIN.split(text.strip())
-    if len(parts) > 2 or not parts[-1]:
+    is_tolerance = len(parts) == 1 and not dimension and text.strip().endswith("%")
+    parts = [""] * is_tolerance + parts
+    if len(parts) > 2 or not parts[-1] or (is_tolerance and not _si(text, "") < _NO_CALIBRATION):
         raise _unreadable(text, dimension, kind)
     try:
         value = _PLAIN[kind] if len(parts) == 2 and not parts[0] else _si(parts[0], dimension)
@@ -226,8 +229,7 @@ def _value(key: str, given: object, unit: str) -> Any:
                 f"{given} is {100.0 * sigma:g} % of what the sensor shows; write '{given} %' for a percentage"
             )
         return sigma
-    dimension = {"gain": "", "offset": unit, "delay": "s"}[key]
-    stated = _stated(key, given, dimension)
+    stated = _stated(key, given, {"gain": "", "offset": unit, "delay": "s"}[key])
     if not isfinite(stated.value) or stated.sigma < 0.0:
         raise LinkwiseError(f"a standard deviation must not be negative, got {given!r}")
     if key == "gain" and stated.value == 0.0:
@@ -255,8 +257,7 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
     if not stated:
         return record
     values, notes = record.values.copy(), []
-    noise, runs = dict(record.noise), dict(record.interpolation)
-    uncertainty = dict(record.uncertainty)
+    noise, runs, uncertainty = dict(record.noise), dict(record.interpolation), dict(record.uncertainty)
     units = {**record.units, **_units_stated(record, stated, file)}
     late: dict[str, float] = {}
     for name, statement in stated.items():

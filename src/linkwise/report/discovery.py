@@ -213,8 +213,7 @@ def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]
     discovery = reported.result
     return rendered(
         "discovery.html.jinja",
-        interactive=True,
-        **page_parts(links_of(reported), pictures),
+        **page_parts(links_of(reported), pictures, discovery.grade),
         discovery=discovery,
         headline=headline(discovery),
         remarks=all_remarks(discovery),

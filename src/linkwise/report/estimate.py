@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +12,19 @@ import numpy as np
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.display import JudgedView, format_chi_square, format_error, format_value
+from linkwise.display import (
+    JudgedView,
+    format_both,
+    format_chi_square,
+    format_error,
+    format_percent,
+    format_value,
+    listed,
+)
 from linkwise.errors import RecordError, expect
-from linkwise.estimates.curves import GRID, has_loop
+from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
-from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity
+from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.identification.force_error import nmse
 from linkwise.likelihood.noise import whiteness_text
@@ -24,6 +34,7 @@ from linkwise.progress import Progress, silent
 from linkwise.records.record import Record
 from linkwise.registry import Registry, lazy_module
 from linkwise.report.page import Build, Reported, ResultFolder, Section, rendered, sections_of
+from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
 
 if TYPE_CHECKING:
@@ -40,8 +51,9 @@ else:  # matplotlib is for those who want a page
     style = lazy_module("linkwise.plot.style")
 
 PICTURED = 24  # links with figures; the others have their numbers and their force file
+FIRST = 3  # links whose laws stand on the first screen
 UNSEEN_HEAD = (
-    "link or mass", "term", "up to, % of its force or mass", "would change", "by %", "standard errors",
+    "link or mass", "term", "up to, of its force or mass", "would change", "by", "standard errors",
 )  # fmt: skip
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
@@ -65,7 +77,7 @@ def _record(reported: Reported[Estimate]) -> Section:
         items=record.notes,
         rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
         figure=lambda: record_figures.histories_figure(record),
-        interactive=True,
+        folded=True,
     )
 
 
@@ -76,14 +88,15 @@ def _unseen(reported: Reported[Estimate]) -> Section | None:
         (
             term.link,
             term.term,
-            f"{100.0 * term.share:.2g}",
+            format_percent(term.share),
             term.coefficient,
-            f"{100.0 * term.relative_change:.2g}",
+            format_percent(term.relative_change),
             f"{term.standard_errors:.2g}",
         )
         for term in terms
     ]
-    return Section("Terms that the record does not rule out", rows=[UNSEEN_HEAD, *rows]) if terms else None
+    title = "Terms that the record does not rule out"
+    return Section(title, rows=[UNSEEN_HEAD, *rows], folded=True) if terms else None
 
 
 def _residuals(reported: Reported[Estimate]) -> Section | None:
@@ -101,19 +114,40 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         text=[text],
         items=[whiteness_text(name, values) for name, values in left.items()],
         figure=lambda: fit_figures.residuals_figure(estimate),
+        folded=True,
+    )
+
+
+def _fit(reported: Reported[Estimate]) -> Section | None:
+    """Measured over fitted, where the method fits samples."""
+    overlaid = fitted_channels(reported.result)
+    if not overlaid:
+        return None
+    return Section(
+        "Measured and fitted", figure=lambda: fit_figures.fit_figure(reported.result.record, overlaid)
     )
 
 
 SECTIONS: Registry[Build[Estimate]] = Registry(
     "section",
-    {"alternative": _second_answer, "unseen": _unseen, "residuals": _residuals, "histories": _record},
+    {
+        "fit": _fit,
+        "alternative": _second_answer,
+        "unseen": _unseen,
+        "residuals": _residuals,
+        "histories": _record,
+    },
 )
-"""What follows the links, in order; the name of a section is that of its figure's files."""
+"""What follows the links, in order, the fit on the first screen; the name of a section is that of its figure's files."""
 
 
 def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
-    """The force law."""
-    return lambda: link_figures.force_figure(reported.result, link, truth=reported.truth)
+    """The force law, over the rate where there is none at rest."""
+    estimate = reported.result
+    at_rest = estimate.force_band(link, np.linspace(*estimate.link(link).d_range, GRID))[0]
+    if not at_rest.any() and not estimate.link(link).link.law.states:
+        return lambda: style.single(partial(link_figures.loop, estimate, link, over="v"))
+    return lambda: link_figures.force_figure(estimate, link, truth=reported.truth)
 
 
 def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
@@ -132,7 +166,7 @@ LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] 
 def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
     """All sections with a figure, by the name of its files: those of the links, then the others."""
     links = {
-        f"{kind}_{name}": Section(name, figure=figure, interactive=True)
+        f"{kind}_{name}": Section(name, figure=figure)
         for kind, build in LINK_FIGURES.items()
         for name in _pictured(reported.result)
         if (figure := build(reported, name)) is not None
@@ -145,11 +179,11 @@ def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) 
 
     `pictures` are those that `write_figures` made of `estimate_figures`.
     """
-    return rendered("page.html.jinja", interactive=True, **page_parts(reported, pictures))
+    return rendered("page.html.jinja", **page_parts(reported, pictures, reported.result.grade))
 
 
-def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> dict[str, Any]:
-    """What the page's template shows, by name, for this page and those that extend it."""
+def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], grade: Grade) -> dict[str, Any]:
+    """What the page's template shows of an answer of this grade, by name, for this page and those that extend it."""
     estimate, truth = reported.result, reported.truth
     identified_first = sorted(estimate.links, key=lambda link: not link.free)
     of_modes = (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
@@ -160,16 +194,76 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> 
 
     return {
         "estimate": estimate,
+        "laws": [_law(link) for link in identified_first[:FIRST] if link.free],
+        "grade": grade.value,
+        "doubt": _doubt(estimate, grade),
+        "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
         "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
         "masses": rows(estimate.masses),
         "modes": rows(of_modes),
         "chi_square": "" if chi_square is None else format_chi_square(chi_square),
-        "sections": sections_of(SECTIONS, reported),
+        "sections": {name: one for name, one in sections_of(SECTIONS, reported).items() if name != "fit"},
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
         "compared": truth is not None,
         "profiled": bool(estimate.profile_intervals),
     }
+
+
+def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
+    """The figure on the first screen: the force of the link with most unknowns."""
+    links = [link for link in estimate.links if f"force_{link.link.name}" in pictures]
+    return f"force_{max(links, key=lambda link: len(link.free)).link.name}" if links else ""
+
+
+def _law(link: LinkEstimate) -> dict[str, Any]:
+    """The law of a link with its numbers within half of their 95 % intervals, in the unit of length of its figure."""
+    of_d = link.link.law.motion_units[0]
+    length = style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
+    derived = [f"{label} = {_within(quantity, length)}" for label, quantity in _numbered(link)]
+    return {
+        "title": style.force_title(link.link),
+        "values": [f"{one.name.key} = {_within(one, length)}" for one in link.coefficients if not one.known],
+        "derived": derived,
+    }
+
+
+def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
+    """What follows from the coefficients of a link, with the number of the well that it is of."""
+    wells = [(f"well {number}", well) for number, well in enumerate(link.wells, start=1)]
+    barrier = [("barrier", link.barrier)] if link.barrier else []
+    of_wells = [(f"frequency in well {number}", one) for number, one in enumerate(link.frequencies, start=1)]
+    return [*wells, *barrier, *of_wells]
+
+
+def _within(quantity: CoefficientEstimate | DerivedQuantity, length: str) -> str:
+    """A value and half of its 95 % interval, with meters in the unit of `length` and energy with a prefix."""
+    unit = re.sub(r"\bm\b", length, quantity.unit)
+    factor = to_si(f"1 {unit}", quantity.unit) if unit != quantity.unit else 1.0
+    if quantity.unit == "J":
+        times, unit = style.scale(abs(quantity.value), "J")
+        factor = 1.0 / times
+    value = quantity.value / factor
+    if quantity.interval is None:
+        return f"{value:.4g} {unit}".rstrip()
+    half = 0.5 * (quantity.interval[1] - quantity.interval[0]) / factor
+    return " ".join((" ± ".join(format_both(value, half)), unit)).rstrip()
+
+
+def _doubt(estimate: Estimate, grade: Grade) -> str:
+    """One sentence on what could still be wrong, and by how much."""
+    if grade is Grade.REFUSED:
+        return "Every number on this page, for the reason above."
+    if grade is Grade.APPROXIMATE:
+        part = format_percent(estimate.model_error)
+        forces = f"Forces by about {part}, and coefficients" if estimate.model_error else "Coefficients"
+        return f"{forces} by more than their intervals where a law has another form, or for the reason above."
+    if estimate.unseen_terms:
+        return f"The record does not rule out {estimate.unseen_terms[0].description}."
+    known = [str(c.name) for link in estimate.links for c in link.coefficients if c.known and c.value]
+    known += [str(mass.name) for mass in estimate.masses if mass.known]
+    stated = f", and an error of what was stated ({listed(known)}) passes on to it" if known else ""
+    return f"Nothing that this record shows. Beyond the range visited a law is an extrapolation{stated}."
 
 
 def _pictured(estimate: Estimate) -> list[str]:
@@ -196,13 +290,13 @@ def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str
     """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
     estimate = reported.result.link(name)
     true = {} if reported.truth is None else reported.truth.link(name).values
-    derived = [*estimate.wells, *([estimate.barrier] if estimate.barrier else []), *estimate.frequencies]
     error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
     return {
+        "name": name,
         "title": style.force_title(estimate.link),
         "rates": estimate.link.rate_texts,
         "rows": [_row(reported.result, one, true.get(one.name.key)) for one in estimate.coefficients],
-        "derived": [_derived(quantity) for quantity in derived],
+        "derived": [f"{label}: {_derived(quantity)}" for label, quantity in _numbered(estimate)],
         "visited": f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
         f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} {of_v}",
         "nmse": "" if error is None else f"{error:.3g} %",
@@ -232,7 +326,7 @@ def _ends(interval: tuple[float, float] | None, error: float | None) -> str:
 def _derived(quantity: DerivedQuantity) -> str:
     value, interval = quantity.texts
     of_95 = f" (95 %: {interval.replace(' to ', ' … ')})" if interval else ""
-    return f"{quantity.name}: {value} {quantity.unit}{of_95}"
+    return f"{value} {quantity.unit}{of_95}"
 
 
 def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:

@@ -113,7 +113,6 @@ def _histories(inspection: Inspection, number: int) -> Section:
         record.notes,
         [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))],
         (lambda: record_figures.histories_figure(record)) if number < PICTURED else None,
-        interactive=True,
     )
 
 
@@ -123,7 +122,6 @@ def _pictured(
     draw: Callable[[Inspection, int], Figure],
     *,
     channels: int = 1,
-    interactive: bool = False,
 ) -> Callable[[Inspection, int], Section | None]:
     """A section of a picture of a record with at least so many channels, for the first records."""
 
@@ -132,7 +130,7 @@ def _pictured(
             return None
         of = f" of {labels(inspection.records)[number]}" if len(inspection.records) > 1 else ""
         figure = partial(draw, inspection, number)
-        return Section(f"{title}{of}", [text], figure=figure, interactive=interactive)
+        return Section(f"{title}{of}", [text], figure=figure)
 
     return build
 
@@ -141,7 +139,6 @@ _spectra = _pictured(
     "Spectra",
     "Amplitude spectral density; dashed is white noise of the level that was found.",
     lambda inspection, number: record_figures.spectra_figure(inspection, number),
-    interactive=True,
 )
 _maps = _pictured(
     "Time and frequency",
@@ -154,7 +151,6 @@ _coherence = _pictured(
     "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it.",
     lambda inspection, number: record_figures.coherences_figure(inspection, number),
     channels=2,
-    interactive=True,
 )
 
 

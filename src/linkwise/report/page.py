@@ -12,6 +12,7 @@ Templates escape what they print and miss nothing silently.
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,16 +34,19 @@ if TYPE_CHECKING:
     import jinja2
     from jinja2 import Environment
     from matplotlib.figure import Figure
-    from plotly import offline
 
-    from linkwise.plot import interactive, style
+    from linkwise.plot import style
 else:  # what draws and renders loads where a page is written: who wants the numbers alone does not wait for it
-    interactive = lazy_module("linkwise.plot.interactive")
     style = lazy_module("linkwise.plot.style")
     jinja2 = lazy_module("jinja2")
-    offline = lazy_module("plotly.offline")
 
 _PIXELS = 96  # of a page in an inch of a figure
+_PAGE = 1_200_000  # characters of figures on a page; further ones lie beside it
+_ABOUT = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>| xmlns(:\w+)?=\"[^\"]*\"", re.DOTALL)
+"""What a page needs not of a picture: who made it, and where its format is defined."""
+_PATH = re.compile(r' d="[^"]*"')
+_FINE = re.compile(r"(?<=\.\d\d)\d+")
+"""Thousandths of a point in paths."""
 
 R = TypeVar("R")
 
@@ -60,7 +64,7 @@ class Reported(Generic[R]):
 class Section:
     """One heading: paragraphs of `text`, `items` of a list, `rows` of a table (the first are its titles) and a `figure`.
 
-    The figure is shown as a picture, or `interactive`: to zoom and read values off. A `folded` section opens on demand.
+    A `folded` section opens on demand.
     """
 
     title: str
@@ -68,16 +72,15 @@ class Section:
     items: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
     figure: Callable[[], Figure] | None = None
-    interactive: bool = False
     folded: bool = False
 
 
 Build = Callable[[Reported[R]], Section | None]
 
 
-def figure_section(title: str, draw: Callable[[R], Figure], *, interactive: bool = False) -> Build[R]:
+def figure_section(title: str, draw: Callable[[R], Figure]) -> Build[R]:
     """A section that shows the figure that `draw` makes of a result, and nothing else."""
-    return lambda reported: Section(title, figure=partial(draw, reported.result), interactive=interactive)
+    return lambda reported: Section(title, figure=partial(draw, reported.result))
 
 
 def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict[str, Section]:
@@ -97,20 +100,25 @@ def write_figures(
     pictures: dict[str, Markup] = {}
     for name, section in drawn:
         progress(ProgressReport(len(pictures) / len(drawn), f"figure {name}"))
-        pictures[name] = _picture(name, section, folder)
+        left = _PAGE - sum(map(len, pictures.values()))
+        pictures[name] = _picture(name, section, folder, left)
     return pictures
 
 
-def _picture(name: str, section: Section, folder: Path) -> Markup:
-    """What a page shows of the figure of a section, which is saved in `folder`."""
+def _picture(name: str, section: Section, folder: Path, most: int) -> Markup:
+    """What a page shows of the figure of a section, which is saved in `folder`: a picture of so many characters at `most`."""
     assert section.figure is not None
     figure = section.figure()
-    [png] = style.encoded(figure, "png")
+    png, svg = style.encoded(figure, "png", "svg")
     (folder / f"{name}.png").write_bytes(png)
-    if section.interactive:
-        return Markup(interactive.interactive_html(figure, name))
+    drawing, still = _ABOUT.sub("", svg.decode("utf-8").partition("<svg")[2]), embedded(png)
+    drawing = _PATH.sub(lambda path: _FINE.sub("", path[0]), drawing)
+    if min(len(drawing), len(still)) > most:
+        return Markup('<p><a href="{0}">{0}</a></p>').format(f"{name}.png")
+    if len(drawing) < len(still):
+        return Markup('<svg role="img" aria-label="{}"').format(section.title) + Markup(drawing)
     width = round(_PIXELS * figure.get_figwidth())
-    return Markup('<img src="{}" alt="{}" width="{}">').format(embedded(png), section.title, width)
+    return Markup('<img src="{}" alt="{}" width="{}">').format(still, section.title, width)
 
 
 def embedded(png: bytes) -> str:
@@ -131,10 +139,9 @@ def _templates() -> Environment:
     return environment
 
 
-def rendered(template: str, *, interactive: bool, **parts: Any) -> str:
-    """The page that a template makes of its parts, with the version, and the script of `interactive` figures."""
-    plotly = Markup(offline.get_plotlyjs()) if interactive else ""
-    return _templates().get_template(template).render(parts, plotly=plotly, version=__version__)
+def rendered(template: str, **parts: Any) -> str:
+    """The page that a template makes of its parts, with the version."""
+    return _templates().get_template(template).render(parts, version=__version__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +210,6 @@ def section_page(
     """
     return rendered(
         "section_page.html.jinja",
-        interactive=any(section.interactive for section in sections.values()),
         title=title or (structure and structure.name) or "structure",
         verdict=verdict,
         trusted=result.trusted,

@@ -118,7 +118,6 @@ def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Mapping
     comparison, table = report.comparison, report.table
     return rendered(
         "study.html.jinja",
-        interactive=False,
         report=report,
         study=report.study,
         methods=[method for method in table.methods if method not in comparison.classical],

@@ -75,7 +75,6 @@ def _scores(reported: Reported[Validation]) -> Section:
         items=record.notes,
         rows=[CHANNEL_HEAD, *channel_rows(validation)],
         figure=lambda: validation_figures.prediction_figure(validation),
-        interactive=True,
     )
 
 
@@ -93,7 +92,6 @@ def _error(reported: Reported[Validation]) -> Section:
             "The band is twice the standard deviation that noise and the errors of the answer give the difference."
         ],
         figure=lambda: validation_figures.prediction_error_figure(reported.result),
-        interactive=True,
     )
 
 

@@ -6,6 +6,7 @@ cases that were run say.
 
 from __future__ import annotations
 
+import concurrent.futures
 import json
 import math
 import multiprocessing
@@ -267,6 +268,33 @@ class Executor(ABC):
     def __enter__(self) -> Self: ...
 
     @abstractmethod
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+@final
+class GivenExecutor(Executor):
+    """An executor of any library with the interface of `concurrent.futures`, of `count` workers, that its owner shuts down."""
+
+    batch_seconds = 2.0
+
+    def __init__(self, executor: concurrent.futures.Executor, count: int) -> None:
+        self._executor, self._count = executor, count
+
+    @property
+    def slots(self) -> int:
+        return _BATCHES_PER_WORKER * self._count
+
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        return self._executor.submit(run_batch, batch)
+
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        return FailureKind.CANNOT_RUN
+
+    def __enter__(self) -> Self:
+        return self
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...

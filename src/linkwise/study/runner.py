@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+import re
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from importlib import import_module
@@ -19,13 +21,14 @@ from linkwise.study.executor import (
     CaseResult,
     Executor,
     FailureKind,
+    GivenExecutor,
     ProcessExecutor,
     Timing,
     failed_row,
     next_batch,
 )
 from linkwise.study.row import WORKER_DIED, Case, Row
-from linkwise.study.store import Store, open_store, read_rows
+from linkwise.study.store import SHARDS, Store, open_store, read_rows
 from linkwise.study.summary import export_study
 
 _MOST_DEATHS = 3  # of workers that run a case, after which the case is the reason
@@ -66,19 +69,23 @@ class StudyProgress:
         return ProgressReport(self.done / self.total, activity, self)
 
 
-def run(study: Study, store: Store, executor: Executor, progress: Progress) -> None:
-    """Run every case of `study` that is not done in `store`. After an interrupt a later call continues.
+def run(study: Study, cases: Sequence[Case], store: Store, executor: Executor, progress: Progress) -> None:
+    """Run every one of these cases of `study` that is not done in `store`. After an interrupt a later call continues.
 
     Raises StudyError if the workers cannot run cases at all.
     """
     done = store.done()
     rows = [row for row in store.rows() if row.case in done]
-    pending = [case for case in study.cases() if case not in done]
+    pending = [case for case in cases if case not in done]
     timing = Timing(rows, pending, {subject.name: subject.structure.size or 1 for subject in study.subjects})
     queue = _Queue(study, executor, timing, pending)
 
     def report() -> None:
-        progress(StudyProgress(len(done) + timing.done, len(study), timing.rate, timing.left).report)
+        progress(
+            StudyProgress(
+                len(cases) - len(pending) + timing.done, len(cases), timing.rate, timing.left
+            ).report
+        )
 
     report()
     queue.submit()
@@ -164,6 +171,8 @@ def run_study(
     quick: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
+    executor: concurrent.futures.Executor | None = None,
+    shard: str | None = None,
     progress: Progress = silent,
 ) -> tuple[Row, ...]:
     """Run a study, or continue one, and write its tables.
@@ -179,16 +188,22 @@ def run_study(
     quick : bool
         Whether to run the quick number of cycles only.
     workers : int, optional
-        The number of processes on this machine; by default one for each processor.
+        The number of processes on this machine, by default one for each processor; with `executor` that of its workers.
     scheduler : str, optional
         The address of the scheduler of a dask cluster to run on ("tcp://host:8786"), in place of `workers`.
+    executor : concurrent.futures.Executor, optional
+        What runs the cases: an executor of any library with this interface, whose futures are those of `concurrent.futures`.
+        It is not shut down.
+    shard : str, optional
+        ``"i/n"`` runs the i-th of n parts of the cases into a folder of its own, for batch systems without a coordinator; a
+        later call without it gathers them all.
     progress : Progress
         Called with reports whose `detail` is a `StudyProgress`.
 
     Returns
     -------
     tuple of Row
-        In the order of the study.
+        In the order of the study; of a shard its own.
 
     Raises
     ------
@@ -207,25 +222,36 @@ def run_study(
     expect("run_study(study, folder): folder", folder, str, Path)
     definition = study if isinstance(study, Study) else read_study(study)
     definition = definition.quickly() if quick else definition
-    if workers is not None and scheduler is not None:
+    if scheduler is not None and (workers, executor) != (None, None):
         raise StudyError(
             "workers are processes of this machine, and a scheduler has workers of its own; give one of the two"
         )
+    numbers = re.fullmatch(r"(\d+)/(\d+)", shard or "1/1")
+    part, parts = map(int, numbers.groups()) if numbers else (0, 0)
+    if not 1 <= part <= parts:
+        raise StudyError(f"a shard is the i-th of n parts, as in 3/16, got {shard!r}")
     if definition.count > MOST_CASES:
         raise StudyError(
             f"a study has at most {MOST_CASES} cases, got {definition.count}; take fewer cycles, or make several "
             "studies of it",
             "cycles",
         )
-    with open_store(Path(folder), definition) as store:
-        if len(store.done()) < len(definition):
-            with _executor(workers, scheduler) as executor:
-                run(definition, store, executor, progress)
-        export_study(folder)
-    return read_rows(folder)
+    cases = tuple(definition.cases())[part - 1 :: parts]
+    home = Path(folder) if shard is None else Path(folder) / SHARDS / f"{part}-of-{parts}"
+    with open_store(home, definition) as store:
+        store.gather(definition)
+        if not store.done().issuperset(cases):
+            with _executor(workers, scheduler, executor) as chosen:
+                run(definition, cases, store, chosen, progress)
+        export_study(home)
+    return read_rows(home)
 
 
-def _executor(workers: int | None, scheduler: str | None) -> Executor:
+def _executor(
+    workers: int | None, scheduler: str | None, given: concurrent.futures.Executor | None
+) -> Executor:
+    if given is not None:
+        return GivenExecutor(given, processors() if workers is None else workers)
     if scheduler is None:
         return ProcessExecutor(workers if workers is not None else processors())
     try:
@@ -236,5 +262,5 @@ def _executor(workers: int | None, scheduler: str | None) -> Executor:
         raise StudyError(
             "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
         ) from error
-    executor: Executor = cluster.DaskExecutor(scheduler)
-    return executor
+    of_cluster: Executor = cluster.DaskExecutor(scheduler)
+    return of_cluster

@@ -21,8 +21,8 @@ from linkwise.output import FullDiskError
 from linkwise.study.definition import Study, build_study
 from linkwise.study.row import REPEATED, Case, Row
 
-DATABASE, LOCK = "study.sqlite", "study.lock"
-_OWN = {DATABASE, f"{DATABASE}-journal", LOCK, f"{LOCK}-journal"}
+DATABASE, LOCK, SHARDS = "study.sqlite", "study.lock", "shards"
+_OWN = {DATABASE, f"{DATABASE}-journal", LOCK, f"{LOCK}-journal", SHARDS}
 _SCHEMA = """
 CREATE TABLE study (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE rows (
@@ -55,6 +55,15 @@ class Store:
     def rows(self) -> list[Row]:
         """All rows, in no particular order."""
         return _rows(self.database)
+
+    def gather(self, study: Study) -> None:
+        """Add what shards have in folders of their own; StudyError for one that is running, or of another definition."""
+        found: dict[Case, Row] = {}
+        for folder in sorted((self.folder / SHARDS).glob("*")):
+            with open_store(folder, study) as shard:
+                found |= {row.case: row for row in shard.rows()}
+        done = self.done()
+        self.add(row for case, row in found.items() if case not in done)
 
     def add(self, rows: Iterable[Row]) -> None:
         """Write rows to the disk, all or none; they replace rows of cases that are run again.

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.held_closer import CloserFit, held_closer
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
@@ -200,7 +201,7 @@ class Examined:
     def explained(self) -> str:
         """How far the laws explain the records, in words."""
         if self.fit.model_error > 0.0:
-            return f"The structure explains the record to within {100.0 * self.share:.2g} % of its forces"
+            return f"The structure explains the record to within {format_percent(self.share)} of its forces"
         laws = "The laws and the random forces explain" if self.fit.random_forces else "The laws explain"
         coloured = ", ".join(self.coloured)
         noise = f", which is correlated from sample to sample in {coloured}" if coloured else ""

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.changed_coefficients import moment
 from linkwise.likelihood.checks.held_closer import hidden_term
@@ -395,7 +396,7 @@ def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | N
             before, message=f"{before.message}{likeliest(named)}{moved(named)}", diagnosis=(cause,)
         )
     changed = cause.shifted and hidden.change > 0.0
-    change = f", and change {cause.shifted} by {100.0 * hidden.change:.2g} %" if changed else ""
+    change = f", and change {cause.shifted} by {format_percent(hidden.change)}" if changed else ""
     noise = " and ".join(f"noise of {force.where}" for force in of.fit.random_forces)
     where = f"with the {noise}" if noise else "where the motion departs from it a little"
     advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"

@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.display import near_miss
+from linkwise.display import format_percent, near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
@@ -343,7 +343,7 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
     share = _share(fit)
     explained = "The laws explain the forces to within the noise of force and displacement"
     if share > 0.0:
-        explained = f"The laws explain the forces to within {100.0 * share:.2g} %"
+        explained = f"The laws explain the forces to within {format_percent(share)}"
     if not fit.determined:
         return (
             Verdict.HARDLY_DETERMINED,
