@@ -14,6 +14,7 @@ from structures import HARDENING, asked_oscillator, host, link, oscillator, stru
 
 import linkwise as lw
 from linkwise.identification.validation.answer import estimated_again
+from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.progress import silent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
@@ -113,6 +114,21 @@ def test_expected_errors_are_those_that_occur() -> None:
         error = validation.record.channel("x:m1")[:, None] - validation.predicted.values
         ratios.append(np.nanmean((error / deviation) ** 2))
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios) / np.sqrt(len(ratios))
+
+
+def test_departures_are_those_of_a_run_with_a_coefficient_a_little_off() -> None:
+    """Carried over windows of a run of 20 s, they agree with a simulation to what is linear, 1e-3."""
+    whole = lw.simulate(duffing(), forces=FORCE, duration=20.0, rate=200.0)
+    predictor = WindowPredictor(
+        whole, duffing().unknown("spring.k"), np.array([900.0]), np.eye(1), np.ones(1)
+    )
+    truth = whole.simulated
+    assert truth is not None
+    states, nothing = np.vstack([truth.displacement.T, truth.velocity.T]), np.zeros((2, 2))
+    _, by_stiffness, _ = predictor.variances_along(states, nothing, nothing[:, :1])
+    softer = lw.simulate(duffing(k=899.9), forces=FORCE, duration=20.0, rate=200.0)
+    change = (softer.channel("x:m1") - whole.channel("x:m1")) / 0.1
+    assert np.sqrt(by_stiffness[:, 0]) == pytest.approx(np.abs(change), abs=1e-3 * np.abs(change).max())
 
 
 def test_a_stated_model_error_is_allowed_for() -> None:

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, align_columns, format_error, format_value, listed, paragraph, remark_lines
+from linkwise.display import (
+    JudgedView,
+    align_columns,
+    format_error,
+    format_value,
+    listed,
+    paragraph,
+    remark_lines,
+)
 from linkwise.inspection.missing_samples import unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.names import Name

@@ -292,7 +292,9 @@ def validate(
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
-    samples, prediction, steps, noise = predicted(scored, given, burn, law_error, part(progress, 0.0, 0.6 if refit else 1.0))
+    samples, prediction, steps, noise = predicted(
+        scored, given, burn, law_error, part(progress, 0.0, 0.6 if refit else 1.0)
+    )
     refittable = () if posterior is None else refittable_names(posterior)
     agreed: tuple[CoefficientAgreement, ...] = ()
     refuted = False
