@@ -239,6 +239,7 @@ FLAGS = {
     "excitation": "--force MASS=N or --base x|v|a=SIZE",
     "levels": "--levels SIZE,SIZE",
     "show": "--show x:m1",
+    "within": "--within force=20 --within stroke=0.01",
     "starts": "--starts N",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
