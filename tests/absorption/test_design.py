@@ -216,7 +216,7 @@ def test_figures_show_three_parameters_in_pairs() -> None:
 REFUSED = {
     "": "Missing option '--vary'",
     "--vary nes1.alpha=3": "'3' is not LOW:HIGH, as in nes1.alpha=-300:-20",
-    "--vary nes1.alpha=-20:-300": "the bounds must be two finite numbers in order, got -20 and -300",
+    "--vary nes1.alpha=-20:-300": "the bounds must be two finite numbers, the lower one first, got -20 and -300",
     "--vary nes1.alph=-300:-20": 'unknown coefficient "nes1.alph"',
     "--vary v:m1=0:1": "a release belongs to the excitation",
     "--vary m2.mass=-1:0.1": "mass must be positive",

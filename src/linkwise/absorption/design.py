@@ -690,7 +690,7 @@ def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> Desig
     low, high = (float(bound) for bound in bounds)
     if not (np.isfinite([low, high]).all() and low < high):
         raise StructureError(
-            f"the bounds must be two finite numbers in order, got {low:g} and {high:g}", name
+            f"the bounds must be two finite numbers, the lower one first, got {low:g} and {high:g}", name
         )
     return DesignAxis(name, unit, low, high)
 

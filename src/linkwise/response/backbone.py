@@ -278,6 +278,12 @@ def backbone(
     measured = _Measured(free, float(potential_energy(structure, linear.at, 0.0).sum()))
     end = _end(measured, to_amplitude, to_energy)
     points = _followed(free, _linear_start(free, linear, mode, to_amplitude or {}), end)
+    if end is None and np.ptp([point.parameter for point in points]) < _LINEAR * points[0].parameter:
+        raise SimulationError(
+            f"the frequency of mode {mode} is {linear.frequencies[mode - 1]:.5g} Hz at any amplitude, so that nothing ends "
+            "the curve: give an amplitude or an energy at which to end",
+            arguments=("end",),
+        )
     motions = [free.motion(point.unknowns) for point in points]
     zero = np.zeros(SAMPLES + 1)
     rows = channel_rows(structure, channels)
@@ -341,14 +347,19 @@ def _end(
         return lambda point: measured.energy(point) - _positive(to_energy, "the energy")
     for name, size in (to_amplitude or {}).items():
         goal = _positive(size, "the amplitude")
-        row = channel_rows(measured.free.structure, shown_channels(measured.free.structure, (name,)))
+        row = channel_rows(
+            measured.free.structure,
+            shown_channels(measured.free.structure, (name,), "the end of a backbone", ()),
+        )
         return lambda point: measured.amplitude(point, row) - goal
     return None
 
 
 def _positive(size: float, what: str) -> float:
     if not 0.0 < size < np.inf:
-        raise SimulationError(f"{what} at which a backbone ends must be positive, got {size!r}")
+        raise SimulationError(
+            f"{what} at which a backbone ends must be positive, in SI units, got {size!r}", arguments=("end",)
+        )
     return size
 
 

@@ -91,14 +91,8 @@ def _read(path: Path) -> ValidatedAnswer:
     if not path.is_dir():
         grade, warning = stated_grade(path)
         return ValidatedAnswer(_numbers(read_structure(path), path), grade=grade, warning=warning)
-    file = path / _STRUCTURE
-    if not file.exists():
-        raise StructureError(
-            f"there is no {_STRUCTURE} in this folder: give a result folder of identify or discover, or a structure file",
-            str(path),
-        )
+    structure = _numbers(read_structure(path), path / _STRUCTURE)
     status, stated = _stated(path / RESULT)
-    structure = _numbers(read_structure(file), file)
     if (path / COVARIANCE).exists():
         return ValidatedAnswer(structure, read_posterior(path), **stated)
     return ValidatedAnswer(structure, remarks=(_exact(status),), **stated)
