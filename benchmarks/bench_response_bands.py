@@ -33,7 +33,9 @@ def stable_parts(response: lw.response.Response, level: int) -> list[tuple[np.nd
     """Amplitudes, and their bands, at the frequencies of the grid: one for each stretch of stable motion, NaN beyond it."""
     parts = []
     for branch in response.levels[level].branches:
-        columns = [branch.amplitude] if branch.lower is None else [branch.amplitude, branch.lower, branch.upper]
+        columns = (
+            [branch.amplitude] if branch.lower is None else [branch.amplitude, branch.lower, branch.upper]
+        )
         table = np.stack(columns, axis=1)
         forward = np.sign(np.diff(branch.hz))
         stable = branch.stable & np.isfinite(table).all(axis=(1, 2))
@@ -75,7 +77,9 @@ def test_the_true_curve_is_inside_the_band() -> None:
         print(f"  {seed}: {100 * np.nanmean(inside[-1]):.0f} %, {seconds[-1]:.1f} s", flush=True)
     table = np.array(inside)  # (records, levels, frequencies, channels)
     at_each = np.nanmean(table, axis=0)
-    print(f"\n{SEEDS} records of two masses, 5 s at 30 dB: {np.median(seconds):.1f} s for curves with bands of 100 draws")
+    print(
+        f"\n{SEEDS} records of two masses, 5 s at 30 dB: {np.median(seconds):.1f} s for curves with bands of 100 draws"
+    )
     print(f"  the true curve is inside at {100 * np.nanmean(table):.1f} % of all frequencies")
     for level, each in zip(DRIVEN["levels"], at_each, strict=True):
         low, high = 100 * np.nanmin(each), 100 * np.nanmax(each)
