@@ -36,6 +36,12 @@ class MeasuredPoints:
         Amplitudes of the excitation in its unit; NaN in a decay.
     amplitude : array of shape (P, C)
         Half of peak to peak of each channel, NaN where it was not measured.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.response.MeasuredPoints(hz=[3.0], size=[0.5], amplitude=[[0.01]]).size
+    [0.5]
     """
 
     hz: Floats
@@ -43,7 +49,20 @@ class MeasuredPoints:
     amplitude: Floats
 
     def to_list(self, channels: Sequence[str], excitation: str = "") -> list[dict[str, Any]]:
-        """The points as plain data, the size under the name of its `excitation`."""
+        """The points as plain data.
+
+        Parameters
+        ----------
+        channels : sequence of str
+            The C channels.
+        excitation : str
+            The key of the size of the excitation, which is left out without one.
+
+        Returns
+        -------
+        list of dict
+            "hz", the size and "amplitude" of each point.
+        """
         return [
             {
                 "hz": hz,

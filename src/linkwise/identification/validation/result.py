@@ -112,7 +112,7 @@ class CoefficientAgreement:
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
     >>> other = lw.simulate(chain, release={"v:m1": 0.8}, duration=0.4, rate=1000.0).with_noise(40.0, seed=2)
     >>> fit = lw.identify(record, chain.unknown("nes"))
-    >>> agreement = lw.validate(other, fit).coefficients[0]
+    >>> agreement = lw.validate(other, fit, refit=True).coefficients[0]
     >>> agreement.name, agreement.agrees
     ('nes1.alpha', True)
     """
