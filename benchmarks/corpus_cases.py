@@ -473,7 +473,7 @@ def others() -> Table:
         fresh = lw.simulate(true, release={"v:m1": 0.8}, duration=2.0, rate=1000.0).with_noise(
             30.0, seed=seed + 1
         )
-        return lw.validate(fresh, answer)
+        return lw.validate(fresh, answer, refit=model)
 
     for change in (1.0, 1.02, 1.3):
         yield f"validate/alpha-{change:g}/estimate", partial(validate, change, True)

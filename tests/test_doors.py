@@ -44,6 +44,7 @@ DOORS: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = [
     (lw.validate, (CHAIN, RECORD), {}, "validate(record, answer): record must be of type Record"),
     (lw.validate, (RECORD, 3), {}, "answer must be of type Structure, Estimate, Posterior, str or Path, got 3"),
     (lw.limit, (RECORD,), {"duration": 1.0, "rate": 9.0, "noise": 20.0}, f"limit(structure): structure {STRUCTURE}"),
+    (lw.best_test, (RECORD, "nes1.c"), {"duration": 1.0, "rate": 9.0, "noise": {}, "within": {}}, "best_test(structure)"),
     (lw.inspect, ("run.csv",), {}, f"inspect(records): records must be of type Record, got 'run.csv'{READ}"),
     (lw.read_record, (RECORD,), {}, "read_record(path): path must be of type str or Path, got Record"),
     (lw.write_record, ("run.csv", RECORD), {}, "write_record(record, path): record must be of type Record, got 'run.csv'"),

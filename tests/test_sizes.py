@@ -12,24 +12,24 @@ FILE, FUNCTION, PARAMETERS = 800, 60, 8
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (13, 2340),
+    "absorption": (13, 2354),
     "analysis": (5, 574),
-    "cli": (24, 2108),
+    "cli": (24, 2158),
     "discovery": (19, 4026),
     "estimates": (7, 1399),
     "export": (8, 1079),
     "expression": (7, 1189),
     "files": (14, 1918),
-    "identification": (15, 2353),
+    "identification": (16, 2572),
     "inspection": (13, 1946),
     "likelihood": (60, 16125),
     "modal": (7, 846),
-    "model": (22, 3395),
+    "model": (22, 3402),
     "paper": (3, 396),
-    "plot": (13, 2147),
+    "plot": (13, 2154),
     "records": (9, 1487),
-    "report": (11, 1422),
-    "response": (13, 1523),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (11, 1424),
+    "response": (14, 1665),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 954),
     "signals": (7, 932),
     "simulation": (11, 1846),

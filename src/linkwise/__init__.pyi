@@ -33,6 +33,7 @@ from linkwise.estimates.estimate import Estimate as Estimate
 from linkwise.export.answer import export_answer as export_answer
 from linkwise.files import read_record as read_record
 from linkwise.files import write_record as write_record
+from linkwise.identification.best_test import best_test as best_test
 from linkwise.identification.force_error import nmse as nmse
 from linkwise.identification.identify import identify as identify
 from linkwise.identification.limit import limit as limit

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import linkwise as lw
 from linkwise.absorption import DesignOptions, absorption_map
 from linkwise.plot.design import designs_figure
 
+design_module = importlib.import_module("linkwise.absorption.design")
 CHAIN = lw.bnes_chain(2)
 SHORT: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "release": {"v:m1": 1.0}}
 ALPHA, BETA, MASS = {"nes1.alpha": (-300.0, -20.0)}, {"nes1.beta": (1e5, 1e7)}, {"m2.mass": (0.002, 0.05)}
@@ -200,6 +203,36 @@ def test_the_command_writes_a_folder(tmp_path: Path) -> None:
     assert "energy left at the end" in said(f"{line} --evaluations 8").out
 
 
+def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of designs that were judged none is simulated again, and the answer is that of a search without a break."""
+    lw.write_structure(CHAIN, tmp_path / "chain.toml")
+    line = f"design {tmp_path}/chain.toml --vary nes1.alpha=-300:-20 --release v:m1=1 --duration 0.2 --evaluations 24"
+    whole, judged = document(f"{line} -o {tmp_path}/whole"), []
+    judge = design_module._Problem.judge
+
+    def counted(problem: Any, points: np.ndarray, progress: Any) -> np.ndarray:
+        if judged and sum(judged) < 24 and not judged[-1]:
+            raise KeyboardInterrupt
+        judged.append(len(points) if len(judged) != 2 else 0)
+        return judge(problem, points, progress)
+
+    monkeypatch.setattr(design_module._Problem, "judge", counted)
+    with suppress(KeyboardInterrupt):
+        said(f"{line} -o {tmp_path}/best", 130)
+    journal = tmp_path / ".best.designs"
+    kept = len(journal.read_text().splitlines()) - 1
+    assert kept == 3 and not (tmp_path / "best").exists()
+    with journal.open("a") as file:
+        file.write("\n[[0.1, 0.2")  # as a killed run leaves it
+    counts: list[int] = []
+    monkeypatch.setattr(
+        design_module._Problem, "judge", lambda *given: (counts.append(len(given[1])), judge(*given))[1]
+    )
+    again = document(f"{line} -o {tmp_path}/best")
+    assert again["best"] == whole["best"] and again["evaluations"] == 24 and 0 < sum(counts) < 24
+    assert not journal.exists()
+
+
 def test_figures_show_three_parameters_in_pairs() -> None:
     found = lw.design(
         CHAIN, ALPHA | BETA | MASS, "settled", DesignOptions(evaluations=20), settle=0.9, **SHORT
@@ -216,7 +249,7 @@ def test_figures_show_three_parameters_in_pairs() -> None:
 REFUSED = {
     "": "Missing option '--vary'",
     "--vary nes1.alpha=3": "'3' is not LOW:HIGH, as in nes1.alpha=-300:-20",
-    "--vary nes1.alpha=-20:-300": "the bounds must be two finite numbers in order, got -20 and -300",
+    "--vary nes1.alpha=-20:-300": "the bounds must be two finite numbers, the lower one first, got -20 and -300",
     "--vary nes1.alph=-300:-20": 'unknown coefficient "nes1.alph"',
     "--vary v:m1=0:1": "a release belongs to the excitation",
     "--vary m2.mass=-1:0.1": "mass must be positive",

@@ -80,6 +80,14 @@ def test_a_backbone_is_printed_and_written(chain_file: Path) -> None:
         (f"respond FILE --force m1=1 --show a:m1 {RANGE}", "On the command line: --show x:m1"),
         ("respond FILE --force m1=1 --from 3 --to 2", "On the command line: --from HZ --to HZ."),
         ("backbone FILE --mode 3", "there is no vibration in mode 3"),
+        ("backbone FILE --mode 1 --to-amplitude x:m1=nan", "got nan. On the command line: --to-amplitude"),
+        ("backbone FILE --mode 1 --to-amplitude x:m1=5mm", "'5mm' is not a plain number in SI units"),
+        ("backbone FILE --mode 1 --to-amplitude x:m9=1", "unknown mass 'm9' in the end of a backbone"),
+        ("basins FILE --plane x:m2=1", "is not FROM:TO"),
+        ("basins FILE --plane x:m2=1:-1,v:m2=-1:1", "to a higher one, in SI units, got 1 to -1"),
+        ("basins FILE --plane x:m2=nan:1,v:m2=-1:1", "got nan to 1. On the command line: --plane"),
+        ("basins FILE --plane a:m2=0:1,v:m2=-1:1", "a:m2 cannot be a state of the plane"),
+        ("basins . --plane x:m2=0:1,v:m2=-1:1", "there is no structure.toml in this folder"),
     ],
 )
 def test_what_does_not_fit_is_wrong_usage(chain_file: Path, line: str, message: str) -> None:
@@ -93,4 +101,3 @@ def test_basins_are_printed_and_written(chain_file: Path) -> None:
     assert [rest["share"] for rest in result["rests"]] == [0.5, 0.5]
     assert np.array(result["ends"]).shape == (4, 4)
     assert {path.name for path in folder.iterdir()} >= {"basins.json", "basins.csv", "structure.toml"}
-    assert "is not FROM:TO" in refusal(f"basins {chain_file} --plane x:m2=1,v:m2=-1:1")

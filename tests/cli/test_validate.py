@@ -52,7 +52,9 @@ def test_json_of_an_answer() -> None:
     score = printed["channels"]["x:m1"]
     assert score["unit"] == "m" and score["samples"] == 351 and score["rmse"] <= score["limit"]
     assert score["fit_percent"] == pytest.approx(100 - 10 * np.sqrt(score["nmse_percent"]), rel=1e-12)
-    assert set(printed["coefficients"]) == {"spring.k", "spring.k3", "spring.c"}
+    assert not printed["coefficients"] and printed["refittable"] == ["spring.k", "spring.k3", "spring.c"]
+    again = document("validate run2.csv answer --refit")
+    assert set(again["coefficients"]) == set(printed["refittable"]) and not again["refittable"]
     expected = lw.validate(lw.read_record("run2.csv").between(0.5, 2.5), "answer", burn=0.25)
     assert score["rmse"] == pytest.approx(expected.channels["x:m1"].rmse, rel=1e-12)
 

@@ -60,8 +60,17 @@ def test_what_has_no_backbone_is_refused() -> None:
     with pytest.raises(lw.SimulationError, match="an amplitude or at an energy; give one"):
         lw.backbone(spring, 1, to_amplitude={"x:m1": 0.1}, to_energy=1.0)
     with pytest.raises(
-        lw.SimulationError, match=r"the energy at which a backbone ends must be positive, got -1\.0"
+        lw.SimulationError,
+        match=r"the energy at which a backbone ends must be positive, in SI units, got -1\.0",
     ):
         lw.backbone(spring, 1, to_energy=-1.0)
     with pytest.raises(lw.StructureError, match="is not smooth"):
         lw.backbone(oscillator("k*d + k2*d*abs(d)", k=K, k2=1.0), 1)
+
+
+def test_a_linear_structure_needs_an_end() -> None:
+    """Its curve went on to 1e36 J, as its frequency never changes by a third."""
+    spring = oscillator("k*d + c*v", name="spring", k=400.0, c=0.5)
+    with pytest.raises(lw.SimulationError, match="at any amplitude, so that nothing ends the curve"):
+        lw.backbone(spring, 1)
+    assert lw.backbone(spring, 1, to_energy=1.0).reached

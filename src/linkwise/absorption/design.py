@@ -7,7 +7,11 @@ while evaluations are left. Each generation is one ensemble of simulations.
 
 from __future__ import annotations
 
+import hashlib
+import json
+import pickle
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
@@ -16,6 +20,7 @@ from typing import Any, Unpack, final
 import numpy as np
 import scipy
 
+from linkwise import __version__
 from linkwise.absorption.absorb import compare
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
@@ -382,17 +387,6 @@ def trade_off_rows(design: Design) -> Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
-    """Losses (E,) of designs, least is best and inf the worst; by what part they exceed limits; masses in kg; their runs."""
-
-    loss: Floats
-    excess: Floats
-    mass: Floats
-    diverged: int
-    closure: float
-
-
-@dataclass(frozen=True, eq=False)
 class _Problem:
     """What designs are judged by: variants of a structure at each level, for each of `drawn` sets of coefficients."""
 
@@ -403,20 +397,23 @@ class _Problem:
     options: DesignOptions
     mass_varies: bool
 
-    def judge(self, points: Floats, progress: Progress) -> _Judged:
-        """Judge designs (E, P)."""
+    def judge(self, points: Floats, progress: Progress) -> Floats:
+        """(E, 5) of designs (E, P): the loss, least is best and inf the worst; by what part it exceeds limits; the mass in kg;
+        how many runs diverged, and the largest error of an energy balance.
+        """
         sign = -1.0 if self.options.maximise else 1.0
         limits = self.options.limits or {}
         named = [dict(zip([axis.name for axis in self.axes], row, strict=True)) for row in points.tolist()]
         losses, excesses, masses = [], [np.zeros((len(named), len(self.drawn)))], np.zeros(len(named))
-        diverged, closure = 0, 0.0
+        diverged, closure = np.zeros(len(named)), np.zeros(len(named))
         for number, variants in enumerate(self.levels):
             comparisons = [variants.at({**draw, **values}) for values in named for draw in self.drawn]
             masses = np.array([_added_mass(own) for own in comparisons]).reshape(len(named), -1).max(axis=1)
             share = part(progress, number / len(self.levels), (number + 1) / len(self.levels))
             ensemble = run_ensemble(comparisons, workers=self.options.workers, progress=share)
-            diverged += int(np.sum(~ensemble.completed))
-            closure = max(closure, float(np.nanmax(ensemble.column("closure"), initial=0.0)))
+            diverged += np.sum(~ensemble.completed.reshape(len(named), -1), axis=1)
+            closures = np.nan_to_num(ensemble.column("closure")).reshape(len(named), -1)
+            closure = np.maximum(closure, closures.max(axis=1))
             loss = sign * ensemble.column(self.quantity)
             losses.append(np.where(np.isnan(loss), np.inf, loss).reshape(len(named), -1))
             for name, most in limits.items():
@@ -426,7 +423,7 @@ class _Problem:
         worst = np.max(excesses, axis=(0, 2))
         if ADDED_MASS in limits:
             worst = np.maximum(worst, masses / limits[ADDED_MASS] - 1.0)
-        return _Judged(self._counted(np.array(losses)), worst, masses, diverged, closure)
+        return np.column_stack([self._counted(np.array(losses)), worst, masses, diverged, closure])
 
     def _counted(self, losses: Floats) -> Floats:
         """(E,) the loss that counts, of those (levels, E, draws)."""
@@ -449,22 +446,48 @@ def _added_mass(comparison: Comparison) -> float:
     )
 
 
+class _Journal:
+    """Judgements of designs, kept in a file until the search ends, so that one that was interrupted goes on."""
+
+    def __init__(self, path: Path | None, asked: object) -> None:
+        self.path, self.judged = path, dict[bytes, list[float]]()
+        digest = hashlib.sha256(pickle.dumps((__version__, asked))).hexdigest()
+        lines: list[str] = []
+        with suppress(OSError, ValueError):
+            lines = [] if path is None else path.read_text(encoding="utf-8").splitlines()
+        for line in lines[1:] if lines[:1] == [digest] else ():
+            with suppress(ValueError):  # of a line that was cut
+                for *way, loss, excess, mass, diverged, closure in json.loads(line):
+                    self.judged[np.array(way).tobytes()] = [loss, excess, mass, diverged, closure]
+        if not self.judged:
+            self._write(digest, "w")
+
+    def add(self, ways: Sequence[Floats], judged: Floats) -> None:
+        """Keep the judgements (E, 5) of designs."""
+        rows = list(zip(ways, judged.tolist(), strict=True))
+        self.judged.update({way.tobytes(): row for way, row in rows})
+        self._write("\n" + json.dumps([[*way.tolist(), *row] for way, row in rows]), "a")
+
+    def _write(self, text: str, mode: str) -> None:
+        if self.path is not None:
+            with suppress(OSError), self.path.open(mode, encoding="utf-8") as file:
+                file.write(text)
+
+
 class _Search:
     """The designs evaluated so far, each once, and the search for better ones in the unit cube of parameters."""
 
-    def __init__(self, problem: _Problem, budget: int, progress: Progress) -> None:
-        self.problem, self.budget, self.progress = problem, budget, progress
+    def __init__(self, problem: _Problem, budget: int, journal: _Journal, progress: Progress) -> None:
+        self.problem, self.budget, self.journal, self.progress = problem, budget, journal, progress
         self.rng = np.random.default_rng(problem.options.seed)
         self.sequence = scipy.stats.qmc.Halton(len(problem.axes), rng=self.rng)
         self.number: dict[bytes, int] = {}
         self.ways = np.empty((0, len(problem.axes)))
-        self.loss, self.excess, self.mass = np.empty(0), np.empty(0), np.empty(0)
-        self.diverged, self.closure = 0, 0.0
+        self.loss, self.excess, self.mass, self.diverged, self.closure = np.empty((5, 0))
 
-    @property
-    def values(self) -> Floats:
-        """(E, P) the designs."""
-        return np.stack([_values(axis, self.ways[:, k]) for k, axis in enumerate(self.problem.axes)], axis=1)
+    def values(self, ways: Floats) -> Floats:
+        """(E, P) the parameters of designs."""
+        return np.stack([_values(axis, ways[:, k]) for k, axis in enumerate(self.problem.axes)], axis=1)
 
     def merit(self, cap: float = np.inf) -> Floats:
         """(E,) what is minimised: the loss, and beyond limits and the `cap` of the mass in kg what is in excess."""
@@ -482,12 +505,11 @@ class _Search:
             first = len(self.ways)
             self.ways = np.concatenate([self.ways, rows])
             share = part(self.progress, first / self.budget, len(self.ways) / self.budget)
-            judged = self.problem.judge(self.values[first:], share)
-            self.loss = np.concatenate([self.loss, judged.loss])
-            self.excess = np.concatenate([self.excess, judged.excess])
-            self.mass = np.concatenate([self.mass, judged.mass])
-            self.diverged += judged.diverged
-            self.closure = max(self.closure, judged.closure)
+            known = self.journal.judged
+            if missing := [row for row in rows if row.tobytes() not in known]:
+                self.journal.add(missing, self.problem.judge(self.values(np.array(missing)), share))
+            judged = np.array([known[row.tobytes()] for row in self.ways]).T
+            self.loss, self.excess, self.mass, self.diverged, self.closure = judged
             self.number.update({row.tobytes(): first + k for k, row in enumerate(rows)})
         worst = int(np.argmax(self.merit()))  # of a design that the budget leaves out
         return [self.number.get(row.tobytes(), worst) for row in ways]
@@ -533,6 +555,7 @@ def design(
     minimise: str = "remaining",
     options: DesignOptions | None = None,
     *,
+    journal: str | Path | None = None,
     progress: Progress = silent,
     **keywords: Unpack[AbsorptionKeywords],
 ) -> Design:
@@ -549,6 +572,9 @@ def design(
         end), "sinks_share", "settled", "power:LINK", "stroke:LINK" or another one of `absorption_map`.
     options : DesignOptions, optional
         How the search is made: evaluations, levels, limits, seed, whether to maximise.
+    journal : str or Path, optional
+        A file in which designs that were judged are kept until the search ends: the same call goes on where one was
+        interrupted.
     progress : Progress
         Called with a `ProgressReport` as simulations end.
     **keywords
@@ -582,11 +608,12 @@ def design(
     expect("design(structure, over): over", over, Mapping)
     options = options or DesignOptions()
     subject, drawn = _subject(structure, options, over)
-    problem, comparison = _problem(
-        subject, drawn, over, minimise, options, options_given(AbsorptionOptions.of, None, keywords)
-    )
+    simulated = options_given(AbsorptionOptions.of, None, keywords)
+    problem, comparison = _problem(subject, drawn, over, minimise, options, simulated)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
-    search = _Search(problem, budget, part(progress, 0.0, 0.95))
+    asked = subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated
+    before = _Journal(None if journal is None else Path(journal), asked)
+    search = _Search(problem, budget, before, part(progress, 0.0, 0.95))
     progress(ProgressReport(0.0, f"{budget} designs"))
     start = _given(subject, problem.axes)
     if start is not None:
@@ -601,7 +628,7 @@ def design(
             f"{', raise the limits' if options.limits else ''} or simulate for longer"
         )
     sign = -1.0 if options.maximise else 1.0
-    values = dict(zip(over, search.values[best].tolist(), strict=True))
+    values = dict(zip(over, search.values(search.ways[best : best + 1])[0].tolist(), strict=True))
     quantity = next(own for own in quantities_of(comparison) if own.name == problem.quantity)
     objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
     absorption = compare(
@@ -615,13 +642,13 @@ def design(
         best=values,
         objective=float(objectives[best]),
         given=None if start is None or np.isnan(objectives[0]) else float(objectives[0]),
-        points=search.values,
+        points=search.values(search.ways),
         objectives=objectives,
         added_mass=search.mass,
         allowed=search.excess <= 0.0,
         simulations=len(merit) * len(options.levels) * len(drawn),
-        diverged=search.diverged,
-        closure=search.closure,
+        diverged=int(search.diverged.sum()),
+        closure=float(search.closure.max()),
         absorption=absorption,
     )
 
@@ -690,7 +717,7 @@ def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> Desig
     low, high = (float(bound) for bound in bounds)
     if not (np.isfinite([low, high]).all() and low < high):
         raise StructureError(
-            f"the bounds must be two finite numbers in order, got {low:g} and {high:g}", name
+            f"the bounds must be two finite numbers, the lower one first, got {low:g} and {high:g}", name
         )
     return DesignAxis(name, unit, low, high)
 

@@ -130,7 +130,7 @@ def _answer(
         return lw.absorption.absorption_intervals(
             lw.estimates.read_posterior(structure), **repetition.drawing(), **keywords
         )
-    subject = read_told(structure / "structure.toml" if structure.is_dir() else structure)
+    subject = read_told(structure)
     if over:
         return lw.absorption.absorption_map(subject, over, workers=repetition.workers, **keywords)
     return lw.absorb(subject, **keywords)

@@ -11,6 +11,7 @@ import click
 import linkwise as lw
 from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.options import (
+    FILE,
     POSITIVE,
     comma_separated,
     folder_option,
@@ -41,12 +42,15 @@ class ModeOptions:
         End at this energy.
     show : tuple[str, ...]
         Displacements and velocities that are shown (default: the displacements of all masses and points).
+    levels : Path | None
+        A record of a decay, whose frequency over amplitude, as inspect --levels follows it, is laid over the curve.
     """
 
     mode: int = typed("K", type=click.IntRange(min=1), required=True)
     to_amplitude: tuple[str, ...] = typed("CHANNEL=SIZE", multiple=True)
     to_energy: float | None = typed("J", type=POSITIVE)
     show: tuple[str, ...] = typed("CHANNEL", multiple=True, callback=comma_separated)
+    levels: Path | None = typed("RECORD", type=FILE)
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.backbone`."""
@@ -71,10 +75,12 @@ def backbone(structure: Path, chosen: ModeOptions, output: Path | None, as_json:
     \b
     Examples:
       linkwise backbone chain.toml --mode 1 --to-amplitude x:m1=0.01 -o mode1
-      linkwise backbone answer --mode 2 --to-energy 0.05
+      linkwise backbone answer --mode 2 --to-energy 0.05 --levels decay.csv
     """
+    measured = None if chosen.levels is None else lw.read_record(chosen.levels)
     with progress("following the mode"), unstarted_is_usage():
         result = lw.backbone(structure, chosen.mode, **chosen.keywords())
+    result = result if measured is None else result.beside(measured)
     if remark := stated_grade(structure)[1]:
         tell(f"note: {structure}: {remark}")
     document = lw.report.backbone_of(result)

@@ -39,7 +39,7 @@ def basins(structure: Path, plane: str, points: int, output: Path | None, as_jso
       linkwise basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-2:2 -o basins
     """
     ranges = {name: _range(text) for name, text in pairs(plane.split(","), "--plane", _PLANE).items()}
-    subject = read_told(structure / "structure.toml" if structure.is_dir() else structure)
+    subject = read_told(structure)
     with progress("free motion") as step, unstarted_is_usage():
         result = lw.response.basins(subject, ranges, points=points, progress=step)
     document = {**result.to_dict(), "version": __version__}

@@ -69,6 +69,7 @@ def design(
 
     STRUCTURE is a structure file, or the folder of an answer of identify, of which draws are judged: their mean, or with
     --quantile 0.9 what nine in ten keep. Values beyond a --limit are not allowed; at several levels the worst one counts.
+    A search that was interrupted goes on where the same command with the same -o is given again.
 
     \b
     Examples:
@@ -81,6 +82,8 @@ def design(
         raise click.UsageError("--minimise and --maximise exclude each other: name one quantity.")
     over = {name: _bounds(text) for name, text in pairs(vary, "--vary", EXAMPLE).items()}
     factors = tuple(number(text, "--levels", "0.5,1,2") for text in levels.split(","))
+    place = None if output is None else output.resolve()
+    journal = None if place is None else place.with_name(f".{place.name}.designs")
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
     with progress("simulating") as step, unstarted_is_usage():
         search = lw.absorption.DesignOptions(**given["search"], levels=factors, maximise=maximise is not None)
@@ -89,8 +92,12 @@ def design(
             over,
             minimise or maximise or "remaining",
             search,
+            journal=journal,
             progress=step,
             **given["options"],
             **drive.keywords(),
         )
-    return deliver("design", result, lw.report.design_of(result), output, as_json=as_json, answer=structure)
+    code = deliver("design", result, lw.report.design_of(result), output, as_json=as_json, answer=structure)
+    if journal is not None:
+        journal.unlink(missing_ok=True)
+    return code

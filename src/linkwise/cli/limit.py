@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -35,11 +35,19 @@ class PlannedTest(SamplingOptions):
     segment : float | None
         Length in s of the segments of the bound, each with a free initial state (default: the whole record, or the
         longest whose sensitivities are resolved where the motion is chaotic).
+    optimise : str | None
+        Choose the hit, sweep or multisine, its place, size and band, and the sensors of --noise that determine
+        this coefficient best, in place of a stated drive.
+    within : tuple[str, ...]
+        With --optimise, the largest force in N (force=20) and stroke in m of any link (stroke=0.01) or of one
+        (stroke:nes1=0.01). Repeatable.
     """
 
     noise: tuple[str, ...] = typed("DB|CHANNEL=SIGMA", multiple=True)
     unknown: tuple[str, ...] = typed("WHAT", multiple=True)
     segment: float | None = typed("S", type=POSITIVE)
+    optimise: str | None = typed("COEFFICIENT")
+    within: tuple[str, ...] = typed("QUANTITY=VALUE", multiple=True)
 
 
 @click.command()
@@ -60,7 +68,10 @@ def limit(structure: Path, test: PlannedTest, drive: ExcitationOptions, as_json:
       linkwise limit chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 20
       linkwise limit chain.toml --duration 6 --rate 1000 --release v:m1=1.0 --noise 20 --sensors a:m2 --unknown nes
       linkwise limit chain.toml --duration 2 --rate 500 --force m1="5*sin(30*t)" --noise x:m1=0.01mm --sensors x:m1
+      linkwise limit chain.toml --duration 2 --rate 500 --optimise nes1.beta --within force=20 --noise x:m1=0.01mm
     """
+    if test.optimise is not None:
+        return _optimised(structure, test.optimise, test, drive, as_json)
     keywords = {**test.keywords(), **drive.keywords()}
     if test.segment is not None:
         keywords["segment"] = test.segment
@@ -79,3 +90,31 @@ def _noise(texts: tuple[str, ...]) -> float | dict[str, float]:
         raise click.UsageError("Give the noise of the sensors: either --noise DB or --noise CHANNEL=SIGMA.")
     sigmas = pairs(texts, "--noise", "x:m1=0.1mm").items()
     return {name: quantity(text, unit_of_channel(name), f"--noise {name}") for name, text in sigmas}
+
+
+def _optimised(
+    structure: Path, coefficient: str, test: PlannedTest, drive: ExcitationOptions, as_json: bool
+) -> int:
+    """The best test within limits, with its command."""
+    noise = _noise(test.noise)
+    if any(vars(drive).values()) or test.segment or isinstance(noise, float):
+        raise click.UsageError(
+            "--optimise chooses the drive, and compares tests of several sizes: it takes neither a drive nor --noise DB or "
+            "--segment, but --within force=N and the sensors that there are, by --noise CHANNEL=SIGMA."
+        )
+    bounds = pairs(test.within, "--within", "force=20")
+    subject = read_told(structure)
+    with progress("comparing tests") as step, unstarted_is_usage():
+        result = lw.best_test(
+            subject,
+            coefficient,
+            duration=test.duration,
+            rate=test.rate,
+            noise=noise,
+            within={name: number(value, "--within", "force=20") for name, value in bounds.items()},
+            unknown=test.unknown,
+            progress=step,
+        )
+    result = replace(result, file=str(structure))
+    click.echo(to_json(result.to_dict()) if as_json else str(result))
+    return ended(result, structure)

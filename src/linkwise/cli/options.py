@@ -93,7 +93,9 @@ def number(text: str, option: str, example: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise click.UsageError(f"{option}: {text!r} is not a number, as in {option} {example}.") from None
+        raise click.UsageError(
+            f"{option}: {text!r} is not a plain number in SI units, as in {option} {example}."
+        ) from None
 
 
 def quantity(text: str, unit: str, option: str) -> float:
@@ -247,6 +249,9 @@ FLAGS = {
     "excitation": "--force MASS=N or --base x|v|a=SIZE",
     "levels": "--levels SIZE,SIZE",
     "show": "--show x:m1",
+    "plane": "--plane x:m2=-0.02:0.02,v:m2=-2:2",
+    "end": "--to-amplitude x:m1=0.01 or --to-energy J",
+    "within": "--within force=20 --within stroke=0.01",
     "starts": "--starts N",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""

@@ -11,6 +11,7 @@ import click
 import linkwise as lw
 from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.options import (
+    FILE,
     POSITIVE,
     comma_separated,
     folder_option,
@@ -56,6 +57,8 @@ class HarmonicOptions:
     harmonics : int | None
         Use harmonic balance with so many harmonics (default: 25 where a law has kinks or flat parts, as friction has,
         else shooting).
+    record : Path | None
+        A record of a stepped or slowly swept sine, with its excitation, whose points are laid over the curves.
     """
 
     force: tuple[str, ...] = typed("MASS=N", multiple=True)
@@ -68,6 +71,7 @@ class HarmonicOptions:
     seed: int | None = typed("N", type=click.IntRange(min=0))
     draws: int | None = typed("N", type=click.IntRange(min=2))
     harmonics: int | None = typed("N", type=click.IntRange(min=1))
+    record: Path | None = typed("FILE", type=FILE)
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.respond`."""
@@ -101,10 +105,12 @@ def respond(structure: Path, harmonic: HarmonicOptions, output: Path | None, as_
       linkwise respond chain.toml --force m1=0.5 --from 20 --to 36 -o response
       linkwise respond chain.toml --force m1=0.5 --from 20 --to 36 --levels 0.3,1,3 --show x:m2
       linkwise respond rig.toml --base a=9.81 --from 5 --to 40
-      linkwise respond answer --force m1=0.5 --from 20 --to 36 -o response
+      linkwise respond answer --force m1=0.5 --from 20 --to 36 --record sweep.csv -o response
     """
+    measured = None if harmonic.record is None else lw.read_record(harmonic.record)
     with progress("steady motion") as step, unstarted_is_usage():
         result = lw.respond(structure, progress=step, **harmonic.keywords())
+    result = result if measured is None else result.beside(measured)
     if remark := stated_grade(structure)[1]:
         tell(f"note: {structure}: {remark}")
     tell_of_hosts(result.structure.hosts)

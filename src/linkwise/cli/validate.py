@@ -24,30 +24,36 @@ from linkwise.output import VALIDATION
     help="Time at the start of the record from which the initial state is estimated; it is not scored (default 5 % of "
     "the record, 50 to 300 samples).",
 )
+@click.option(
+    "--refit",
+    is_flag=True,
+    help="Also estimate the coefficients of the answer again, from RECORD alone, and compare; it takes as long as identify.",
+)
 @folder_option(VALIDATION)
 @json_option("validation.json")
 def validate(
-    source: RecordOptions, answer: Path, burn: float | None, output: Path | None, as_json: bool
+    source: RecordOptions, answer: Path, burn: float | None, refit: bool, output: Path | None, as_json: bool
 ) -> int:
     """Predict RECORD with an identified structure, and report where and by how much the prediction is wrong.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number. Use a
     record, or a part of one, that was not used in the identification. The initial state is estimated from the start of the
-    record; from there the structure moves freely under the recorded inputs, or in windows if the motion is chaotic. With the
-    folder of a trusted answer, each coefficient is also estimated again from RECORD alone and compared.
+    record; from there the structure moves freely under the recorded inputs, or in windows if the motion is chaotic.
+    Nothing is estimated again, but with --refit each coefficient of an answer with intervals, from RECORD alone.
 
     Errors of sensors that the answer found are taken out of RECORD. A gain, offset or delay that --sensor states with
     a size, as force:m1:gain=1 of a load cell that was repaired, counts in place of what the answer found of it.
 
     Exit code 3 means that the prediction disagrees with the record: in some channel its RMSE is larger than noise, the error
     of the initial state, the intervals of the coefficients and the model error of the answer explain in 999 of 1000 records.
-    So it does where the record tests nothing, as any motion as large as the recorded one would agree, and where the laws of
-    a trusted answer leave more than noise of the record with any coefficients.
+    So it does where the record tests nothing, as any motion as large as the recorded one would agree, and with --refit where
+    the laws of a trusted answer leave more than noise of the record with any coefficients.
 
     \b
     Examples:
       linkwise validate second.csv answer -o validation
       linkwise validate run.csv answer --from 4 --burn 0.2
+      linkwise validate second.csv answer --refit
       linkwise validate second.csv answer --sensor force:m1:gain=1
       linkwise validate second.csv answer/structure.toml --json
     """
@@ -59,7 +65,6 @@ def validate(
         tell(f"note: {remark}")
     with progress("reading") as step:
         record = source.read_motion_of(subject.structure)
-        validation = lw.validate(
-            record, answer, burn=burn, corrected=source.removed_errors(record), progress=step
-        )
+        corrected = source.removed_errors(record)
+        validation = lw.validate(record, answer, burn=burn, corrected=corrected, refit=refit, progress=step)
     return deliver("validation", validation, lw.report.validation_of(validation), output, as_json=as_json)

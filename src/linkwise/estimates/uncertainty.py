@@ -254,7 +254,7 @@ def read_posterior(folder: str | Path) -> Posterior:
     ('nes1.alpha', 'nes1.beta', 'nes1.c')
     """
     folder = Path(folder)
-    structure = read_structure(folder / "structure.toml")
+    structure = read_structure(folder)
     path = folder / COVARIANCE
     try:
         with path.open(encoding="utf-8", newline="") as file:

@@ -130,6 +130,13 @@ def read_structure(path: str | Path) -> Structure:
     True
     """
     expect("read_structure(path): path", path, str, Path)
+    if Path(path).is_dir():
+        folder, path = Path(path), Path(path) / "structure.toml"
+        if not path.exists():
+            raise StructureError(
+                "there is no structure.toml in this folder: give a result folder of identify or discover, or a structure file",
+                str(folder),
+            )
     return parse_structure(read_toml_text(path, StructureError), str(path))
 
 

@@ -16,6 +16,7 @@ from linkwise.errors import StructureError, require_known
 from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, single, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
+from linkwise.response.measured import MeasuredPoints
 from linkwise.response.rest_basins import Basins
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 
@@ -73,10 +74,17 @@ def response(
         for level, colour in zip(result.levels, _colours(len(result.levels)), strict=True):
             _draw_level(axes, level, column, factor, colour)
             axes.plot([], [], color=colour, label=f"{level.size:g} {result.drive.unit}")
+        _draw_measured(axes, result.measured, column, factor)
         _explain(axes, result)
         axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
         axes.set_ylim(bottom=0.0)
     return axes
+
+
+def _draw_measured(axes: Axes, measured: MeasuredPoints | None, column: int, factor: float) -> None:
+    if measured is not None:
+        values = factor * measured.amplitude[:, column]
+        axes.plot(measured.hz, values, ".", color="grey", markersize=4, zorder=1, label="measured")
 
 
 def _colours(count: int) -> list[str]:
@@ -165,10 +173,12 @@ def backbone(
     """
     name = channel or result.channels[0]
     require_known("channel", name, result.channels, StructureError)
-    values = result.amplitude[:, result.channels.index(name)]
+    column = result.channels.index(name)
+    values = result.amplitude[:, column]
     factor, unit = scale(float(values.max()), unit_in(result.structure, name))
     outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
     with axes_for(ax, legend=legend) as axes:
+        _draw_measured(axes, result.measured, column, factor)
         inside = np.where(outside, np.nan, values)
         axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
         if outside.any():

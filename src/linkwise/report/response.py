@@ -57,6 +57,7 @@ def _amplitudes(reported: Reported[Response]) -> Section:
         "Amplitude is half of peak to peak over a period. Unstable motion, which no test shows, is dotted; between folds "
         "the motion jumps from one stable branch to another."
     )
+    text += " Grey points are measured." if reported.result.measured else ""
     figure = partial(response_figures.response_figure, reported.result)
     return Section("Amplitude over frequency", [text], rows=peak_rows(reported.result), figure=figure)
 
@@ -182,7 +183,8 @@ def backbone_of(result: Backbone) -> dict[str, Any]:
 def _curve(reported: Reported[Backbone]) -> Section:
     """Amplitudes over the frequency of a mode."""
     figure = partial(response_figures.backbone_figure, reported.result)
-    return Section("Amplitude over frequency", rows=backbone_rows(reported.result), figure=figure)
+    text = ["Grey points are measured."] if reported.result.measured else []
+    return Section("Amplitude over frequency", text, rows=backbone_rows(reported.result), figure=figure)
 
 
 def _write_backbone_data(reported: Reported[Backbone], folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from linkwise.response.backbone import Backbone as Backbone
 from linkwise.response.drive import Drive as Drive
+from linkwise.response.measured import MeasuredPoints as MeasuredPoints
 from linkwise.response.options import ResponseOptions as ResponseOptions
 from linkwise.response.rest_basins import Basins as Basins
 from linkwise.response.rest_basins import basins as basins

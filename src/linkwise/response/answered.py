@@ -46,10 +46,8 @@ class AskedStructure:
                 except IdentificationError:
                     return cls(answer.structure, None, ranges)
         path = Path(answer)
-        if not path.is_dir():
-            return cls(read_structure(path))
         if not (path / COVARIANCE).exists():
-            return cls(read_structure(path / "structure.toml"), None, _ranges(path))
+            return cls(read_structure(path), None, _ranges(path))
         posterior = read_posterior(path)
         return cls(posterior.structure, posterior, _ranges(path))
 

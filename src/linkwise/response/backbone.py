@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,10 @@ from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
+from linkwise.records.record import Record
 from linkwise.response.answered import Answer, AskedStructure
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
+from linkwise.response.measured import MeasuredPoints, decay_points
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, require_smooth, run_time_parameters
 from linkwise.simulation.energy import potential_energy
@@ -124,6 +126,8 @@ class Backbone(JudgedView):
         Whether the curve reached the end that was asked for.
     outside : tuple of str
         At each point the link whose elongation leaves most the range that the record visited, "" where none does.
+    measured : MeasuredPoints or None
+        Points of a decay beside the curve.
 
     Examples
     --------
@@ -144,6 +148,28 @@ class Backbone(JudgedView):
     starts: Floats
     reached: bool = True
     outside: tuple[str, ...] = ()
+    measured: MeasuredPoints | None = None
+
+    def beside(self, record: Record) -> Backbone:
+        """The same with the frequencies of a measured decay over its amplitude.
+
+        Parameters
+        ----------
+        record : Record
+            It holds the decay of a motion that is shown.
+
+        Returns
+        -------
+        Backbone
+            The backbone with `measured`.
+
+        Raises
+        ------
+        RecordError
+            If no mode rings down in it.
+        """
+        expect("beside(record): record", record, Record)
+        return replace(self, measured=decay_points(record, float(self.hz[0]), self.channels))
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -187,6 +213,7 @@ class Backbone(JudgedView):
                 {"hz": hz, "energy": energy, "amplitude": dict(zip(self.channels, values, strict=True))}
                 for hz, energy, values in points
             ],
+            **({} if self.measured is None else {"measured": self.measured.to_list(self.channels)}),
         }
 
     def __str__(self) -> str:
@@ -278,6 +305,12 @@ def backbone(
     measured = _Measured(free, float(potential_energy(structure, linear.at, 0.0).sum()))
     end = _end(measured, to_amplitude, to_energy)
     points = _followed(free, _linear_start(free, linear, mode, to_amplitude or {}), end)
+    if end is None and np.ptp([point.parameter for point in points]) < _LINEAR * points[0].parameter:
+        raise SimulationError(
+            f"the frequency of mode {mode} is {linear.frequencies[mode - 1]:.5g} Hz at any amplitude, so that nothing ends "
+            "the curve: give an amplitude or an energy at which to end",
+            arguments=("end",),
+        )
     motions = [free.motion(point.unknowns) for point in points]
     zero = np.zeros(SAMPLES + 1)
     rows = channel_rows(structure, channels)
@@ -341,14 +374,19 @@ def _end(
         return lambda point: measured.energy(point) - _positive(to_energy, "the energy")
     for name, size in (to_amplitude or {}).items():
         goal = _positive(size, "the amplitude")
-        row = channel_rows(measured.free.structure, shown_channels(measured.free.structure, (name,)))
+        row = channel_rows(
+            measured.free.structure,
+            shown_channels(measured.free.structure, (name,), "the end of a backbone", ()),
+        )
         return lambda point: measured.amplitude(point, row) - goal
     return None
 
 
 def _positive(size: float, what: str) -> float:
     if not 0.0 < size < np.inf:
-        raise SimulationError(f"{what} at which a backbone ends must be positive, got {size!r}")
+        raise SimulationError(
+            f"{what} at which a backbone ends must be positive, in SI units, got {size!r}", arguments=("end",)
+        )
     return size
 
 

@@ -149,14 +149,21 @@ class ResponseOptions:
         return Drive(next(iter(self.base or {})), "base")
 
 
-def shown_channels(structure: Structure, show: Sequence[str]) -> tuple[Channel, ...]:
-    """The channels that are shown of a structure, by default all displacements; SimulationError for what is none."""
+def shown_channels(
+    structure: Structure,
+    show: Sequence[str],
+    what: str = "what is shown",
+    arguments: tuple[str, ...] = ("show",),
+) -> tuple[Channel, ...]:
+    """The channels that are shown of a structure, by default all displacements; SimulationError for what is none, of the
+    `arguments` in which `what` was given.
+    """
     channels = tuple(map(Channel.parse, show or [f"x:{place}" for place in structure.places]))
     for channel in channels:
         if channel.kind not in ("x", "v") or channel.relative:
             raise SimulationError(
-                f"{channel} is not shown: periodic motion has displacements and velocities, such as x:{structure.places[0]}",
-                arguments=("show",),
+                f"{channel} cannot be {what}, which is displacements and velocities, such as x:{structure.places[0]}",
+                arguments=arguments,
             )
-        check_place(channel, structure, "what is shown")
+        check_place(channel, structure, what)
     return channels

@@ -174,9 +174,16 @@ def basins(
     refuse_memory(structure.links, "basins")
     if len(plane) != 2 or points < 2:
         raise SimulationError(
-            f"basins need two states and at least 2 values of each, got {len(plane)} and {points}"
+            f"basins need two states and at least 2 values of each, got {len(plane)} and {points}",
+            arguments=("plane",),
         )
-    channels = shown_channels(structure, tuple(plane))
+    channels = shown_channels(structure, tuple(plane), "a state of the plane", ("plane",))
+    for name, (low, high) in plane.items():
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise SimulationError(
+                f"{name} must go from a finite value to a higher one, in SI units, got {low:g} to {high:g}",
+                arguments=("plane",),
+            )
     rows = channel_rows(structure, channels)
     if np.count_nonzero(rows) != len(rows):
         raise SimulationError(

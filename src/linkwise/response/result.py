@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns
+from linkwise.errors import expect
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
+from linkwise.records.record import Record
 from linkwise.response.drive import Drive
+from linkwise.response.measured import MeasuredPoints, steady_points
 from linkwise.verdict import Verdict
 
 FOLD = "fold"
@@ -161,6 +164,8 @@ class Response(JudgedView):
         The number of draws from the posterior behind `lower` and `upper`; 0 without bands.
     seconds : float
         The time that it took.
+    measured : MeasuredPoints or None
+        Points of a record beside the curves.
 
     Examples
     --------
@@ -178,6 +183,28 @@ class Response(JudgedView):
     levels: tuple[ResponseLevel, ...]
     draws: int = 0
     seconds: float = 0.0
+    measured: MeasuredPoints | None = None
+
+    def beside(self, record: Record) -> Response:
+        """The same with the points of a stepped or slowly swept sine.
+
+        Parameters
+        ----------
+        record : Record
+            It holds the excitation and a motion of a place that is shown.
+
+        Returns
+        -------
+        Response
+            The response with `measured`.
+
+        Raises
+        ------
+        RecordError
+            If the record holds no such motion.
+        """
+        expect("beside(record): record", record, Record)
+        return replace(self, measured=steady_points(record, self.drive, self.channels))
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -206,13 +233,20 @@ class Response(JudgedView):
             "draws": self.draws,
             "findings": list(self.findings),
             "levels": [self._level(level) for level in self.levels],
+            **self._measured(),
             "seconds": self.seconds,
         }
 
+    def _measured(self) -> dict[str, Any]:
+        return {} if self.measured is None else {"measured": self.measured.to_list(self.channels, self._size)}
+
+    @property
+    def _size(self) -> str:
+        return "force" if self.drive.kind == "force" else "base"
+
     def _level(self, level: ResponseLevel) -> dict[str, Any]:
-        key = "force" if self.drive.kind == "force" else "base"
         return {
-            key: level.size,
+            self._size: level.size,
             "branches": [
                 {
                     "turns": branch.turns,

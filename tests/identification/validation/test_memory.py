@@ -98,7 +98,7 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     unknown = bistable().unknown("piezo.alpha", "piezo.beta", "piezo.c", "piezo.theta")
     answer = lw.identify(record[:1200], unknown)
     assert answer.trusted and answer.noise["state:piezo.V"].unit == "V"
-    validation = lw.validate(record[1200:], answer)
+    validation = lw.validate(record[1200:], answer, refit=True)
     assert validation.trusted and validation.channels["state:piezo.V"].unit == "V"
     assert [coefficient.agrees for coefficient in validation.coefficients] == [True] * 4
     weaker = lw.validate(record[1200:], bistable(theta=0.9e-3))

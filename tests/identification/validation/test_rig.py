@@ -28,7 +28,7 @@ def fit(record: lw.Record) -> lw.Estimate:
 @pytest.mark.slow
 def test_the_force_on_another_part_is_predicted_to_its_noise(record: lw.Record, fit: lw.Estimate) -> None:
     """A part is validated with an error of 0.1 % level; the noise of the cell is 1 N, of a force of 90 N."""
-    result = lw.validate(record[1000:], fit)
+    result = lw.validate(record[1000:], fit, refit=True)
     score = result.channels["f:damper"]
     assert result.trusted and result.free_run
     assert score.rmse == pytest.approx(score.expected, rel=0.1)  # 950 samples of noise: 5 standard deviations

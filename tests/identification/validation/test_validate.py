@@ -14,6 +14,7 @@ from structures import HARDENING, asked_oscillator, host, link, oscillator, stru
 
 import linkwise as lw
 from linkwise.identification.validation.answer import estimated_again
+from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.progress import silent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
@@ -42,7 +43,7 @@ def answer() -> lw.Estimate:
 
 @pytest.fixture(scope="module")
 def agreeing(answer: lw.Estimate) -> lw.Validation:
-    return lw.validate(forced(duffing(), 2)[300:], answer)
+    return lw.validate(forced(duffing(), 2)[300:], answer, refit=True)
 
 
 # --- the truth, and estimates of it
@@ -86,15 +87,17 @@ def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
     record = forced(duffing(), 2)
     wide = lw.estimates.Posterior.of(answer)
     wide = replace(wide, covariance=100.0 * wide.covariance)
-    exact, with_errors = lw.validate(record, answer.structure), lw.validate(record, wide)
+    exact, with_errors = lw.validate(record, answer.structure, refit=True), lw.validate(record, wide)
     assert with_errors.channels["x:m1"].expected > exact.channels["x:m1"].expected
     assert with_errors.channels["x:m1"].rmse == exact.channels["x:m1"].rmse
-    assert not exact.coefficients and with_errors.coefficients
+    assert not exact.coefficients and not exact.refittable
+    assert not with_errors.coefficients and with_errors.refittable == ("spring.k", "spring.k3", "spring.c")
+    assert "would free spring.k, spring.k3, spring.c." in " ".join(str(with_errors).split())
     # coefficients that are farther off beside dropped terms are so only together with these
     plain = lw.estimates.Posterior.of(answer)
     more = 99.0 * plain.covariance
     wide = replace(plain, covariance=plain.covariance + more, for_dropped_terms=more)
-    validation, expected = lw.validate(record, wide), lw.validate(record, plain)
+    validation, expected = (lw.validate(record, posterior, refit=True) for posterior in (wide, plain))
     limits = [result.channels["x:m1"].limit for result in (validation, expected)]
     assert limits[0] == pytest.approx(limits[1], rel=1e-6)
     errors = [result.coefficients[0].standard_error for result in (validation, expected)]
@@ -113,6 +116,21 @@ def test_expected_errors_are_those_that_occur() -> None:
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios) / np.sqrt(len(ratios))
 
 
+def test_departures_are_those_of_a_run_with_a_coefficient_a_little_off() -> None:
+    """Carried over windows of a run of 20 s, they agree with a simulation to what is linear, 1e-3."""
+    whole = lw.simulate(duffing(), forces=FORCE, duration=20.0, rate=200.0)
+    predictor = WindowPredictor(
+        whole, duffing().unknown("spring.k"), np.array([900.0]), np.eye(1), np.ones(1)
+    )
+    truth = whole.simulated
+    assert truth is not None
+    states, nothing = np.vstack([truth.displacement.T, truth.velocity.T]), np.zeros((2, 2))
+    _, by_stiffness, _ = predictor.variances_along(states, nothing, nothing[:, :1])
+    softer = lw.simulate(duffing(k=899.9), forces=FORCE, duration=20.0, rate=200.0)
+    change = (softer.channel("x:m1") - whole.channel("x:m1")) / 0.1
+    assert np.sqrt(by_stiffness[:, 0]) == pytest.approx(np.abs(change), abs=1e-3 * np.abs(change).max())
+
+
 def test_a_stated_model_error_is_allowed_for() -> None:
     """A spring 0.5 % too stiff disagrees, unless the laws are known to leave 0.5 % of the forces."""
     record = forced(duffing(), 2, 60.0)
@@ -127,7 +145,7 @@ def test_a_stated_model_error_is_allowed_for() -> None:
 
 def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
     """A record of a stiffer spring: the prediction is off, k is named, and the error is placed in the motion."""
-    validation = lw.validate(forced(duffing(k=990.0), 2), answer)
+    validation = lw.validate(forced(duffing(k=990.0), 2), answer, refit=True)
     assert not validation.trusted and validation.status == "prediction disagrees"
     assert not validation.channels["x:m1"].agrees
     assert [entry.name for entry in validation.coefficients if not entry.agrees] == ["spring.k"]
@@ -242,7 +260,7 @@ def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validati
     folder = lw.report.write_result(answer, tmp_path / "answer")
     validation = lw.validate(forced(duffing(), 2)[300:], folder)
     assert validation.channels["x:m1"].rmse == pytest.approx(agreeing.channels["x:m1"].rmse, rel=1e-8)
-    assert len(validation.coefficients) == 3
+    assert len(validation.refittable) == 3 and not agreeing.refittable
     (folder / "covariance.csv").unlink()
     bare = lw.validate(forced(duffing(), 2)[300:], folder)
     assert not bare.coefficients and "taken as exact" in bare.remarks[0]
@@ -298,7 +316,7 @@ def test_a_record_whose_sensor_is_off_refutes_the_laws_within_wide_intervals(gai
     answer = lw.identify(short, hardening_pair().unknown("all"))
     start["x:m2"] = -0.008
     record = lw.simulate(hardening_pair(), release=start, duration=4.0, rate=400.0).with_noise(35.0, seed=2)
-    validation = lw.validate(replace(record, values=record.values * [1.0, gain]), answer)
+    validation = lw.validate(replace(record, values=record.values * [1.0, gain]), answer, refit=True)
     assert answer.trusted and all(channel.agrees for channel in some(validation.channels.values()))
     if gain == 1.0:
         assert validation.trusted and not validation.remarks

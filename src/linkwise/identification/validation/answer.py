@@ -91,14 +91,8 @@ def _read(path: Path) -> ValidatedAnswer:
     if not path.is_dir():
         grade, warning = stated_grade(path)
         return ValidatedAnswer(_numbers(read_structure(path), path), grade=grade, warning=warning)
-    file = path / _STRUCTURE
-    if not file.exists():
-        raise StructureError(
-            f"there is no {_STRUCTURE} in this folder: give a result folder of identify or discover, or a structure file",
-            str(path),
-        )
+    structure = _numbers(read_structure(path), path / _STRUCTURE)
     status, stated = _stated(path / RESULT)
-    structure = _numbers(read_structure(file), file)
     if (path / COVARIANCE).exists():
         return ValidatedAnswer(structure, read_posterior(path), **stated)
     return ValidatedAnswer(structure, remarks=(_exact(status),), **stated)
@@ -241,9 +235,8 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
     count = len(posterior.names)
     limit = float(-scipy.special.ndtri(LEVEL / (2 * max(count, 1))))
     rows = []
-    for index, name in enumerate(posterior.names):
-        if _is_of_host(name):
-            continue
+    for name in refittable_names(posterior):
+        index = posterior.names.index(name)
         own = estimate.coefficient(name)
         error = math.sqrt(max(posterior.covariance[index, index], 0.0))
         if own.standard_error is None or not own.standard_error > 0.0:
@@ -261,6 +254,11 @@ def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgr
             )
         )
     return tuple(rows)
+
+
+def refittable_names(posterior: Posterior) -> tuple[Name, ...]:
+    """What a record alone is asked to determine again: all that has a covariance, but for what is said of modes of hosts."""
+    return tuple(name for name in posterior.names if not _is_of_host(name))
 
 
 def _is_of_host(name: Name) -> bool:

@@ -205,27 +205,6 @@ def _run(
     )
 
 
-def run_from(
-    structure: Structure,
-    record: Record,
-    channels: tuple[str, ...],
-    state: Floats,
-    extra: Mapping[Channel, Floats] | None = None,
-) -> Record:
-    """The channels of a structure that runs from a state (2 n + S,) under the inputs of a record, by the record's clock.
-
-    `extra` forces in N (N,) by channel are added to those of the record.
-    """
-    inputs = _inputs(record, len(record))
-    for name, force in (extra or {}).items():
-        given = record.channel(name) if name in inputs else 0.0
-        inputs[name] = Sampled(
-            0.0, record.rate, given + force, order=inputs[name].order if name in inputs else 5
-        )
-    run = _run(structure, channels, state, inputs, record.rate, len(record))
-    return replace(run, start=record.start)
-
-
 def _initial_state(
     structure: Structure, measured: Record, inputs: Mapping[Channel, Sampled], settling: int
 ) -> Floats:
@@ -272,7 +251,6 @@ def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats
     return guess, size
 
 
-_STEP = 0.1  # of a standard error: departures of runs are linear in it, and grow no larger than the motion
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
 _GROWN = 10.0  # times that over the burn: what is as uncertain from the start has not grown
 _STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
@@ -354,7 +332,7 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
 
 
 def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Progress) -> Prediction:
-    """One run of so many samples, and runs from states and with coefficients that are a little off."""
+    """One run of so many samples, and what errors of its start, coefficients and laws change of it."""
     record, structure = predictor.record[:samples], predictor.structure
     channels = record.responses
     start = predictor(np.zeros(1, dtype=int), burn, burn)
@@ -365,62 +343,20 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
             "that motion; check its coefficients and their units, or identify again"
         )
     names = [parameter.name for parameter in structure.parameters]
-    follow = start.state_by_coefficients[0] @ predictor.root  # (2 n + S, r)
-
-    def run(state: Floats, theta: Floats, extra: dict[Channel, Floats] | None = None) -> Record:
-        valued = structure.with_values(dict(zip(names, map(float, theta), strict=True)))
-        return run_from(valued, record, (*channels, *accelerations), state, extra)
-
-    accelerations = tuple(
-        f"a:{name}" for name in structure.mass_names if f"a:{name}" not in channels and predictor.law_error
-    )
-    whole = run(state, predictor.values)
-    motion = whole.select(channels).values
-    shape, done = motion.shape, 0
-    total = len(state) + follow.shape[1] + (structure.size if predictor.law_error else 0)
-
-    def departure(moved: Floats, theta: Floats, extra: dict[Channel, Floats] | None = None) -> Floats:
-        nonlocal done
-        done += 1
-        progress(ProgressReport(0.6 * done / total, "free runs"))
-        return np.asarray(run(moved, theta, extra).select(channels).values - motion)
-
-    by_state, by_theta, by_laws = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for column in root.T:
-        by_state += (departure(state + _STEP * column, predictor.values) / _STEP) ** 2
-    for column, moved in zip(predictor.root.T, follow.T, strict=True):
-        theta = predictor.values + _STEP * column
-        by_theta += (departure(state + _STEP * moved, theta) / _STEP) ** 2
-    for name, force in _law_errors(predictor, record, whole).items():
-        by_laws += departure(state, predictor.values, {name: force}) ** 2
-    base = record.channel(f"x:{BASE}") if f"x:{BASE}" in record.channels else None
-    truth = whole.simulated
+    valued = structure.with_values(dict(zip(names, map(float, predictor.values), strict=True)))
+    progress(ProgressReport(0.2, "free run"))
+    run = _run(valued, channels, state, _inputs(record, samples), record.rate, samples)
+    truth = run.simulated
     assert truth is not None
+    progress(ProgressReport(0.5, "what errors change of it"))
+    states = [*truth.displacement.T, *truth.velocity.T, *truth.states.values()]
+    base = record.channel(f"x:{BASE}") if f"x:{BASE}" in record.channels else None
     return Prediction(
-        predicted=_after(motion, burn),
-        by_state=by_state,
-        by_coefficients=by_theta,
-        by_laws=by_laws,
+        _after(run.select(channels).values, burn),
+        *predictor.variances_along(np.array(states), root, start.state_by_coefficients[0]),
         d=structure.elongations(truth.displacement, base),
         v=structure.elongations(truth.velocity, None if base is None else np.gradient(base, record.step)),
     )
-
-
-def _law_errors(predictor: WindowPredictor, record: Record, run: Record) -> dict[Channel, Floats]:
-    """Forces on each mass that its links leave out or add, as large a part of theirs as the laws are off."""
-    if not predictor.law_error:
-        return {}
-    structure = predictor.structure
-    masses = structure.with_values(
-        dict(zip((p.name for p in structure.parameters), map(float, predictor.values), strict=True))
-    ).mass_values
-    applied = np.zeros((structure.size, len(record)))
-    for channel in record.forces:
-        applied += structure.topology.row(channel.place)[:, None] * record.channel(channel)
-    forces = {}
-    for name, mass, own in zip(structure.mass_names, masses, applied, strict=True):
-        forces[Channel("force", name)] = predictor.law_error * (mass * run.channel(f"a:{name}") - own)
-    return forces
 
 
 def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:

@@ -10,9 +10,18 @@ from typing import Any
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, align_columns, format_error, format_value, paragraph, remark_lines
+from linkwise.display import (
+    JudgedView,
+    align_columns,
+    format_error,
+    format_value,
+    listed,
+    paragraph,
+    remark_lines,
+)
 from linkwise.inspection.missing_samples import unanswered_alerts
 from linkwise.inspection.result import Alert
+from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.verdict import Grade, Verdict
@@ -103,7 +112,7 @@ class CoefficientAgreement:
     >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.4, rate=1000.0).with_noise(40.0, seed=1)
     >>> other = lw.simulate(chain, release={"v:m1": 0.8}, duration=0.4, rate=1000.0).with_noise(40.0, seed=2)
     >>> fit = lw.identify(record, chain.unknown("nes"))
-    >>> agreement = lw.validate(other, fit).coefficients[0]
+    >>> agreement = lw.validate(other, fit, refit=True).coefficients[0]
     >>> agreement.name, agreement.agrees
     ('nes1.alpha', True)
     """
@@ -219,7 +228,7 @@ class Validation(JudgedView):
     spectra : mapping of str to ErrorSpectrum
         Spectra by channel.
     coefficients : tuple of CoefficientAgreement
-        Whether the record agrees with each identified coefficient; empty without a covariance.
+        Whether the record agrees with each coefficient, estimated again from it alone; empty where none was.
     model_error : float
         Part of the forces that the laws are known to leave.
     remarks : tuple of str
@@ -228,6 +237,8 @@ class Validation(JudgedView):
         Whether the laws of an answer without a model error leave more than noise of this record with any coefficients.
     answer_grade : Grade
         The grade of the answer; explained for a structure that states none.
+    refittable : tuple of Name
+        The coefficients that a refit would estimate again from this record alone; empty after one, or without a covariance.
 
     Examples
     --------
@@ -255,6 +266,7 @@ class Validation(JudgedView):
     remarks: tuple[str, ...] = field(default=())
     refuted: bool = False
     answer_grade: Grade = Grade.EXPLAINED
+    refittable: tuple[Name, ...] = ()
 
     @cached_property
     def grade(self) -> Grade:
@@ -352,6 +364,7 @@ class Validation(JudgedView):
                 }
                 for entry in self.profiles
             },
+            "refittable": list(self.refittable),
             "coefficients": {entry.name: _plain(entry) for entry in self.coefficients},
             "model_error_percent": 100.0 * self.model_error,
             **self._judgement(),
@@ -389,9 +402,13 @@ def headline(validation: Validation) -> tuple[str, ...]:
             f"The motion is chaotic: an error of the state hides it after {validation.horizon:.3g} s. {validation.windows} "
             f"runs of {validation.window:.3g} s each"
         )
+    refit = (
+        f"Nothing was estimated again: a refit (--refit, refit=True) would free {listed(validation.refittable)}.",
+    )
     return (
         validation.verdicts[0].value,
         f"{run}, after {validation.burn:.4g} s that determine the state and are not scored.",
+        *(refit if validation.refittable else ()),
     )
 
 

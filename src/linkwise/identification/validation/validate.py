@@ -23,6 +23,7 @@ from linkwise.identification.validation.answer import (
     ValidatedAnswer,
     agreements,
     estimated_again,
+    refittable_names,
     sensor_noise,
     uncertain,
     without_found_errors,
@@ -216,6 +217,7 @@ def validate(
     burn: float | None = None,
     model_error: float | None = None,
     corrected: Mapping[str, Sequence[str]] | None = None,
+    refit: bool = False,
     progress: Progress = silent,
 ) -> Validation:
     """Predict a record with a structure that was identified from others, and compare.
@@ -231,8 +233,8 @@ def validate(
         The record, or a part of one, that the structure was not identified from.
     answer : Structure, Estimate, Posterior or path-like
         The structure, every coefficient a number, or the path of its file. An estimate, a `Posterior` or the path of a result
-        folder adds the covariance of the coefficients: their errors count in the comparison, and each is estimated again from
-        this record alone (Wald test). Offsets, gains and delays of sensors that it found are taken out of the record.
+        folder adds the covariance of the coefficients: their errors count in the comparison. Offsets, gains and delays of
+        sensors that it found are taken out of the record.
     burn : float, optional
         Time in s at the start from which the state is estimated, and which is not scored. By default 5 % of the record, from
         50 to 300 samples.
@@ -242,6 +244,9 @@ def validate(
     corrected : mapping of str to sequence of {"offset", "gain", "delay"}, optional
         Errors of sensors, by channel, that the record is without: you took them out, or the sensor was exchanged. What the
         answer found of these is not taken out again.
+    refit : bool
+        Whether the coefficients that have a covariance are also estimated again, from this record alone, and compared (Wald
+        test). By default the record is predicted only, and `Validation.refittable` lists them.
     progress : Progress
         Called with a `ProgressReport` now and then.
 
@@ -287,10 +292,13 @@ def validate(
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
-    samples, prediction, steps, noise = predicted(scored, given, burn, law_error, part(progress, 0.0, 0.6))
+    samples, prediction, steps, noise = predicted(
+        scored, given, burn, law_error, part(progress, 0.0, 0.6 if refit else 1.0)
+    )
+    refittable = () if posterior is None else refittable_names(posterior)
     agreed: tuple[CoefficientAgreement, ...] = ()
     refuted = False
-    if posterior is not None and posterior.names:
+    if refit and posterior is not None and refittable:
         try:
             again = estimated_again(scored, posterior, part(progress, 0.7, 1.0))
             agreed = agreements(again, posterior)
@@ -320,6 +328,7 @@ def validate(
         remarks=remarks,
         refuted=refuted,
         answer_grade=given.grade,
+        refittable=() if refit else refittable,
     )
 
 

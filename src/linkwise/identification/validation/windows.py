@@ -6,6 +6,7 @@ as the state of a mass without a sensor; its uncertainty is then part of that of
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +31,8 @@ _FLOW_ERROR = 0.01  # of the noise: by how much steps half as long may change a 
 _MAX_REFINEMENT = 8  # steps per sample
 _TESTED = 50  # windows whose predictions decide how fine the steps must be
 _NUMBERS = 8_000_000  # in the sensitivities of one batch of windows
+_FEWEST = 64  # samples of a window of a long run
+_FARTHEST = 1e100  # times its unit: how far a departure that grows without end is followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,57 @@ class WindowPredictor:
             *(np.concatenate([piece[i] for piece in pieces], axis=0) for i in (6, 7)),
         )
 
+    @np.errstate(over="ignore", invalid="ignore")
+    def variances_along(self, states: Floats, root: Floats, follow: Floats) -> tuple[Floats, Floats, Floats]:
+        """Variances (N, C) of what a run with these `states` (2 n + S, N) shows, by its start, the coefficients and the laws.
+
+        `root` (2 n + S, 2 n + S) is that of the covariance of the first state, which follows the coefficients by `follow` (2 n
+        + S, p). Departures of the run are carried from window to window, and the windows are integrated side by side.
+        """
+        count = states.shape[1]
+        record, system = self.record[:count], System.of(self.structure)
+        setup = replace(_Setup.of(record, self.structure, system, self.values, self.sigma), guess=states)
+        samples = max(_FEWEST, round(np.sqrt(count)))
+        firsts = np.arange(0, count, samples)
+        refine = setup.refinement(firsts, samples)
+        masses = len(self.structure.mass_names) if self.law_error else 0
+        prior, unit = setup.prior[:, None], theta_unit(setup.theta)[:, None]
+        moved = np.hstack([root, follow @ self.root]) / prior
+        fixed = np.hstack([np.zeros((len(unit), len(root))), self.root / unit])
+        by_laws = np.zeros((len(root), masses))  # departures of the state
+        size = max(1, _NUMBERS // (samples * refine * len(root) * (len(root) + len(unit) + 1)))
+        parts = []
+        for first in range(0, len(firsts), size):
+            some = firsts[first : first + size]
+            nodes, inputs = states[:, some], setup.inputs(some, samples, refine)
+            orbit = setup.run(nodes, inputs, samples, refine)
+            slopes, ends = setup.slopes(orbit, inputs, refine)
+            run = samples, refine, self.law_error
+            changes = list(_changed_by_laws(setup, nodes, inputs, orbit, run, range(masses)))
+            for k in range(len(some)):
+                of_laws = [shown[..., k].ravel() for shown, _ in changes]
+                total = np.vstack([moved, fixed])
+                shown = (
+                    slopes[k] @ total,
+                    slopes[k, :, : len(prior)] @ by_laws
+                    + np.transpose(of_laws or np.zeros((0, len(slopes[k])))),
+                )
+                parts.append(
+                    [
+                        np.sum(part**2, axis=1)
+                        for part in (shown[0][:, : len(root)], shown[0][:, len(root) :], shown[1])
+                    ]
+                )
+                by_laws = ends[k, :, : len(prior)] @ by_laws
+                for number, (_, end) in enumerate(changes):
+                    by_laws[:, number] += end[:, k] / setup.prior
+                moved = np.clip(ends[k] @ total, -_FARTHEST, _FARTHEST)
+        shape = (-1, len(self.sigma))
+        by_start, by_theta, by_forces = (
+            np.concatenate(part).reshape(shape)[:count] for part in zip(*parts, strict=True)
+        )
+        return by_start, by_theta, by_forces
+
 
 @dataclass(frozen=True, eq=False)
 class _Setup:
@@ -133,13 +187,13 @@ class _Setup:
             force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
             for name in forced:
                 row = structure.topology.row(name)
-                values = _at(record, f"force:{name}", index)[0]
+                values = _at(record, f"force:{name}", index)
                 force += row[:, None] * values[:, :, None]
                 if at_points is not None and name in structure.points:
                     at_points[:, :, structure.points.index(name)] = values
         if np.any(structure.base_incidence):
-            base = np.stack(_at(record, f"x:{BASE}", index), axis=2)
-        signals = {name: _at(record, f"signal:{name}", index)[0] for name in structure.signals}
+            base = np.stack([_at(record, f"x:{BASE}", index, order) for order in (0, 1)], axis=2)
+        signals = {name: _at(record, f"signal:{name}", index) for name in structure.signals}
         return Inputs(force, base, points=at_points, signals=signals)
 
     def run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
@@ -167,8 +221,15 @@ class _Setup:
         pairs = zip(self.sensors.kind, self.sensors.mass, strict=True)
         return np.stack([motion[int(kind)][:, mass] for kind, mass in pairs], axis=1)
 
-    def slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> Floats:
-        """(K, M C, 2 n + S + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit."""
+    def end(self, orbit: Trajectories, refine: int) -> Floats:
+        """(2 n + S, K) states at the end of an orbit."""
+        x, u = orbit.states[-1]
+        return np.concatenate([x, u * (refine * self.record.rate), orbit.memory[-1]])
+
+    def slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> tuple[Floats, Floats]:
+        """(K, M C, 2 n + S + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit, and
+        (K, 2 n + S, 2 n + S + p) those of the state at the end, in units of the prior.
+        """
         step = np.full(orbit.states.shape[-1], self.record.step / refine)
         unit, mechanics = theta_unit(self.theta), self.system.at(self.theta)
         sensors = self.sensors.at(mechanics)
@@ -181,7 +242,9 @@ class _Setup:
             motion = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, unit))
             for kind, mass in zip(self.sensors.kind, self.sensors.mass, strict=True):
                 rows.append(motion[int(kind)][mass].T * rates[int(kind)])
-        return np.stack(rows, axis=1).astype(float)
+        end = np.concatenate([tangent.state[0], tangent.state[1] / step, tangent.memory])
+        ends = end.transpose(2, 0, 1) / self.prior[:, None]
+        return np.stack(rows, axis=1).astype(float), ends.astype(float)
 
     def refinement(self, firsts: Indices, samples: int) -> int:
         """Steps per sample that keep the error of the flow well below the noise."""
@@ -208,16 +271,18 @@ def theta_unit(theta: Floats) -> Floats:
     return np.where(theta != 0.0, np.abs(theta), 1.0)
 
 
-def _at(record: Record, name: str, index: Floats) -> tuple[Floats, Floats]:
-    """Value and rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
+def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
+    """Value or rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
     values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
     if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
         sample = np.minimum(np.floor(index[:, len(POINTS) // 2]).astype(int), len(values) - 1)
-        return np.broadcast_to(values[sample][:, None], index.shape).copy(), np.zeros(index.shape)
+        return (
+            np.zeros(index.shape) if order else np.broadcast_to(values[sample][:, None], index.shape).copy()
+        )
     signal = interpolated(0.0, record.rate, values, kind)
     time = index / record.rate
     inside = np.minimum(time, signal.end)
-    return signal.value(inside), np.where(time <= signal.end, signal.derivative(inside), 0.0)
+    return np.where(time <= signal.end, signal.derivative(inside), 0.0) if order else signal.value(inside)
 
 
 def _predicted(
@@ -238,7 +303,7 @@ def _predicted(
             break
         fitted = min(_GROWTH * fitted, burn)
     orbit = setup.run(nodes, inputs, samples, refine)
-    slopes = setup.slopes(orbit, inputs, refine)
+    slopes, _ = setup.slopes(orbit, inputs, refine)
     C = len(setup.sigma)
     weight = np.isfinite(observed).transpose(2, 0, 1) / setup.sigma
     head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
@@ -254,7 +319,13 @@ def _predicted(
         setup.shown(orbit, refine),
         by_state.reshape(shape).transpose(1, 2, 0),
         by_theta.reshape(shape).transpose(1, 2, 0),
-        _by_laws(setup, nodes, inputs, orbit, (samples, refine, law_error)),
+        sum(
+            (
+                change**2
+                for change, _ in _changed_by_laws(setup, nodes, inputs, orbit, (samples, refine, law_error))
+            ),
+            np.zeros((samples, C, K)),
+        ),
         _motion(setup, orbit, refine),
         nodes,
         setup.prior[:, None] * state_root,
@@ -268,27 +339,32 @@ def _motion(setup: _Setup, orbit: Trajectories, refine: int) -> Floats:
     return states
 
 
-def _by_laws(
-    setup: _Setup, nodes: Floats, inputs: Inputs, orbit: Trajectories, size: tuple[int, int, float]
-) -> Floats:
-    """(M, C, K) squares of what forces of the links that are off by a part of themselves change, mass after mass."""
+def _changed_by_laws(
+    setup: _Setup,
+    nodes: Floats,
+    inputs: Inputs,
+    orbit: Trajectories,
+    size: tuple[int, int, float],
+    masses: Iterable[int] | None = None,
+) -> Iterator[tuple[Floats, Floats]]:
+    """What forces of the links that are off by a part of themselves change, mass after mass: (M, C, K) of what is shown, and
+    (2 n + S, K) of the state at the end.
+    """
     samples, refine, law_error = size
-    shown = setup.shown(orbit, refine)
-    variance = np.zeros_like(shown)
     if law_error == 0.0:
-        return variance
+        return
+    shown, end = setup.shown(orbit, refine), setup.end(orbit, refine)
     ends, middles = orbit.accelerations, orbit.middle_accelerations
     at = POINTS[None, :, None, None]
     first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
     acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)
-    masses = setup.system.at(setup.theta).masses
+    mass_values = setup.system.at(setup.theta).masses
     applied = np.zeros_like(acceleration) if inputs.force is None else inputs.force
-    for mass in range(len(masses)):
+    for mass in range(len(mass_values)) if masses is None else masses:
         force = applied.copy()
-        force[:, :, mass] += law_error * (masses[mass] * acceleration[:, :, mass] - applied[:, :, mass])
+        force[:, :, mass] += law_error * (mass_values[mass] * acceleration[:, :, mass] - applied[:, :, mass])
         changed = setup.run(nodes, replace(inputs, force=force), samples, refine)
-        variance += (setup.shown(changed, refine) - shown) ** 2
-    return variance
+        yield setup.shown(changed, refine) - shown, setup.end(changed, refine) - end
 
 
 def _observed(setup: _Setup, firsts: Indices, burn: int) -> Floats:
@@ -322,7 +398,7 @@ def _fitted_states(
     better = np.ones(K, dtype=bool)
     for _ in range(most):
         if better.any():
-            slopes = setup.slopes(orbit, inputs, refine)[..., :m]
+            slopes = setup.slopes(orbit, inputs, refine)[0][..., :m]
             weight = present.transpose(2, 0, 1) / setup.sigma
             rows = slopes * weight.reshape(K, samples * C, 1)
             normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
