@@ -11,9 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import Cause, SensorErrorEstimate
+from linkwise.estimates.causes import HARMONIC, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.options import LikelihoodOptions, distinct_error, with_error
+from linkwise.likelihood.harmonics import harmonic_forces
+from linkwise.likelihood.options import LikelihoodOptions, beside_clocks, distinct_error, with_error
 from linkwise.likelihood.random_forces import noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.records.channel_units import unit_in
@@ -58,7 +59,9 @@ _Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]
 def _noise(options: LikelihoodOptions, records: Sequence[Record], stated: Estimate) -> _Rung | None:
     """Noise of the inputs at the level of their channels; None beside what excludes it, or where there is none."""
     robust = not isinstance(options.loss, Gaussian)
-    beside = (*options.delays, *options.drifts, *options.hums, *options.random)
+    of_clocks = beside_clocks((), options.clocks, records[0])
+    late = set(options.delays) - set(of_clocks)
+    beside = (*late, *options.drifts, *options.hums, *options.random)
     of_links = any(channel.of_link for channel in records[0].channels)
     structure = stated.given_structure
     levels = noise_of_channels(records, structure)
@@ -79,6 +82,11 @@ def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause
 
 def _first_error(options: LikelihoodOptions, records: Sequence[Record], current: Estimate) -> _Rung | None:
     """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
+    if current.diagnosis and current.diagnosis[0].kind == HARMONIC:
+        line = current.diagnosis[0]
+        more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
+        known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
+        return replace(options, harmonics=(*known, *more)), (line,)
     first = distinct_error(current.diagnosis)
     if first is None or first is not current.diagnosis[0]:
         return None
