@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import HARMONIC, Cause, SensorErrorEstimate
+from linkwise.estimates.causes import CLOCK, HARMONIC, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import LikelihoodOptions, beside_clocks, distinct_error, with_error
@@ -39,7 +39,14 @@ def with_errors_added(
     current: Estimate = stated
     added: tuple[Cause, ...] = ()
     for _ in range(_RUNGS):
-        rung = _noise(options, records, stated) or _first_error(options, records, current)
+        clock = any(
+            cause.kind == CLOCK for cause in current.diagnosis[:1]
+        )  # which noise of inputs would hide
+        rung = (
+            (clock and _first_error(options, records, current))
+            or _noise(options, records, stated)
+            or _first_error(options, records, current)
+        )
         if rung is None:
             return stated
         options, cause = rung

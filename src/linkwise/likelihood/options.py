@@ -364,7 +364,7 @@ def _on_one_clock(
 
     What a fit finds of them is small then, as its first order takes it for.
     """
-    late = dict.fromkeys(options.delays, 0)
+    late: Mapping[str, int] = dict.fromkeys(options.delays, 0)
     ratios = {name: stated or 0.0 for name, stated in options.clocks.items()}
     timed = {name: late_channels(records[0], name) for name in options.clocks}
     clocked = {name: timed[name] for name, stated in options.clocks.items() if stated is None}
