@@ -428,7 +428,7 @@ FAULTS = (
     Fault("force held", on_force(late(0.5)), ("force delay",), drive="force"),
     Fault("force of wrong sign", on_force(lambda f, test: -f), ("sign", "force gain"), drive="force"),
     Fault("force not recorded", without_force, drive="force"),
-    Fault("small force not recorded", pushed("0.05*sin(90*t)")),
+    Fault("small force not recorded", pushed("0.05*sin(90*t)"), ("harmonic force",)),
     Fault("white force not recorded", shaken),
     Fault(
         "spring to ground left out",

@@ -23,7 +23,7 @@ from linkwise.discovery.terms import (
 )
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
-from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, INPUT_NOISE
+from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, CLOCKS, HARMONICS, INPUT_NOISE
 from linkwise.likelihood.random_forces import Deviations
 from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient
@@ -424,6 +424,8 @@ class DiscoveryKeywords(TypedDict, total=False):
     gains: str | Sequence[str]
     calibration: Mapping[str, float]
     delays: str | Sequence[str]
+    clocks: Deviations
+    harmonics: Mapping[str, float | Sequence[float]]
     admit: str | Sequence[str]
     ambient: Deviations
     input_noise: Deviations
@@ -450,7 +452,11 @@ class DiscoveryOptions:
         ``"all"`` and ``"common"`` as of `MaximumLikelihood`.
     delays : sequence of str
         Channels with an unknown delay, which every fit finds likewise.
-    admit : sequence of {"gain", "offset", "delay"}
+    clocks : sequence of str or mapping of str to float or None
+        Channels recorded by a device with a clock of its own, as of `MaximumLikelihood`, likewise.
+    harmonics : mapping of str to float or sequence of float
+        Frequencies in Hz of harmonic forces that no channel shows, by mass, as of `MaximumLikelihood`.
+    admit : sequence of {"gain", "offset", "delay", "clock"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names.
     ambient : sequence of str or mapping of str to float or None
@@ -486,6 +492,10 @@ class DiscoveryOptions:
     gains: str | Sequence[str] = ()
     calibration: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=CALIBRATION)
     delays: str | Sequence[str] = ()
+    harmonics: Mapping[str, float | Sequence[float]] = field(
+        default_factory=dict, hash=False, metadata=HARMONICS
+    )
+    clocks: Deviations = field(default=(), hash=False, metadata=CLOCKS)
     admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
     ambient: Deviations = field(default=(), hash=False, metadata=AMBIENT)
     input_noise: Deviations = field(default=(), hash=False, metadata=INPUT_NOISE)
@@ -498,7 +508,8 @@ class DiscoveryOptions:
             given = getattr(self, name) or ()
             expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
-        object.__setattr__(self, "calibration", dict(self.calibration or {}))
-        for name in ("ambient", "input_noise"):
+        for name in ("calibration", "harmonics"):
+            object.__setattr__(self, name, dict(getattr(self, name) or {}))
+        for name in ("ambient", "input_noise", "clocks"):
             object.__setattr__(self, name, _copied(getattr(self, name) or ()))
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

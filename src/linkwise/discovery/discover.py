@@ -31,10 +31,12 @@ from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.explained import answer_with_sensors
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.options import LikelihoodOptions, errors_to_find, unknown_gains
+from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
+from linkwise.likelihood.options import LikelihoodOptions, beside_clocks, errors_to_find, unknown_gains
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.shooting.segments import frequencies_by_channel, ratios_by_channel
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
@@ -138,28 +140,33 @@ def discover(
     ]
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
+    clocks = ratios_by_channel(chosen.clocks)
     errors = errors_to_find(
         records,
         offsets=chosen.offsets,
         gains=chosen.gains,
         calibration=chosen.calibration,
-        delays=chosen.delays,
+        delays=beside_clocks(chosen.delays, clocks, records[0]),
     )
     _require_force_scale(records, candidates.full_structure, errors)
     sensors = LikelihoodOptions(
         **errors,
+        clocks=clocks,
+        harmonics=harmonic_forces(
+            frequencies_by_channel(chosen.harmonics), records[0], candidates.full_structure
+        ),
         random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
     )
-    if candidates.memory and (sensors.random or chosen.delays or "delay" in chosen.admit):
+    if candidates.memory and (sensors.random or sensors.delays or {"delay", "clock"} & set(chosen.admit)):
         raise IdentificationError(
             f"laws with memory cannot be found together with random forces, noise of inputs or delays: leave out either "
             f"{', '.join(candidates.memory)} or those"
         )
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
-    discovery = answer_with_sensors(
-        partial(_select, candidates, checks, progress), records, sensors, chosen.admit, _Selected.reported
-    )
+    select = partial(_select, candidates, checks, progress)
+    driven, sensors = with_harmonics(select, records, sensors, lambda selected: selected.selection.fit)
+    discovery = answer_with_sensors(select, driven, sensors, chosen.admit, _Selected.reported)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
@@ -216,6 +223,10 @@ class _Selected:
     @property
     def delays(self) -> Mapping[str, float]:
         return self.fit.delays
+
+    @property
+    def clocks(self) -> Mapping[str, tuple[float, float]]:
+        return self.selection.fit.clocks
 
     def reported(self, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
         """The discovery, with the `delays` in s found, by channel."""

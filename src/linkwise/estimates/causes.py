@@ -30,13 +30,13 @@ class Cause:
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
         share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``, a
-        ``"high pass"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a
-        point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
-        applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` force on a mass, one that is a
-        ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"``
-        whose level changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
-        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
-        ``"prior"``, that the records contradict.
+        ``"high pass"``, a ``"clock"``, ``"clipped"`` samples, ``"mass"``, the ``"frequency"`` of a mode of a host or its
+        ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or
+        ``"force delay"`` of an applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` or
+        ``"harmonic force"`` on a mass, one that is a ``"coloured force"`` where white ones were assumed,
+        ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level changes with time, a ``"change"`` of a
+        coefficient at one moment, an ``"event"`` that no input shows, a missing ``"term"`` of a link, a missing ``"link"``
+        between two masses or to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -114,8 +114,10 @@ class Cause:
     def description(self) -> str:
         """In words, with its size."""
         size = abs(self.size)
-        larger, later, above = (
-            ("larger", "later", "above") if self.size > 0.0 else ("smaller", "earlier", "below")
+        larger, later, above, faster = (
+            ("larger", "later", "above", "fast")
+            if self.size > 0.0
+            else ("smaller", "earlier", "below", "slow")
         )
         return CAUSE_KINDS.lookup(self.kind).text.format(
             self,
@@ -129,6 +131,7 @@ class Cause:
             larger=larger,
             later=later,
             above=above,
+            faster=faster,
         )
 
     @property
@@ -181,6 +184,8 @@ class CauseKind:
 
 
 HIGH_PASS: Final = "high pass"
+CLOCK: Final = "clock"
+HARMONIC: Final = "harmonic force"
 
 _OFF = "{0.where} that is off by {percent:+.3g} %"
 _SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
@@ -200,6 +205,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "unit": CauseKind("another unit of {0.where}, values {0._times}", "1"),
         "swapped": CauseKind("{0.where} and {0.source} in each other's place", "1"),
         HIGH_PASS: CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
+        CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}", "ppm"),
         "clipped": CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
         "mass": CauseKind(f"a mass of {_OFF}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),
@@ -214,6 +220,11 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "force delay": CauseKind("a force {size_ms:.3g} ms {later} than {0.where} shows{remark}", "s"),
         "input noise": CauseKind(f"noise of {_SIZED}"),
         "ambient": CauseKind(f"an ambient force on {_SIZED}"),
+        HARMONIC: CauseKind(
+            "a harmonic force of {0.size:.3g} Hz on {0.where} ({0.source}) that was not recorded; try --harmonic "
+            "{0.where}={0.size:.4g}Hz",
+            "Hz",
+        ),
         "coloured force": CauseKind("an ambient force on {0.where} that is not white{remark}", "1"),
         "correlated forces": CauseKind(
             "a correlation of {0.size:.2g} between the ambient forces on {0.where} and {0.source}", "1"
@@ -349,7 +360,7 @@ def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) ->
     )
 
 
-ErrorKind: TypeAlias = Literal["offset", "gain", "delay", "high pass"]
+ErrorKind: TypeAlias = Literal["offset", "gain", "delay", "high pass", "clock", "harmonic force"]
 
 
 @dataclass(frozen=True)
@@ -360,7 +371,7 @@ class SensorErrorEstimate:
     ----------
     channel : str
         The channel.
-    kind : {"offset", "gain", "delay"}
+    kind : {"offset", "gain", "delay", "high pass", "clock", "harmonic force"}
         What it is: the sensor shows ``gain * motion(t - delay) + offset``, and the channel of a force that of a force.
     value, standard_error : float
         Its size and the standard error of that: of an offset in the SI unit of the channel, of a delay in s.
@@ -390,9 +401,12 @@ class SensorErrorEstimate:
             "offset": f"is off by {self.value:.4g} {self.unit.replace('?', '')}".rstrip() + " throughout",
             "gain": f"shows {self.value:.6g} of its {shown}",
             "delay": f"is late by {1e3 * self.value:.4g} ms",
+            HARMONIC: f"has a harmonic force at {self.value:.6g} Hz that was not recorded",
+            CLOCK: f"has a clock that runs {abs(self.value):.4g} ppm {'fast' if self.value > 0.0 else 'slow'}",
             HIGH_PASS: f"is behind a high pass with its corner at {self.value:.4g} Hz",
         }[self.kind]
-        error = f"{1e3 * self.standard_error:.2g} ms" if late else f"{self.standard_error:.2g}"
+        unit = {CLOCK: " ppm", HARMONIC: " Hz"}.get(self.kind, "")
+        error = f"{1e3 * self.standard_error:.2g} ms" if late else f"{self.standard_error:.2g}{unit}"
         return f"{self.channel} {size} (estimated with the other unknowns, standard error {error})."
 
     @classmethod

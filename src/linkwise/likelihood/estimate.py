@@ -15,7 +15,14 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, expect
-from linkwise.estimates.causes import HIGH_PASS, ErrorKind, NoiseEstimate, SensorErrorEstimate, unseen_remark
+from linkwise.estimates.causes import (
+    CLOCK,
+    HIGH_PASS,
+    ErrorKind,
+    NoiseEstimate,
+    SensorErrorEstimate,
+    unseen_remark,
+)
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.inspection.missing_samples import EstimatedError
 from linkwise.likelihood.checks.horizons import over_horizons
@@ -25,6 +32,7 @@ from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
 from linkwise.likelihood.explained import answer_with_sensors, explained_answer
 from linkwise.likelihood.fit import LikelihoodFit, denoised, likelihood_fit, motion_of_links, require_told
+from linkwise.likelihood.harmonics import estimated_harmonics, harmonic_forces, with_harmonics
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
     is_loosened,
@@ -44,9 +52,14 @@ from linkwise.likelihood.options import (
     ADMIT,
     AMBIENT,
     CALIBRATION,
+    CLOCKS,
+    HARMONICS,
     INPUT_NOISE,
     LikelihoodOptions,
+    beside_clocks,
+    clock_found,
     errors_to_find,
+    mean_by_precision,
     require_known_kinds,
     unknown_gains,
 )
@@ -59,6 +72,7 @@ from linkwise.likelihood.shooting.segments import (
     corners_by_channel,
     frequencies_by_channel,
     lengths_by_channel,
+    ratios_by_channel,
 )
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
@@ -199,24 +213,29 @@ def sensor_errors(
     )
     return tuple(
         error
-        for error in (*found, *_corners(fit))
+        for error in (*found, *_corners(fit), *_clocks(fit))
         if np.isfinite(error.value) and np.isfinite(error.standard_error)
     )
 
 
 def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
     """The corners of high passes that were found; of several records their mean by precision."""
-    found: dict[str, list[Floats]] = {}
+    found: dict[str, list[tuple[float, ...]]] = {}
     first = 0
     for disturbance in fit.disturbances:
         if disturbance.high_pass and disturbance.corner is None:
-            found.setdefault(disturbance.channel, []).append(fit.waveforms[:, first])
+            found.setdefault(disturbance.channel, []).append(tuple(map(float, fit.waveforms[:, first])))
         first += disturbance.count
     for channel, pairs in found.items():
-        sizes, deviations = np.array(pairs).T
-        weights = 1.0 / np.maximum(deviations, np.finfo(float).tiny) ** 2
-        mean, error = float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
-        yield SensorErrorEstimate(channel, HIGH_PASS, mean, error, "Hz")
+        yield SensorErrorEstimate(channel, HIGH_PASS, *mean_by_precision(pairs), "Hz")
+
+
+def _clocks(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
+    """The ratios of clocks that were found."""
+    for channel, taken_out in fit.options.ratios.items():
+        if channel in fit.options.clocked:
+            ratio, error = clock_found(fit, fit.options, channel)
+            yield SensorErrorEstimate(channel, CLOCK, taken_out + ratio, error, "ppm")
 
 
 def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
@@ -235,7 +254,7 @@ def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
     places = dict.fromkeys(
         (disturbance.channel, disturbance.frequency)
         for disturbance in fit.disturbances
-        if not disturbance.high_pass
+        if not (disturbance.high_pass or disturbance.clock)
     )
     return tuple(
         EstimatedError("drift" if frequency is None else "hum", channel, frequency)
@@ -248,7 +267,7 @@ def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
     first = 0
     for disturbance in fit.disturbances:
         sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
-        if not disturbance.high_pass:
+        if not (disturbance.high_pass or disturbance.clock):
             yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
         first += disturbance.count
 
@@ -298,6 +317,8 @@ class LikelihoodKeywords(TypedDict, total=False):
     drifts: str | Sequence[str] | Mapping[str, float | None]
     hums: Mapping[str, float | Sequence[float]]
     corners: Sequence[str] | Mapping[str, float | None]
+    clocks: Deviations
+    harmonics: Mapping[str, float | Sequence[float]]
     ambient: Deviations
     input_noise: Deviations
     admit: str | Sequence[str]
@@ -339,6 +360,12 @@ class MaximumLikelihood(Estimator):
     corners : sequence of str or mapping of str to float or None, optional
         Channels behind a high pass of first order, as AC coupling and charge amplifiers are, with its corner in Hz, which is
         estimated with the rest where none is given.
+    clocks : sequence of str or mapping of str to float or None, optional
+        Channels recorded by a device with a clock of its own, with the ppm by which that runs fast, which is estimated with
+        the rest where none is given, as is the delay in the middle of the record. The only input stands for its device.
+    harmonics : mapping of str to float or sequence of float, optional
+        Frequencies in Hz of harmonic forces that no channel shows, as of a rotating machine, by the mass that they act on.
+        Amplitude and phase in each record, and the frequency, are estimated with the rest.
     ambient : sequence of str or mapping of str to float or None, optional
         Masses on which a random force acts that no channel shows, such as wind or traffic: white, and independent of that on
         other masses. Its one-sided amplitude spectral density in N/sqrt(Hz) is found where none is given; ``"all"`` stands
@@ -347,7 +374,7 @@ class MaximumLikelihood(Estimator):
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
         names a channel with more noise than is stated.
-    admit : sequence of {"gain", "offset", "delay", "drift", "high pass"}, optional
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
     loss : Loss, optional
@@ -391,6 +418,8 @@ class MaximumLikelihood(Estimator):
     corners: Sequence[str] | Mapping[str, float | None] = field(
         default=(), metadata={"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
     )
+    clocks: Deviations = field(default=(), metadata=CLOCKS)
+    harmonics: Mapping[str, float | Sequence[float]] = field(default_factory=dict, metadata=HARMONICS)
     ambient: Deviations = field(default=(), metadata=AMBIENT)
     input_noise: Deviations = field(default=(), metadata=INPUT_NOISE)
     admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
@@ -445,12 +474,13 @@ class MaximumLikelihood(Estimator):
                 )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
+        clocks = ratios_by_channel(self.clocks)
         sensors = errors_to_find(
             records,
             offsets=self.offsets,
             gains=self.gains,
             calibration=self.calibration,
-            delays=self.delays,
+            delays=beside_clocks(self.delays, clocks, records[0]),
         )
         if not self.ambient:
             require_force_scale(records, structure, unknown_gains(sensors))
@@ -459,6 +489,8 @@ class MaximumLikelihood(Estimator):
             drifts=lengths_by_channel(self.drifts),
             hums=frequencies_by_channel(self.hums),
             corners=corners_by_channel(self.corners),
+            clocks=clocks,
+            harmonics=harmonic_forces(frequencies_by_channel(self.harmonics), records[0], structure),
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
             model_error=not self.exact,
@@ -468,12 +500,13 @@ class MaximumLikelihood(Estimator):
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
             added = (*options.drifts, *options.hums, *options.corners)
-            refuse_beside_random_forces(options.delays, admitted, added, robust=robust, records=records)
+            late = [name for name in options.delays if name not in beside_clocks((), clocks, records[0])]
+            refuse_beside_random_forces(late, admitted, added, robust=robust, records=records)
 
         def answer(structure: Structure, options: LikelihoodOptions) -> Estimate:
-            return answer_with_sensors(
-                partial(self._search, structure), records, options, admitted, partial(estimate_of, structure)
-            )
+            search = partial(self._search, structure)
+            driven, options = with_harmonics(search, records, options, lambda fit: fit)
+            return answer_with_sensors(search, driven, options, admitted, partial(estimate_of, structure))
 
         stated = answer(structure, options)
         if self.as_stated or admitted:
@@ -498,6 +531,8 @@ class MaximumLikelihood(Estimator):
             "drift": self.drifts,
             "hum": self.hums,
             "high pass": self.corners,
+            "clock": self.clocks,
+            "harmonic forces": self.harmonics,
             "random forces": self.ambient,
             "noise of inputs": self.input_noise,
             "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
@@ -642,9 +677,10 @@ def estimate_of(
         fit, identified = approximate, _with_values(structure, approximate)
         judgement = replace(judgement, added={})  # the scatter of blocks and the path hold all that
     covariance, faint = with_faint_modes(fit, identified)
-    covariance = sum(judgement.added.values(), covariance)
+    of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)
+    covariance = sum(judgement.added.values(), covariance) + of_harmonics
     units: dict[str, str] = {name: unit_in(structure, name) for name in records[0].channels}
-    of_sensors = sensor_errors(fit, delays or {}, units)
+    of_sensors = (*sensor_errors(fit, delays or {}, units), *frequencies)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
     tested = None if approximate or judgement.verdict.forbids else examined.diagnosis.tested
     unseen = unseen_terms(fit, identified, tested, covariance, terms=of_terms)
@@ -668,6 +704,7 @@ def estimate_of(
         more_records=tuple(records[1:]),
         remarks=(
             *fit_remarks(fit, records, of_sensors, faint),
+            *amplitudes,
             *unseen_remark(unseen),
             *(inseparable(fit) if judgement.verdict.forbids else ()),
         ),

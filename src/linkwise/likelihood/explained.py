@@ -14,8 +14,9 @@ from functools import partial
 from typing import TypeVar
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import Cause, SensorErrorEstimate
+from linkwise.estimates.causes import CLOCK, HARMONIC, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
     ADMISSIBLE,
     OF_FORCE,
@@ -24,6 +25,7 @@ from linkwise.likelihood.options import (
     LikelihoodOptions,
     Report,
     Search,
+    beside_clocks,
     is_admissible,
     require_known_kinds,
     with_delays,
@@ -104,7 +106,7 @@ def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
     if not instruments or not is_admissible(instruments[0]):
         return None
     first = instruments[0]
-    is_late = first.kind.endswith("delay")
+    is_late = first.kind.endswith(("delay", CLOCK))
     return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
 
 
@@ -168,7 +170,11 @@ def _beside_error(
     """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first."""
     if model.is_explained:
         return None
-    rung = _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
+    named = model.answer.diagnosis[:1]
+    hidden = any(cause.kind == CLOCK for cause in named)  # by noise of inputs
+    rung = (_first_error(model.options, records, model.answer) if hidden else None) or (
+        _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
+    )
     return None if rung is None else _refitted(answered, model, model.structure, *rung)
 
 
@@ -203,7 +209,7 @@ def _can_be_added(cause: Cause) -> bool:
     """
     if not cause.is_instrument:
         return cause.term not in MEMORY_TERMS
-    return cause.kind in FREED or (is_admissible(cause) and not cause.kind.endswith("delay"))
+    return cause.kind in FREED or (is_admissible(cause) and not cause.kind.endswith(("delay", CLOCK)))
 
 
 def _with(cause: Cause, records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
@@ -233,7 +239,8 @@ _Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]
 def _noise(options: LikelihoodOptions, records: Sequence[Record], stated: Estimate) -> _Rung | None:
     """Noise of the inputs at the level of their channels; None beside what excludes it, or where there is none."""
     robust = not isinstance(options.loss, Gaussian)
-    beside = (*options.delays, *options.drifts, *options.hums, *options.random)
+    late = set(options.delays) - set(beside_clocks((), options.clocks, records[0]))
+    beside = (*late, *options.drifts, *options.hums, *options.random)
     of_links = any(channel.of_link for channel in records[0].channels)
     structure = stated.given_structure
     levels = noise_of_channels(records, structure)
@@ -254,6 +261,11 @@ def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause
 
 def _first_error(options: LikelihoodOptions, records: Sequence[Record], current: Estimate) -> _Rung | None:
     """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
+    if current.diagnosis and current.diagnosis[0].kind == HARMONIC:
+        line = current.diagnosis[0]
+        more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
+        known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
+        return replace(options, harmonics=(*known, *more)), (line,)
     first = _distinct_error(current.diagnosis)
     if first is None or first is not current.diagnosis[0]:
         return None

@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve_banded
+from scipy.ndimage import uniform_filter1d
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
@@ -24,7 +25,7 @@ from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise import ColouredNoise, with_noise_of_residuals
-from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.options import LikelihoodOptions, mean_by_precision
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import AllowedErrors, ExplainedFit, explained_fit, searched
@@ -43,6 +44,7 @@ from linkwise.signals.gaps import is_sparse
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations, weak_residual
 
+_BINS = 15  # of a spectrum, over which its power is averaged
 _LARGEST = 0.5  # relative standard error from which a gain is not told
 _COLLINEAR = 1e5
 """Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
@@ -180,6 +182,8 @@ class LikelihoodFit:
         Standard deviations of offsets, gains and delays.
     disturbances, waveforms : tuple of Disturbance, array of shape (2, w)
         Drifts and hums, and the sizes of their waveforms with standard deviations, in this order.
+    clocks : dict of str to tuple of float
+        Ratios of clocks in ppm by channel, with standard errors, beside those that were taken out of the records.
     chi_square, chi_square_off : float, bool
         Chi-square per degree of freedom with the noise stated or estimated beforehand, and whether it is far from 1.
     model_error : float
@@ -216,6 +220,7 @@ class LikelihoodFit:
     sensor_deviations: Floats
     disturbances: tuple[Disturbance, ...]
     waveforms: Floats
+    clocks: dict[str, tuple[float, float]]
     noise: dict[str, float]
     chi_square: float
     chi_square_off: bool
@@ -358,6 +363,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     free = set(offsets) - {
         names.get(name, name) for name in options.offset_deviations
     }  # hold where drifts start
+    clocks = [names.get(name, name) for members in options.clocked.values() for name in members]
     drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
     sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
@@ -376,9 +382,25 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             [frame.record for frame in frames],
             unknown_starts=drifting.keys() - free,
             corners={names.get(name, name): corner for name, corner in options.corners.items()},
-            denoised={names.get(name, name): series for name, series in options.denoised.items()},
+            clocks=clocks,
+            denoised={name: _without_noise(frames, sensing, name) for name in clocks}
+            | {names.get(name, name): series for name, series in options.denoised.items()},
         ),
     )
+
+
+def _without_noise(frames: Sequence[FramedRecord], sensing: SensorModel, name: str) -> list[Floats]:
+    """What a channel shows in each record (N,), of moving coordinates as well, less frequencies at which it shows noise."""
+    series = []
+    for frame, noise in zip(frames, sensing.noise, strict=True):
+        shown = frame.record.channel(name)
+        if name in frame.carried:
+            shown = shown + frame.carried[name][0]
+        spectrum = np.fft.rfft(shown)
+        power = uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
+        passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
+        series.append(np.fft.irfft(passed * spectrum, len(shown)))
+    return series
 
 
 def denoised(
@@ -448,20 +470,20 @@ def _fitted(
     ratios = explained.error_ratios
     frame, point = sensing.frames[0], fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
-    constants = len(sensing.offsets)
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
-    sized = slice(constants, len(point.offsets))
+    sized = slice(len(sensing.offsets), len(point.offsets))
     untold = untold_gains(sensing.gains, point.gains, explained.covariance, p + len(point.offsets))
     return LikelihoodFit(
         values=point.theta,
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
-        offsets=_by_channel(sensing.offsets, point.offsets[:constants], frame),
+        offsets=_by_channel(sensing.offsets, point.offsets[: sized.start], frame),
         gains=_by_channel(sensing.gains, point.gains, frame),
         delays=_by_channel(sensing.delays, point.delays, frame),
         sensor_deviations=np.delete(deviations, sized),
         disturbances=sensing.disturbances,
-        waveforms=np.stack([point.offsets[constants:], deviations[sized]]),
+        waveforms=np.stack([point.offsets[sized], deviations[sized]]),
+        clocks=_clocks(sensing, point.offsets[sized], deviations[sized]),
         noise=_found_noise(segments, fit, tuple(frame.names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
@@ -493,6 +515,18 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
     """What was found, by the channels as the record names them."""
     given: dict[str, str] = {plain: name for name, plain in frame.names.items()}
     return dict(zip((given.get(name, name) for name in names), map(float, values), strict=True))
+
+
+def _clocks(sensing: SensorModel, sizes: Floats, deviations: Floats) -> dict[str, tuple[float, float]]:
+    """Ratios of clocks in ppm by the channels as the record names them, of several records their mean by precision."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    first = 0
+    for disturbance in sensing.disturbances:
+        if disturbance.clock:
+            found.setdefault(disturbance.channel, []).append((sizes[first], deviations[first]))
+        first += disturbance.count
+    given = {plain: name for name, plain in sensing.frames[0].names.items()}
+    return {given.get(name, name): mean_by_precision(pairs) for name, pairs in found.items()}
 
 
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:

@@ -8,7 +8,7 @@ What is known beforehand of the errors of sensors: what the records state, and w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot, isinf
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
@@ -18,17 +18,21 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import HIGH_PASS, Cause
-from linkwise.likelihood.random_forces import RandomForce
+from linkwise.estimates.causes import CLOCK, HIGH_PASS, Cause
+from linkwise.likelihood.random_forces import HarmonicForce, RandomForce
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.segments import PPM
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import BAND_LIMITED, FORCE, Channel
+from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
-ADMIT = {"typed": "gain,offset,delay,drift"}
+ADMIT = {"typed": "gain,offset,delay,drift,clock"}
+CLOCKS = {"typed": "CHANNEL[=PPM]", "unit": "ppm", "example": "a:m1=20"}
+HARMONICS = {"typed": "MASS=HZ", "unit": "Hz", "several": True, "example": "m1=4Hz"}
 AMBIENT = {"typed": "MASS[=DENSITY]", "unit": "N/sqrt(Hz)", "example": "m1=0.5"}
 INPUT_NOISE = {"typed": "CHANNEL[=SIGMA]", "unit": "channel", "example": "force:m1=0.5"}
 
@@ -55,10 +59,16 @@ class LikelihoodOptions:
         Frequencies in Hz of hums of unknown amplitude and phase, by channel.
     corners : mapping of str to float or None, optional
         Channels behind a high pass, with its corner in Hz, or None for one to be found.
+    clocks : mapping of str to float or None, optional
+        Channels with a clock of their own, with its ratio in ppm, or None for one to be found.
+    ratios, clocked : mapping of str to float, mapping of str to tuple of str, optional
+        Of these what has been taken out of the records, and the sensors that tell what is left.
     denoised : mapping of str to sequence of array, optional
         What an earlier fit shows in these channels, by record.
     random : sequence of RandomForce, optional
         Random forces on masses.
+    harmonics : sequence of HarmonicForce, optional
+        Harmonic forces that were not recorded.
     loss : Loss, optional
         Loss of a residual.
     model_error : bool, optional
@@ -87,8 +97,12 @@ class LikelihoodOptions:
     drifts: Mapping[str, float | None] = field(default_factory=dict)
     hums: Mapping[str, Sequence[float]] = field(default_factory=dict)
     corners: Mapping[str, float | None] = field(default_factory=dict)
+    clocks: Mapping[str, float | None] = field(default_factory=dict)
+    ratios: Mapping[str, float] = field(default_factory=dict)
+    clocked: Mapping[str, Sequence[str]] = field(default_factory=dict)
     denoised: Mapping[str, Sequence[Floats]] = field(default_factory=dict, repr=False)
     random: Sequence[RandomForce] = ()
+    harmonics: Sequence[HarmonicForce] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     coloured_noise: bool = True
@@ -105,7 +119,7 @@ class LikelihoodOptions:
 
 
 ALL = "all"
-ADMISSIBLE = ("gain", "offset", "delay", "drift", HIGH_PASS)
+ADMISSIBLE = ("gain", "offset", "delay", "drift", HIGH_PASS, CLOCK)
 OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
@@ -116,6 +130,8 @@ _FAR = (
     2,
     4,
 )  # samples by which a channel is shifted where the nearest ones do not explain the records
+_NO_RATIO = 0.1  # standard errors
+_NO_SLIP = 0.02  # samples, over a record
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
 
 
@@ -136,6 +152,9 @@ class Fitted(Protocol):
 
     @property
     def delays(self) -> Mapping[str, float]: ...
+
+    @property
+    def clocks(self) -> Mapping[str, tuple[float, float]]: ...
 
 
 class Diagnosed(Protocol):
@@ -205,6 +224,39 @@ def late_channels(record: Record, channel: str) -> tuple[str, ...]:
     return tuple(name for name in stand_in if Channel.parse(name).is_motion)
 
 
+def beside_clocks(delays: Sequence[str], clocks: Collection[str], record: Record) -> tuple[str, ...]:
+    """Channels with an unknown delay, among them those with a clock of their own, which the middle of a record may be late by.
+
+    Raises IdentificationError for a channel whose clock cannot be told from those of other inputs.
+    """
+    for name in clocks:
+        recorded = record.responses if len(record.inputs) > 1 else record.channels
+        if name not in recorded or not late_channels(record, name):
+            raise IdentificationError(
+                f"no clock of {name} can be estimated{near_miss(name, recorded)}: it is that of sensors of masses, or of the "
+                "only input. Name the sensors that another device recorded",
+                arguments=("clocks",),
+            )
+    return tuple(dict.fromkeys((*delays, *(late for name in clocks for late in late_channels(record, name)))))
+
+
+def mean_by_precision(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """The mean of values with standard errors, each weighted by its precision, and its own."""
+    sizes, deviations = np.array(pairs).T
+    weights = 1.0 / np.maximum(deviations, np.finfo(float).tiny) ** 2
+    return float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
+
+
+def clock_found(fit: Fitted, options: LikelihoodOptions, name: str) -> tuple[float, float]:
+    """What a fit finds of the ratio of a clock in ppm, beside what was taken out, and its standard error.
+
+    Sensors are late as their only input is early.
+    """
+    members = options.clocked[name]
+    ratio, error = mean_by_precision([fit.clocks[member] for member in members])
+    return (ratio if name in members else -ratio), error
+
+
 def _bases(record: Record) -> tuple[str, ...]:
     """The inputs of which no gain can be found: motions of a base."""
     return tuple(channel for channel in record.inputs if not channel.is_force)
@@ -224,10 +276,16 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
         "delay": options.delays,
         "drift": tuple(options.drifts),
         HIGH_PASS: tuple(options.corners),
+        CLOCK: tuple(options.clocks),
     }[kind]
     more = late_channels(record, channel) if kind == "delay" else (channel,)
-    if channel in (*(() if kind == "delay" else _bases(record)), *present) or set(more) <= set(present):
+    if channel in (*(() if kind in ("delay", CLOCK) else _bases(record)), *present) or set(more) <= set(
+        present
+    ):
         return None
+    if kind == CLOCK:
+        clocks = {**options.clocks, channel: None}
+        return replace(options, clocks=clocks, delays=beside_clocks(options.delays, clocks, record))
     channels = tuple(dict.fromkeys((*present, *more)))
     if kind == "offset":
         return replace(options, offsets=channels)
@@ -248,13 +306,45 @@ def with_delays(
     Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
     of a period away. Also whether an interrupt ended the search.
     """
-    best = _settled(_Shifts(search, records, options), dict.fromkeys(options.delays, 0))
+    best = _on_one_clock(search, records, options)
+    of_clocks = {late for name in options.clocks for late in late_channels(records[0], name)}
     if len({record.rate for record in records}) == 1:
         for name in options.delays:
-            if name not in options.delay_deviations:  # known to be near
+            if name not in (*options.delay_deviations, *of_clocks):  # known to be near
                 best = _at_best_shift(best, name)
     interrupted = best.fit.status is AnnealingStatus.INTERRUPTED
     return report(best.fit, best.shifts.of(best.late), best.delays), interrupted
+
+
+def _on_one_clock(
+    search: Search[Fit], records: Sequence[Record], options: LikelihoodOptions
+) -> _ShiftedFit[Fit]:
+    """The fit at settled delays, in records out of which the ratios of clocks are taken that it finds.
+
+    What a fit finds of them is small then, as its first order takes it for.
+    """
+    late: Mapping[str, int] = dict.fromkeys(options.delays, 0)
+    ratios = {name: stated or 0.0 for name, stated in options.clocks.items()}
+    timed = {name: late_channels(records[0], name) for name in options.clocks}
+    clocked = {name: timed[name] for name, stated in options.clocks.items() if stated is None}
+    for _ in range(_SHIFTS):
+        slips = {
+            member: ratios[name] if name in members else -ratios[name]
+            for name, members in timed.items()
+            for member in members
+        }
+        own = [without_delays(record, {}, clocks=slips) for record in records]
+        options = replace(options, ratios=ratios, clocked=clocked)
+        best = _settled(_Shifts(search, own, options), late)
+        found = {name: clock_found(best.fit, options, name) for name in clocked}
+        if _interrupted(best) or all(_is_small(*pair, own[0]) for pair in found.values()):
+            return best
+        late = best.late
+        ratios = {name: ratio + found[name][0] if name in found else ratio for name, ratio in ratios.items()}
+    raise IdentificationError(
+        f"the clock of {', '.join(clocked)} does not settle: {_SHIFTS} fits, in each of which the ratio of the last one was "
+        "taken out, do not agree. State it (ppm), or take a shorter part of the record"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,6 +447,11 @@ def _at_best_shift(shifted: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
         return best
     far = _nearest(nearest, name)
     return far if far.is_optimum or _interrupted(far) else best
+
+
+def _is_small(ratio: float, error: float, record: Record) -> bool:
+    """Whether a ratio in ppm, known to an `error`, is hardly different from one, or no sample moves by it."""
+    return abs(ratio) < max(_NO_RATIO * error, _NO_SLIP / (PPM * len(record)))
 
 
 def _interrupted(shifted: _ShiftedFit[Fit]) -> bool:

@@ -48,6 +48,24 @@ Deviations: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
 
 
 @dataclass(frozen=True)
+class HarmonicForce:
+    """A force on a `mass`, the `number` in its structure, with a `frequency` in Hz.
+
+    `amplitudes` are those in N of a cosine and a sine from the middle of each record, none where they are not found yet.
+    """
+
+    mass: str
+    number: int
+    frequency: float
+    amplitudes: tuple[tuple[float, float], ...] = ()
+
+    def acting(self, time: Floats, record: int) -> Floats:
+        """(N,) the force in N at times (N,) in s from the middle of the record with this number."""
+        (a, b), phase = self.amplitudes[record], 2.0 * np.pi * self.frequency * time
+        return np.asarray(a * np.cos(phase) + b * np.sin(phase))
+
+
+@dataclass(frozen=True)
 class RandomForce:
     """A white random force on a mass, or the noise of the base.
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import isfinite
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from linkwise.records.channel import OF_CHANNELS, ClippedSamples, interpolated
 from linkwise.records.record import Record
 
 
-def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
-    """Take known delays out of channels.
+def without_delays(
+    record: Record, delays: Mapping[str, float], *, clocks: Mapping[str, float] = MappingProxyType({})
+) -> Record:
+    """Take known delays out of channels, and known ratios of their clocks.
 
     Parameters
     ----------
@@ -27,6 +30,9 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
         The record.
     delays : mapping of str to float
         By channel the time in s by which it is late; negative for one that is early.
+    clocks : mapping of str to float, optional
+        By channel the ppm by which the clock of its device runs fast: it is late by as much of the time from the middle of the
+        record, beside its delay.
 
     Returns
     -------
@@ -47,7 +53,8 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
     Record of 498 samples at 1000 Hz, 0 to 0.497 s: x:m1, x:m2
     """
     values, first, last = record.values.copy(), 0, len(record)
-    for name, delay in delays.items():
+    for name in dict.fromkeys((*delays, *(name for name, ratio in clocks.items() if ratio))):
+        delay, slip = delays.get(name, 0.0), 0.5e-6 * clocks.get(name, 0.0) * record.duration
         samples = record.channel(name)
         if not isfinite(delay) or abs(delay) >= record.duration:
             raise RecordError(
@@ -57,15 +64,18 @@ def without_delays(record: Record, delays: Mapping[str, float]) -> Record:
         if np.isnan(samples).any():
             raise RecordError("samples are missing, and a delay cannot be taken out of gaps", channel=name)
         signal = interpolated(0.0, record.rate, samples)
-        late = np.arange(len(record)) / record.rate + delay
+        late = np.arange(len(record)) / record.rate + delay + slip * np.linspace(-1.0, 1.0, len(record))
         values[:, record.channels.index(name)] = signal.value(np.clip(late, 0.0, signal.end))
-        first = max(first, int(np.ceil(-delay * record.rate)))
-        last = min(last, len(record) - int(np.ceil(delay * record.rate)))
-    if not delays:
+        first = max(first, int(np.ceil((slip - delay) * record.rate)))
+        last = min(last, len(record) - int(np.ceil((slip + delay) * record.rate)))
+    if not delays and not any(clocks.values()):
         return record
     if last <= first:
         raise RecordError("the delays leave no sample that all channels have")
-    listed = ", ".join(f"{delay:g} s in {name}" for name, delay in delays.items())
+    listed = ", ".join(
+        [f"{delay:g} s in {name}" for name, delay in delays.items()]
+        + [f"{ratio:g} ppm in the clock of {name}" for name, ratio in clocks.items() if ratio]
+    )
     note = f"Delays were taken out: {listed}. One that is found with the laws is what is left beside it."
     moved = replace(record, values=values, notes=(*record.notes, note))
     return moved[first:last]

@@ -122,7 +122,7 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
     return status, {"model_error": error if math.isfinite(error) and error >= 0.0 else 0.0, **known}
 
 
-_ORDER = ("offset", "gain", "delay")  # in which they are undone: an offset is added last
+_ORDER = ("offset", "gain", "delay", "clock")  # in which they are undone: an offset is added last
 
 
 def without_found_errors(
@@ -135,7 +135,8 @@ def without_found_errors(
     """
     _require_kinds(corrected, record)
     taken_out, remarks = [], []
-    for error in sorted(errors, key=lambda error: _ORDER.index(error.kind)):
+    undone = [error for error in errors if error.kind in _ORDER]
+    for error in sorted(undone, key=lambda error: _ORDER.index(error.kind)):
         if error.channel not in record.channels:
             continue
         if error.kind in corrected.get(error.channel, ()):
@@ -183,6 +184,8 @@ def _unit(error: SensorErrorEstimate) -> str:
 def _without(record: Record, error: SensorErrorEstimate) -> Record:
     """The record without one error; RecordError where it cannot be taken out."""
     column, values = record.channels.index(error.channel), record.values.copy()
+    if error.kind == "clock":
+        return without_delays(record, {}, clocks={error.channel: error.value})
     if error.kind == "delay":
         record = without_delays(record, {error.channel: error.value})
     elif error.kind == "offset":

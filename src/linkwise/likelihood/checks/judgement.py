@@ -16,6 +16,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.held_closer import CloserFit, held_closer
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.harmonics import harmonic_causes
 from linkwise.likelihood.noise import lag_one_autocorrelation
 from linkwise.likelihood.random_forces import noise_of_channels
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
@@ -153,7 +154,8 @@ class Examined:
         """All that would explain what is left, the likeliest first; what spectra of forces show comes last."""
         noisy = (noise.cause for noise in self.inputs if noise.cause is not None)
         forces = unstated_forces(self.fit, self.identified, self.channels)
-        every = (*self.diagnosis.causes, *noisy, *forces)
+        harmonic = harmonic_causes(self.fit, self.identified, self.records)
+        every = (*self.diagnosis.causes, *noisy, *forces, *harmonic)
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
     @cached_property

@@ -44,6 +44,10 @@ _NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some s
 _AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
 such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
+_MANY_PERIODS, _GOES_ON = (
+    30,
+    0.85,
+)  # of the energy at the start: over 30 periods a damping ratio of 0.1 % takes off a fifth
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
 _STRETCH = 0.2  # of the record: half of the misfit in less points at what happened there
 _MOMENT = 0.05  # of the record: half of the misfit in less, and not at its start, is no error of a law
@@ -443,6 +447,27 @@ def _against_noise(channel: str) -> str:
     if channel.startswith("signal:"):
         return f"record {channel} with less"
     return f"allow for noise of {channel}"
+
+
+def motion_that_goes_on(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether a motion without a recorded force does not decay, for which something must feed it, or hardly damp it."""
+    fit = of.fit
+    driven = fit.random_forces or fit.options.harmonics or any(name.is_input for name in of.channels)
+    if driven or not of.is_settled:
+        return None
+    u = fit.misfit.trajectories.states[: -1 : fit.segments.refine, 1] / fit.segments.step
+    masses = fit.segments.system.at(fit.optimum.point.theta).masses
+    energy = np.einsum("m,jmk->kj", masses, u**2).ravel()[: len(of.records[0])]
+    third = len(energy) // 3
+    fastest = u[:, int(np.argmax(np.mean(u**2, axis=(0, 2)) * masses))].T.ravel()[: len(energy)]
+    periods = np.count_nonzero(np.diff(np.sign(fastest))) // 2
+    if periods < _MANY_PERIODS or energy[-third:].mean() < _GOES_ON * energy[:third].mean():
+        return None
+    remark = (
+        f" The motion does not decay over {periods} periods, though no force was recorded: one that was not may act "
+        "(--ambient, --harmonic), or the structure feeds itself, or its damping is too small to be told."
+    )
+    return replace(before, message=before.message + remark)
 
 
 def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.estimates.causes import HIGH_PASS
+from linkwise.estimates.causes import CLOCK, HIGH_PASS
 from linkwise.likelihood.shooting.flow import Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.loss import ClippedMisfit, Gaussian, Loss
 from linkwise.likelihood.shooting.segments import (
+    PPM,
     A,
     F,
     Iterate,
@@ -217,11 +218,13 @@ ADDED: Registry[Callable[[Floats, Floats, Floats, Segments], Floats]] = Registry
         "offset": lambda shown, rate, ramp, segments: np.ones_like(shown),
         "drift": lambda shown, rate, ramp, segments: ramp,
         "delay": lambda shown, rate, ramp, segments: -rate,
+        CLOCK: lambda shown, rate, ramp, segments: PPM * _elapsed(segments) * (0.5 - ramp) * rate,
         HIGH_PASS: lambda shown, rate, ramp, segments: -2.0 * np.pi * _integrated(segments, shown),
     },
 )
 """What an error of unit size adds to a channel, from what it shows of the motion, its rate, and a ramp from 0 to 1 (M, K) in
-some segments. A high pass takes off its corner in Hz times the integral of what the channel shows.
+some segments. A clock in ppm makes a channel late by its ratio of the time from the middle. A high pass takes off its corner
+in Hz times the integral of what the channel shows.
 """
 
 
@@ -261,6 +264,13 @@ class SensorErrors:
             ]
         channel, kind, source, values = zip(*rows, strict=True)
         return cls(np.array(channel), kind, np.array(source), np.stack(values, axis=1))
+
+    def of_kind(self, kind: str) -> SensorErrors:
+        """Those of one kind, of sensors of masses."""
+        which = np.array([one == kind for one in self.kind])
+        return SensorErrors(
+            self.channel[which], (kind,) * int(which.sum()), self.source[which], self.values[:, which]
+        )
 
 
 def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
@@ -355,6 +365,13 @@ def _ramp(segments: Segments) -> Floats:
     for first, last in _chains(segments):
         ramp[first:last] = np.linspace(0.0, 1.0, (last - first) * M).reshape(-1, M)
     return ramp.T
+
+
+def _elapsed(segments: Segments) -> Floats:
+    """(K,) how long the chain of each segment takes, in s."""
+    duration = segments.step * segments.steps
+    chains = np.cumsum(np.append(0, ~segments.linked))
+    return np.asarray(np.bincount(chains, duration)[chains])
 
 
 def _integrated(segments: Segments, shown: Floats) -> Floats:

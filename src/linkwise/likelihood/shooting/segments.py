@@ -40,8 +40,10 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow
 from linkwise.likelihood.shooting.loss import ClippedReadings, Prior, RandomStates
 from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
+from linkwise.records.channel import interpolated
 from linkwise.records.record import Record
 
+PPM = 1e-6
 PIECES, MOST_PIECES = 8, 64
 """Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
 
@@ -70,6 +72,7 @@ class Disturbance:
     A drift from an `unknown_start` has a constant as the first of them. What a high pass of first order takes off a channel
     is its `corner` in Hz times the integral of what it shows, beside a constant and a ramp from its state and its mean before.
     Noise adds up in that integral, so that a fit is repeated with `denoised` (N,), the samples that the one before shows.
+    A `clock` that runs fast makes a channel late by its ratio, in ppm, times the time from the middle of the record.
     """
 
     channel: str
@@ -79,6 +82,7 @@ class Disturbance:
     unknown_start: bool = False
     high_pass: bool = False
     corner: float | None = None
+    clock: bool = False
     denoised: Floats | None = field(default=None, compare=False)
 
     @classmethod
@@ -89,9 +93,12 @@ class Disturbance:
         records: Sequence[Record],
         unknown_starts: Collection[str] = (),
         corners: Mapping[str, float | None] = MappingProxyType({}),
+        clocks: Collection[str] = (),
         denoised: Mapping[str, Sequence[Floats]] = MappingProxyType({}),
     ) -> tuple[Disturbance, ...]:
         """Those of some channels in every record, each with sizes of its own; `corners` has channels behind a high pass.
+
+        `clocks` has those with a clock of their own.
 
         `drifts` has the lengths of pieces in s, `hums` frequencies in Hz; drifts of the channels in `unknown_starts` may start
         anywhere.
@@ -99,21 +106,7 @@ class Disturbance:
         Raises IdentificationError for a channel that no record has as a response, pieces that are too many, and a frequency
         beyond half the rate.
         """
-        responses = records[0].responses
-        for argument, names in (("drifts", drifts), ("hums", hums), ("corners", corners)):
-            for name in names:
-                if name not in responses:
-                    raise IdentificationError(
-                        f"no {_WORDS[argument]} of {name} can be estimated{near_miss(name, responses)}: the record has the "
-                        f"sensors {', '.join(responses)}",
-                        arguments=(argument,),
-                    )
-        for name in corners:
-            if not all(np.isfinite(record.channel(name)).all() for record in records):
-                raise IdentificationError(
-                    f"no high pass of {name} can be estimated: samples of it are missing, over which it has no integral",
-                    arguments=("corners",),
-                )
+        _require_shown({"drifts": drifts, "hums": hums, "corners": corners, "clocks": clocks}, records)
         for name, seconds in drifts.items():
             longest = max(record.duration for record in records)
             if seconds is not None and not longest / MOST_PIECES <= seconds < np.inf:
@@ -144,6 +137,16 @@ class Disturbance:
                     for name, corner in corners.items()
                     for series in [denoised[name][number] if name in denoised else None]
                 ),
+                *(
+                    cls(
+                        name,
+                        number,
+                        1,
+                        clock=True,
+                        denoised=denoised[name][number] if name in denoised else None,
+                    )
+                    for name in clocks
+                ),
             )
         )
 
@@ -156,9 +159,12 @@ class Disturbance:
     def shapes(self, record: Record) -> Floats:
         """(N, count) its waveforms at the samples of a record."""
         elapsed = record.time - record.start
+        shown = record.channel(self.channel) if self.denoised is None else self.denoised
+        if self.clock:
+            rate = interpolated(0.0, record.rate, shown).derivative(elapsed)
+            return np.asarray(PPM * (0.5 * record.duration - elapsed) * rate)[:, None]
         if self.high_pass:
             ramp = elapsed / max(record.duration, np.finfo(float).tiny)
-            shown = record.channel(self.channel) if self.denoised is None else self.denoised
             return np.stack([-2.0 * np.pi * integrated(shown, record.step), np.ones_like(ramp), ramp], axis=1)
         if self.frequency is not None:
             phase = 2.0 * np.pi * self.frequency * elapsed
@@ -185,8 +191,29 @@ class Disturbance:
         )
 
 
+_FASTEST = 5e4  # ppm: beyond, a record has another rate
 _STATED = 1e-4  # relative: to which a corner that is stated is known, so that the equations need no case of their own
-_WORDS = {"drifts": "drift", "hums": "hum", "corners": "high pass"}
+_WORDS = {"drifts": "drift", "hums": "hum", "corners": "high pass", "clocks": "clock ratio"}
+
+
+def _require_shown(channels: Mapping[str, Collection[str]], records: Sequence[Record]) -> None:
+    """Raise IdentificationError for channels, by argument, that no sensor shows, or not throughout where that must be."""
+    responses = records[0].responses
+    for argument, name in ((argument, name) for argument, names in channels.items() for name in names):
+        if name not in responses:
+            raise IdentificationError(
+                f"no {_WORDS[argument]} of {name} can be estimated{near_miss(name, responses)}: the record has the "
+                f"sensors {', '.join(responses)}",
+                arguments=(argument,),
+            )
+        if argument in ("corners", "clocks") and not all(
+            np.isfinite(record.channel(name)).all() for record in records
+        ):
+            raise IdentificationError(
+                f"no {_WORDS[argument]} of {name} can be estimated: samples of it are missing, over which it has no integral "
+                "and no rate",
+                arguments=(argument,),
+            )
 
 
 def integrated(values: Floats, step: float) -> Floats:
@@ -266,6 +293,19 @@ def corners_by_channel(corners: Sequence[str] | Mapping[str, float | None]) -> d
                 f"the corner of {name} must be a positive frequency in Hz, got {corner!r}"
             )
     return dict(corners)
+
+
+def ratios_by_channel(clocks: str | Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
+    """Channels with a clock of their own, with its ratio in ppm where it is stated; IdentificationError for no small one."""
+    if not isinstance(clocks, Mapping):
+        return dict.fromkeys((clocks,) if isinstance(clocks, str) else clocks or ())
+    for name, ratio in clocks.items():
+        if ratio is not None and not (_is_number(ratio) and abs(ratio) < _FASTEST):
+            raise IdentificationError(
+                f"the clock of {name} must run fast by a number of ppm, negative for a slow one, and by less than "
+                f"{_FASTEST:g} ppm, got {ratio!r}"
+            )
+    return dict(clocks)
 
 
 def _is_number(value: object) -> bool:

@@ -29,7 +29,7 @@ from typing import Protocol
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.estimates.causes import CAUSE_KINDS, HIGH_PASS, Cause
+from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, block_scores
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
@@ -114,7 +114,33 @@ class TestedCauses:
     )  # a candidate may be infinite somewhere; it is then not tested
     def tests(self) -> SingleTests:
         """Of each hypothesis alone."""
-        return single_tests(self.curvature, self.slope, self.scatter, len(self.slope) - len(self.hypotheses))
+        tests = single_tests(self.curvature, self.slope, self.scatter, self._parameters)
+        for number, hypothesis in enumerate(self.hypotheses):
+            if hypothesis.kind == CLOCK and tests.gains[number] > 0.0:
+                self._test_beside_delay(tests, number, hypothesis.where)
+        return tests
+
+    @property
+    def _parameters(self) -> int:
+        return len(self.slope) - len(self.hypotheses)
+
+    def _test_beside_delay(self, tests: SingleTests, number: int, channel: str) -> None:
+        """Test a clock beside the delay of its channel, with what both gain where the clock gains more than by chance."""
+        p = self._parameters
+        late = [
+            k
+            for k, one in enumerate(self.hypotheses)
+            if one.kind.endswith("delay") and one.where == channel and tests.gains[k] > 0.0
+        ]
+        chosen = np.array([*range(p), *(p + k for k in late), p + number])
+        curvature, scatter = (part[np.ix_(chosen, chosen)] for part in (self.curvature, self.scatter))
+        if self.scatter is self.curvature:
+            scatter = curvature
+        own = single_tests(curvature, self.slope[chosen], scatter, p + len(late))
+        both = late if own.gains[0] > _CHANCE_OF_CLOCK else []
+        tests.gains[number] = own.gains[0] + tests.gains[both].sum()
+        tests.sizes[number], tests.deviations[number] = own.sizes[0], own.deviations[0]
+        tests.changes[:, number] = own.changes[:p, 0] + tests.changes[:, both].sum(axis=1)
 
 
 LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
@@ -365,6 +391,9 @@ _NEAR = 0.2  # relative, by which a filter may differ from that and still look l
 # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 _CHANCE = 16.0
 _CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
+_CHANCE_OF_CLOCK = (
+    9.0  # beside a delay, which a clock that is added has as well, so that one too many costs little
+)
 _SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _LISTED = 3  # hypotheses in a sentence
@@ -511,6 +540,11 @@ def _tested_in(
         columns = columns.with_load_cells(measured, channels_of_cells, optimum.segments.tangent_refine)
     hypotheses.append(Hypothesis("filter", "all channels"))
     columns = columns.with_sum(filtered)
+    timed = errors.of_kind(CLOCK)
+    inputs = [name for name in channels if name.is_input]
+    if len(inputs) == 1 and timed.kind:
+        hypotheses.append(Hypothesis(CLOCK, inputs[0]))
+        columns = columns.with_sum(replace(timed, values=-timed.values))
     of_base = BaseErrors.of(optimum, misfit)
     if of_base is not None:
         base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)

@@ -1,0 +1,360 @@
+"""Harmonic forces that were not recorded, as of a rotating machine: lines in what a fit leaves, and their estimates.
+
+A force of unknown amplitudes and frequency on a mass is taken as a channel of the records, so that starts, searches and
+checks need no case of their own. Between fits its unknowns follow from one linearisation, and what is not known of them is
+added to the covariance of the others: both hold to first order at the common optimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from linkwise.arrays import Floats
+from linkwise.display import near_miss
+from linkwise.errors import IdentificationError
+from linkwise.estimates.causes import HARMONIC, Cause, SensorErrorEstimate
+from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.random_forces import HarmonicForce
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.tests.score_test import augmented_quadratic
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+
+Fit = TypeVar("Fit")
+
+_FITS = 8  # that refine a force, at most
+_SETTLED = 0.1  # standard errors, by which a step changes its unknowns
+_STEP = 0.25  # of a line's width, one over the duration, between frequencies that are tried
+_AROUND = 8  # such steps on each side of a frequency that is stated
+_LINES = 4  # in what a fit leaves that are tested
+_NEIGHBOURS = 61  # steps over which the level around a line is found
+_ABOVE = 15.0  # times that level from which a line is tested
+_CHANCE = (
+    16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
+)
+_HIGHEST = 0.4  # of the sampling rate
+
+
+def harmonic_forces(
+    harmonics: Mapping[str, float | Sequence[float]], record: Record, structure: Structure
+) -> tuple[HarmonicForce, ...]:
+    """The forces that a user asks for, by mass with frequencies in Hz.
+
+    Raises IdentificationError for a mass that is none, and a frequency that the record does not show.
+    """
+    forces = []
+    for mass, several in harmonics.items():
+        for frequency in [several] if isinstance(several, int | float) else several:
+            if mass not in structure.mass_names or mass in structure.modes:
+                raise IdentificationError(
+                    f"no harmonic force on {mass} can be estimated{near_miss(mass, structure.mass_names)}: the masses are "
+                    f"{', '.join(structure.mass_names)}",
+                    arguments=("harmonics",),
+                )
+            if not 2.0 / record.duration <= frequency <= _HIGHEST * record.rate:
+                raise IdentificationError(
+                    f"the harmonic force on {mass} must have a frequency from {2.0 / record.duration:.3g} Hz, of which the "
+                    f"record has two periods, to {_HIGHEST * record.rate:g} Hz, got {frequency:g} Hz",
+                    arguments=("harmonics",),
+                )
+            forces.append(HarmonicForce(mass, structure.mass_names.index(mass), float(frequency)))
+    return tuple(forces)
+
+
+def with_harmonics(
+    search: Callable[[Sequence[Record], LikelihoodOptions], Fit],
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    likelihood: Callable[[Fit], LikelihoodFit],
+) -> tuple[list[Record], LikelihoodOptions]:
+    """The records with channels of the harmonic forces of `options` as they were found, and the options with these.
+
+    `likelihood` gives the fit at the end of a search. Raises IdentificationError where the forces do not settle.
+    """
+    forces = options.harmonics
+    for _ in range(_FITS if forces else 0):
+        options = replace(options, harmonics=forces)
+        shown = [_driven(record, forces, number) for number, record in enumerate(records)]
+        fit = likelihood(search(shown, options))
+        starting = not forces[0].amplitudes
+        if starting:
+            forces = tuple(_at_line(fit, records, force) for force in forces)
+        step, found = _Unknowns.of(fit, records, forces).refined()
+        if not starting and np.all(np.abs(step) < _SETTLED):
+            return shown, options
+        forces = found
+    if forces:
+        names = ", ".join(f"{force.frequency:.4g} Hz on {force.mass}" for force in forces)
+        raise IdentificationError(
+            f"the harmonic force of {names} does not settle in {_FITS} fits: state a closer frequency, or fewer forces",
+            arguments=("harmonics",),
+        )
+    return list(records), options
+
+
+def estimated_harmonics(
+    fit: LikelihoodFit, records: Sequence[Record]
+) -> tuple[Floats | float, tuple[SensorErrorEstimate, ...], tuple[str, ...]]:
+    """What harmonic forces add to the covariance of a fit, their frequencies, and sentences on their amplitudes."""
+    forces = fit.options.harmonics
+    if not forces or not forces[0].amplitudes or not fit.has_errors:
+        return 0.0, (), ()
+    unknowns = _Unknowns.of(fit, records, forces)
+    errors, sentences = [], []
+    for force, deviations in zip(forces, unknowns.deviations, strict=True):
+        sizes = np.hypot(*np.array(force.amplitudes).T)
+        of_size = float(np.sqrt(np.mean(deviations[:-1] ** 2)))
+        errors.append(SensorErrorEstimate(force.mass, HARMONIC, force.frequency, float(deviations[-1]), "Hz"))
+        sentences.append(
+            f"The harmonic force on {force.mass} at {force.frequency:.5g} Hz has an amplitude of "
+            f"{', '.join(f'{size:.4g}' for size in sizes)} N (estimated with the other unknowns, standard error {of_size:.2g} "
+            "N)."
+        )
+    return unknowns.covariance, tuple(errors), tuple(sentences)
+
+
+def harmonic_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Iterator[Cause]:
+    """Harmonic forces that would explain lines in what a fit leaves, each on the mass on which it explains most.
+
+    A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score.
+    """
+    masses = [name for name in structure.mass_names if name not in structure.modes]
+    if structure.hosts or not fit.has_errors:
+        return
+    lines, count = _lines(fit, records)
+    known = [force.frequency for force in fit.options.harmonics]
+    lines = [line for line in lines if all(abs(line - one) * records[0].duration > 1.0 for one in known)]
+    if not lines:
+        return
+    limit = _CHANCE + 2.0 * np.log(count * len(masses))
+    tried = [HarmonicForce(mass, structure.mass_names.index(mass), line) for line in lines for mass in masses]
+    gains, sizes = _gains(fit, records, tried)
+    hums = _gains_of_hums(fit, records, lines)
+    for number, line in enumerate(lines):
+        own = slice(number * len(masses), (number + 1) * len(masses))
+        best = own.start + int(np.argmax(gains[own]))
+        if gains[best] > max(limit, hums[number]):
+            width = 1.0 / max(record.duration for record in records)
+            yield Cause(
+                HARMONIC,
+                tried[best].mass,
+                line,
+                "Hz",
+                float(gains[best]),
+                width / np.sqrt(gains[best]),
+                source=f"{sizes[best]:.3g} N",
+            )
+
+
+def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
+    """The record number `number` with what the forces add to channels of applied forces."""
+    for force in forces if forces[0].amplitudes else ():
+        name = Channel.parse(f"force:{force.mass}")
+        acting = force.acting(_centred(record.time, record), number)
+        if name in record.channels:
+            values = record.values.copy()
+            values[:, record.channels.index(name)] += acting
+            record = replace(record, values=values)
+        else:
+            values = np.column_stack([record.values, acting])
+            record = replace(record, channels=(*record.channels, name), values=values)
+    return record
+
+
+def _centred(time: Floats, record: Record) -> Floats:
+    return time - record.start - 0.5 * record.duration
+
+
+def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], int]:
+    """Frequencies in Hz of the highest lines in residuals, defects and random forces, and how many were looked at."""
+    segments, misfit = fit.optimum.segments, fit.misfit
+    samples, n = len(segments.samples), len(segments.system.incidence)
+    series = [(misfit.residuals.transpose(1, 2, 0).reshape(misfit.residuals.shape[1], -1), samples)]
+    series.append((np.pad(misfit.defects[n : 2 * n], ((0, 0), (0, 1))), 1))
+    if segments.random is not None:
+        series.append((fit.optimum.point.nodes[segments.random.rows], 1))
+    found: dict[float, float] = {}
+    ends = np.cumsum([0, *(-(-len(record) // samples) for record in records)])
+    count = 0
+    for number, record in enumerate(records):
+        spacing = _STEP / record.duration
+        count += round(_HIGHEST * record.rate / spacing)
+        for rows, per_segment in series:
+            own = rows[:, ends[number] * per_segment : ends[number + 1] * per_segment]
+            rate = record.rate * per_segment / samples
+            size = round(rate / spacing)
+            power = (
+                np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), max(size, own.shape[1])))
+                ** 2
+            )
+            frequency = np.arange(power.shape[1]) * rate / max(size, own.shape[1])
+            level = median_filter(power, size=(1, _NEIGHBOURS), mode="nearest")
+            ratio = np.max(power / np.maximum(level, np.finfo(float).tiny), axis=0)
+            ratio[(frequency < 2.0 / record.duration) | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
+            for _ in range(_LINES):
+                at = int(np.argmax(ratio))
+                if ratio[at] < _ABOVE:
+                    break
+                found[float(frequency[at])] = float(ratio[at])
+                ratio[np.abs(frequency - frequency[at]) < 4.0 / record.duration] = 0.0
+    lines: list[float] = []
+    for line in sorted(found, key=lambda line: -found[line]):
+        if all(abs(line - other) * records[0].duration > 2.0 for other in lines):
+            lines.append(line)
+    return lines[:_LINES], count
+
+
+def _gains(
+    fit: LikelihoodFit, records: Sequence[Record], tried: Sequence[HarmonicForce]
+) -> tuple[Floats, Floats]:
+    """What each of the forces (f,), alone, would take off -2 log likelihood, and their amplitudes in N."""
+    unknowns = _Unknowns.of(fit, records, tried)
+    gains, sizes = [], []
+    for own in unknowns.places(with_frequency=False):
+        block, slope = unknowns.information[np.ix_(own, own)], unknowns.score[own]
+        size = np.linalg.lstsq(block, slope, rcond=1e-9)[0]
+        gains.append(float(slope @ size))
+        sizes.append(float(np.hypot(*size[:2])))
+    return np.array(gains), np.array(sizes)
+
+
+def _gains_of_hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> Floats:
+    """What hums of one sensor at each of the frequencies (f,) would take off -2 log likelihood, at most, motion held."""
+    segments, residuals = fit.optimum.segments, fit.misfit.residuals
+    samples, channels, _ = residuals.shape
+    series = residuals.transpose(1, 2, 0).reshape(channels, -1)
+    time = np.concatenate(
+        [np.arange(-(-len(record) // samples) * samples) * record.step for record in records]
+    )
+    waves = np.exp(-2j * np.pi * np.array(lines)[:, None] * time)
+    seen = segments.observed.transpose(1, 2, 0).reshape(channels, -1).sum(axis=1)
+    return (
+        np.asarray(np.max(2.0 * np.abs(series @ waves.T) ** 2 / np.maximum(seen, 1)[:, None], axis=0))
+        / fit.optimum.noise**2
+    )
+
+
+def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce) -> HarmonicForce:
+    """The force at the frequency near its own that explains most, with its amplitudes still zero."""
+    spacing = _STEP / max(record.duration for record in records)
+    frequencies = force.frequency + spacing * np.arange(-_AROUND, _AROUND + 1)
+    tried = [replace(force, frequency=float(one)) for one in frequencies if one > 4.0 * spacing]
+    best = tried[int(np.argmax(_gains(fit, records, tried)[0]))]
+    return replace(best, amplitudes=((0.0, 0.0),) * len(records))
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknowns:
+    """The information (h, h) and score (h,) of the unknowns of `forces`, parameters eliminated, and how these `follow` (p, h).
+
+    Of each force there are a cosine and a sine in each record, and its frequency.
+    """
+
+    forces: Sequence[HarmonicForce]
+    information: Floats
+    score: Floats
+    follow: Floats
+
+    @classmethod
+    def of(cls, fit: LikelihoodFit, records: Sequence[Record], forces: Sequence[HarmonicForce]) -> _Unknowns:
+        """Those at the optimum of a fit."""
+        optimum = fit.optimum
+        with one_blas_thread():
+            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+            columns, units = _columns(optimum, records, forces)
+            augmented = augmented_quadratic(optimum, misfit, columns)
+        p = len(augmented.slope) - len(units)
+        free = np.flatnonzero(fit.free)
+        curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2
+        own = slice(p, None)
+        follow = np.zeros((p, len(units)))
+        follow[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], curvature[free, own], rcond=1e-12)[0]
+        information = curvature[own, own] - curvature[own, :p] @ follow
+        score = slope[own] - follow.T @ slope[:p]
+        scale = optimum.scales.theta[:p, None]
+        return cls(forces, information / np.outer(units, units), score / units, follow * scale / units)
+
+    def places(self, *, with_frequency: bool = True) -> list[list[int]]:
+        """The numbers of the unknowns of each force."""
+        each = len(self.score) // len(self.forces)
+        return [list(range(k * each, (k + 1) * each - (not with_frequency))) for k in range(len(self.forces))]
+
+    @property
+    def _inverse(self) -> Floats:
+        return np.asarray(np.linalg.pinv(self.information, rcond=1e-13, hermitian=True))
+
+    @property
+    def covariance(self) -> Floats:
+        """(p, p) what they add to that of the parameters."""
+        return np.asarray(self.follow @ self._inverse @ self.follow.T)
+
+    @property
+    def deviations(self) -> Floats:
+        """(f, h / f) standard errors of the unknowns of each force."""
+        return np.asarray(np.sqrt(self._inverse.diagonal()).reshape(len(self.forces), -1))
+
+    def refined(self) -> tuple[Floats, tuple[HarmonicForce, ...]]:
+        """The step of the unknowns in standard errors, and the forces after it; without amplitudes frequencies stay."""
+        at = [k for k, value in enumerate(self.information.diagonal()) if value > 0.0]
+        step = np.zeros(len(self.score))
+        step[at] = np.linalg.lstsq(self.information[np.ix_(at, at)], self.score[at], rcond=1e-13)[0]
+        forces = []
+        for force, own in zip(self.forces, self.places(), strict=True):
+            pairs = np.array(force.amplitudes) + step[own[:-1]].reshape(-1, 2)
+            amplitudes = tuple((float(a), float(b)) for a, b in pairs)
+            frequency = force.frequency + float(step[own[-1]])
+            forces.append(replace(force, frequency=frequency, amplitudes=amplitudes))
+        deviations = np.maximum(self.deviations.ravel(), np.finfo(float).tiny)
+        return step / deviations, tuple(forces)
+
+
+def _columns(
+    optimum: Optimum, records: Sequence[Record], forces: Sequence[HarmonicForce]
+) -> tuple[CandidateForces, Floats]:
+    """The forces of unit size of all unknowns along the segments, and the units of these (h,)."""
+    segments = optimum.segments
+    samples, tangents = len(segments.samples), segments.steps // segments.flow_steps_per_tangent
+    step = segments.step * segments.flow_steps_per_tangent
+    counts = [-(-len(record) // samples) for record in records]
+    owner = np.repeat(np.arange(len(records)), counts)
+    before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
+    first = (
+        np.concatenate(
+            [
+                np.arange(count) * samples * record.step - 0.5 * record.duration
+                for count, record in zip(counts, records, strict=True)
+            ]
+        )
+        - before
+    )
+    ends = np.repeat([force.number for force in forces], 2 * len(records) + 1)
+    halves = []
+    for time in (
+        first + step * np.arange(tangents + 1)[:, None],
+        first + step * (np.arange(tangents)[:, None] + 0.5),
+    ):
+        columns = []
+        for force in forces:
+            phase = 2.0 * np.pi * force.frequency * time
+            of_frequency = np.zeros_like(time)
+            for number in range(len(records)):
+                inside = owner == number
+                columns += [np.cos(phase) * inside, np.sin(phase) * inside]
+                if force.amplitudes:
+                    a, b = force.amplitudes[number]
+                    of_frequency += 2.0 * np.pi * time * (b * np.cos(phase) - a * np.sin(phase)) * inside
+            columns.append(of_frequency)
+        halves.append(np.stack(columns, axis=1))
+    power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
+    scale = np.where(power > 0.0, power, 1.0)[:, None]
+    candidates = CandidateForces(np.full(len(ends), -1), ends, halves[0] / scale, halves[1] / scale)
+    return candidates, 1.0 / scale[:, 0]

@@ -1,0 +1,100 @@
+"""Clocks of devices: ratios found beside delays, named, taken into the model, and taken out where they are known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from structures import oscillator
+
+import linkwise as lw
+from linkwise.estimates.estimate import Estimate
+from linkwise.records.channel import interpolated
+
+RATE, DURATION, LATE = 250.0, 8.0, 0.5e-3
+OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=2e5)
+PPM = 300.0
+
+
+def two_loggers(seed: int, *, noise_of_force: float = 0.0) -> lw.Record:
+    """A force by one logger, and a displacement by another one whose clock runs fast and which started late."""
+    rng, samples = np.random.default_rng(seed), round(RATE * DURATION) + 1
+    frequency = np.fft.rfftfreq(samples, 1.0 / RATE)
+    spectrum = np.where((frequency > 1.0) & (frequency < 12.0), rng.normal(size=(2, len(frequency))), 0.0)
+    force = np.fft.irfft(spectrum[0] + 1j * spectrum[1], samples)
+    acting = lw.model.Sampled(0.0, RATE, 8.0 * force / force.std(), band_limited=True)
+    clean = lw.simulate(OSCILLATOR, forces={"m1": acting}, duration=DURATION, rate=RATE)
+    shown = interpolated(0.0, RATE, clean.channel("x:m1"))
+    time = clean.time - LATE - 1e-6 * PPM * (clean.time - 0.5 * DURATION)
+    x = shown.value(np.clip(time, 0.0, DURATION))
+    columns = {"x:m1": x + 0.01 * x.std() * rng.normal(size=samples), "force:m1": clean.channel("force:m1")}
+    columns["force:m1"] = columns["force:m1"] + noise_of_force * rng.normal(size=samples)
+    return lw.Record(0.0, RATE, tuple(columns), np.stack(list(columns.values()), axis=1))[8:-8]
+
+
+def assert_right(fit: Estimate, channel: str, ppm: float) -> None:
+    """Whether an answer is trusted, and right within 4.5 of its standard errors, as is the clock of a channel."""
+    assert fit.trusted
+    for name, value in (("spring.k", 1000.0), ("spring.k3", 2e5), ("spring.c", 2.0)):
+        assert abs(fit.coefficient(name).value - value) < 4.5 * fit.coefficient(name).standard_error
+    found = next(error for error in fit.sensor_errors if error.kind == "clock")
+    assert found.channel == channel and found.unit == "ppm"
+    assert abs(found.value - ppm) < 4.5 * found.standard_error < 0.5 * abs(ppm)
+
+
+@pytest.mark.parametrize(
+    ("options", "channel", "ppm"),
+    [
+        ({"clocks": ["x:m1"]}, "x:m1", PPM),
+        pytest.param({"clocks": "force:m1"}, "force:m1", -PPM, marks=pytest.mark.slow),
+        pytest.param(
+            {"clocks": ["x:m1"], "input_noise": {"force:m1": 0.08}}, "x:m1", PPM, marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_the_ratio_of_clocks_is_found_with_the_laws(
+    options: dict[str, Any], channel: str, ppm: float
+) -> None:
+    record = two_loggers(81, noise_of_force=0.08 if "input_noise" in options else 0.0)
+    fit = lw.identify(record, OSCILLATOR.unknown("all"), as_stated=True, **options)
+    assert_right(fit, channel, ppm)
+    assert any("has a clock that runs " in line for line in fit.findings)
+
+
+@pytest.mark.slow
+def test_a_clock_is_named_before_the_delay_that_it_looks_like() -> None:
+    fit = lw.identify(two_loggers(82), OSCILLATOR.unknown("all"), as_stated=True)
+    first = fit.diagnosis[0]
+    assert not fit.trusted and first.kind == "clock" and first.unit == "ppm"
+    assert first.where in ("x:m1", "force:m1") and abs(first.size) == pytest.approx(PPM, rel=0.25)
+    assert "a clock of " in first.description and " ppm " in first.description
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{}, {"admit": "clock"}])
+def test_a_clock_is_taken_into_the_model(options: dict[str, Any]) -> None:
+    fit = lw.identify(two_loggers(83), OSCILLATOR.unknown("all"), **options)
+    named = next(error.channel for error in fit.sensor_errors if error.kind == "clock")
+    assert_right(fit, named, PPM if named == "x:m1" else -PPM)
+    assert [cause.kind for cause in fit.added] == ([] if options else ["clock"])
+
+
+@pytest.mark.slow
+def test_a_known_clock_is_taken_out() -> None:
+    record = two_loggers(84)
+    fit = lw.identify(record, OSCILLATOR.unknown("all"), clocks={"x:m1": PPM}, as_stated=True)
+    assert fit.trusted and "clock" not in [error.kind for error in fit.sensor_errors]
+    right = lw.records.without_delays(record, {"x:m1": LATE}, clocks={"x:m1": PPM})
+    assert "300 ppm in the clock of x:m1" in right.notes[-1]
+    assert lw.identify(right, OSCILLATOR.unknown("all"), as_stated=True).trusted
+
+
+def test_clocks_that_cannot_be_told_are_refused() -> None:
+    record = two_loggers(85)
+    for clocks, message in (
+        (["x:m9"], "no clock of x:m9 can be estimated"),
+        ({"x:m1": 1e6}, "the clock of x:m1 must run fast by a number of ppm"),
+    ):
+        with pytest.raises(lw.IdentificationError, match=message):
+            lw.identify(record, OSCILLATOR.unknown("all"), clocks=clocks)

@@ -1,0 +1,128 @@
+"""Harmonic forces that were not recorded: named by their lines, found with the laws, taken into the model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from structures import link, oscillator, structure
+
+import linkwise as lw
+from linkwise.estimates.estimate import Estimate
+
+RATE, DURATION = 200.0, 10.0
+LAW = {"k": 1000.0, "c": 2.0, "k3": 2e5}
+OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", **LAW)
+PAIR = structure(
+    {"m1": 1.0, "m2": 0.5},
+    link("spring", "m1-ground", "k*d + c*v + k3*d**3", **LAW),
+    link("top", "m2-m1", "k*d + c*v", k=700.0, c=1.0),
+)
+
+
+def machine(
+    subject: lw.Structure, hz: float, *, on: str = "m1", size: float = 1.5, wind: float = 0.0, seed: int = 1
+) -> lw.Record:
+    """Displacements at 40 dB under a machine on a mass, beside a ring-down or `wind` in N/sqrt(Hz); no force is recorded."""
+    rng = np.random.default_rng(seed)
+    fine = 4.0 * RATE
+    time = np.arange(round(fine * DURATION) + 1) / fine
+    acting = {
+        name: wind * np.sqrt(0.5 * fine) * rng.normal(size=len(time))
+        + (name == on) * size * np.cos(2.0 * np.pi * hz * time + 0.7)
+        for name in subject.mass_names
+    }
+    forces = {name: lw.model.Sampled(0.0, fine, values, order=1) for name, values in acting.items()}
+    release = {} if wind else {"x:m1": 0.03}
+    clean = lw.simulate(subject, forces=forces, release=release, duration=DURATION, rate=RATE)
+    names = tuple(name for name in clean.channels if name.startswith("x:"))
+    values = np.stack([clean.channel(name) for name in names], axis=1)
+    return lw.Record(0.0, RATE, names, values).with_noise(40.0, seed=seed)
+
+
+def assert_right(fit: Estimate, subject: lw.Structure, line: tuple[str, float]) -> None:
+    """Whether an answer is trusted, and its coefficients and the frequency on a mass are within 4.5 standard errors."""
+    assert fit.trusted
+    for parameter in subject.unknown("all").parameters:
+        found = fit.coefficient(parameter.name)
+        owner, _, key = str(parameter.name).rpartition(".")
+        value = subject.link(owner).coefficients[key].value
+        assert abs(found.value - value) < 4.5 * found.standard_error
+    forces = [error for error in fit.sensor_errors if error.kind == "harmonic force"]
+    assert [force.channel for force in forces] == [line[0]]
+    assert abs(forces[0].value - line[1]) < 4.5 * forces[0].standard_error < 0.01
+
+
+@pytest.mark.parametrize(
+    ("subject", "mass", "hz", "options"),
+    [
+        pytest.param(OSCILLATOR, "m1", 7.3, {}, marks=pytest.mark.slow),
+        pytest.param(PAIR, "m2", 4.0, {}, marks=pytest.mark.slow),
+        pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow),
+    ],
+)
+def test_a_machine_that_was_not_recorded_is_named(
+    subject: lw.Structure, mass: str, hz: float, options: dict[str, Any]
+) -> None:
+    record = machine(subject, hz, on=mass, **options)
+    ambient = ["all"] if options else []
+    fit = lw.identify(record, subject.unknown("all"), ambient=ambient, as_stated=True)
+    named = next(cause for cause in fit.diagnosis if cause.kind == "harmonic force")
+    assert not fit.trusted and (named.where, named.unit) == (mass, "Hz")
+    assert abs(named.size - hz) < 0.5 / DURATION
+    assert named.description.endswith(f"that was not recorded; try --harmonic {mass}={named.size:.4g}Hz")
+
+
+@pytest.mark.parametrize(
+    ("subject", "mass", "hz", "options"),
+    [
+        (OSCILLATOR, "m1", 7.3, {}),
+        pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow),
+    ],
+)
+def test_a_harmonic_force_is_found_with_the_laws(
+    subject: lw.Structure, mass: str, hz: float, options: dict[str, Any]
+) -> None:
+    record = machine(subject, hz, on=mass, **options)
+    fit = lw.identify(
+        record, subject.unknown("all"), ambient=["all"] if options else [], harmonics={mass: hz + 0.03}
+    )
+    assert_right(fit, subject, (mass, hz))
+    assert any(f"The harmonic force on {mass} at " in line and " N " in line for line in fit.findings)
+
+
+@pytest.mark.slow
+def test_a_harmonic_force_is_taken_into_the_model() -> None:
+    fit = lw.identify(machine(PAIR, 4.0, on="m2", seed=2), PAIR.unknown("all"))
+    assert_right(fit, PAIR, ("m2", 4.0))
+    assert [(cause.kind, cause.where) for cause in fit.added] == [("harmonic force", "m2")]
+
+
+@pytest.mark.slow
+def test_discover_allows_for_a_harmonic_force() -> None:
+    record = machine(OSCILLATOR, 7.3, seed=3)
+    found = lw.discover(record, {"m1": 1.0}, harmonics={"m1": 7.3})
+    assert found.trusted and [one.law.text for one in found.structure.links] == ["k*d + k3*d**3 + c*v"]
+
+
+def test_forces_that_cannot_be_told_are_refused() -> None:
+    record = machine(OSCILLATOR, 7.3)
+    for harmonics, message in (
+        ({"m2": 4.0}, "no harmonic force on m2 can be estimated"),
+        ({"m1": 99.0}, "must have a frequency from 0.2 Hz"),
+    ):
+        with pytest.raises(lw.IdentificationError, match=message):
+            lw.identify(record, OSCILLATOR.unknown("all"), harmonics=harmonics)
+
+
+@pytest.mark.slow
+def test_a_motion_that_goes_on_without_a_force_is_told() -> None:
+    """A hardly damped ring-down goes on as under a force that was not recorded; one with 1 % of damping does not."""
+    for damping, told in ((0.01, True), (0.6, False)):
+        subject = oscillator("k*d + c*v", name="spring", k=1000.0, c=damping)
+        record = lw.simulate(subject, release={"x:m1": 0.02}, duration=10.0, rate=100.0).with_noise(
+            40.0, seed=5
+        )
+        fit = lw.identify(record, subject.unknown("all"))
+        assert ("does not decay over 50 periods, though no force was recorded" in fit.message) is told
