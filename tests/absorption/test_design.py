@@ -207,10 +207,11 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
     """Of designs that were judged none is simulated again, and the answer is that of a search without a break."""
     lw.write_structure(CHAIN, tmp_path / "chain.toml")
     line = f"design {tmp_path}/chain.toml --vary nes1.alpha=-300:-20 --release v:m1=1 --duration 0.2 --evaluations 24"
-    whole, judged = document(f"{line} -o {tmp_path}/whole"), []
+    whole = document(f"{line} -o {tmp_path}/whole")
+    judged: list[int] = []
     judge = design_module._Problem.judge
 
-    def counted(problem: Any, points: np.ndarray, progress: Any) -> np.ndarray:
+    def counted(problem: Any, points: np.ndarray, progress: Any) -> Any:
         if judged and sum(judged) < 24 and not judged[-1]:
             raise KeyboardInterrupt
         judged.append(len(points) if len(judged) != 2 else 0)
@@ -225,9 +226,12 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
     with journal.open("a") as file:
         file.write("\n[[0.1, 0.2")  # as a killed run leaves it
     counts: list[int] = []
-    monkeypatch.setattr(
-        design_module._Problem, "judge", lambda *given: (counts.append(len(given[1])), judge(*given))[1]
-    )
+
+    def counting(problem: Any, points: np.ndarray, progress: Any) -> Any:
+        counts.append(len(points))
+        return judge(problem, points, progress)
+
+    monkeypatch.setattr(design_module._Problem, "judge", counting)
     again = document(f"{line} -o {tmp_path}/best")
     assert again["best"] == whole["best"] and again["evaluations"] == 24 and 0 < sum(counts) < 24
     assert not journal.exists()

@@ -37,7 +37,7 @@ def assert_right(fit: Estimate, channel: str, ppm: float) -> None:
     """Whether an answer is trusted, and right within 4.5 of its standard errors, as is the clock of a channel."""
     assert fit.trusted
     for name, value in (("spring.k", 1000.0), ("spring.k3", 2e5), ("spring.c", 2.0)):
-        assert abs(fit.coefficient(name).value - value) < 4.5 * fit.coefficient(name).standard_error
+        assert abs(fit.coefficient(name).value - value) < 4.5 * (fit.coefficient(name).standard_error or 0.0)
     found = next(error for error in fit.sensor_errors if error.kind == "clock")
     assert found.channel == channel and found.unit == "ppm"
     assert abs(found.value - ppm) < 4.5 * found.standard_error < 0.5 * abs(ppm)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from structures import HARDENING, oscillator
 import linkwise as lw
 
 SPRING = oscillator(HARDENING, name="spring", k=400.0, k3=1e5, c=0.8)
-DRIVEN = {"force": {"m1": 1.0}, "hz": (2.0, 4.5), "starts": 0}
+DRIVEN: dict[str, Any] = {"force": {"m1": 1.0}, "hz": (2.0, 4.5), "starts": 0}
 
 
 @pytest.fixture(scope="module")

@@ -165,7 +165,7 @@ def discover(
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
     select = partial(_select, candidates, checks, progress)
-    driven, sensors = with_harmonics(select, records, sensors, lambda selected: selected.selection.fit)
+    driven, sensors = with_harmonics(select, records, sensors, lambda selected: selected.fit)
     discovery = answer_with_sensors(select, driven, sensors, chosen.admit, _Selected.reported)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
@@ -226,7 +226,7 @@ class _Selected:
 
     @property
     def clocks(self) -> Mapping[str, tuple[float, float]]:
-        return self.selection.fit.clocks
+        return self.fit.clocks
 
     def reported(self, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
         """The discovery, with the `delays` in s found, by channel."""

@@ -220,11 +220,12 @@ def sensor_errors(
 
 def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
     """The corners of high passes that were found; of several records their mean by precision."""
-    found: dict[str, list[tuple[float, ...]]] = {}
+    found: dict[str, list[tuple[float, float]]] = {}
     first = 0
     for disturbance in fit.disturbances:
         if disturbance.high_pass and disturbance.corner is None:
-            found.setdefault(disturbance.channel, []).append(tuple(map(float, fit.waveforms[:, first])))
+            size, deviation = map(float, fit.waveforms[:, first])
+            found.setdefault(disturbance.channel, []).append((size, deviation))
         first += disturbance.count
     for channel, pairs in found.items():
         yield SensorErrorEstimate(channel, HIGH_PASS, *mean_by_precision(pairs), "Hz")

@@ -394,8 +394,9 @@ def _without_noise(frames: Sequence[FramedRecord], sensing: SensorModel, name: s
     series = []
     for frame, noise in zip(frames, sensing.noise, strict=True):
         shown = frame.record.channel(name)
-        if name in frame.carried:
-            shown = shown + frame.carried[name][0]
+        carried = frame.carried.get(Channel.parse(name))
+        if carried is not None:
+            shown = shown + carried[0]
         spectrum = np.fft.rfft(shown)
         power = uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
@@ -525,7 +526,7 @@ def _clocks(sensing: SensorModel, sizes: Floats, deviations: Floats) -> dict[str
         if disturbance.clock:
             found.setdefault(disturbance.channel, []).append((sizes[first], deviations[first]))
         first += disturbance.count
-    given = {plain: name for name, plain in sensing.frames[0].names.items()}
+    given: dict[str, str] = {plain: name for name, plain in sensing.frames[0].names.items()}
     return {given.get(name, name): mean_by_precision(pairs) for name, pairs in found.items()}
 
 

@@ -11,6 +11,7 @@ from commands import document, refusal, said
 from structures import oscillator
 
 import linkwise as lw
+from linkwise.identification.best_test import BestTest
 
 SPRING = oscillator("k*d + c*v", name="spring", k=400.0, c=0.5)
 NOISE = {"x:m1": 1e-5, "a:m1": 1.0}
@@ -18,13 +19,13 @@ DRIVE = "--force m1=5 --noise x:m1=1e-5"
 
 
 @pytest.fixture(scope="module")
-def found() -> lw.identification.best_test.BestTest:
+def found() -> BestTest:
     within = {"force": 20.0, "stroke:spring": 0.02}
     return lw.best_test(SPRING, "spring.k", duration=2.0, rate=60.0, noise=NOISE, within=within)
 
 
 def test_the_best_keeps_the_limits_and_its_error_is_that_of_limit(
-    found: lw.identification.best_test.BestTest,
+    found: BestTest,
 ) -> None:
     """As an expression of t, not by its samples; of the linear structure errors halve where forces double."""
     best = found.plans[0]
@@ -46,7 +47,7 @@ def test_the_best_keeps_the_limits_and_its_error_is_that_of_limit(
 
 
 def test_its_command_simulates_the_test(
-    found: lw.identification.best_test.BestTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    found: BestTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     lw.write_structure(SPRING, tmp_path / "structure.toml")
