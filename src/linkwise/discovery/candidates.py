@@ -442,8 +442,8 @@ class DiscoveryOptions:
     Parameters
     ----------
     terms : str or sequence of str
-        The candidate terms of every link, functions of d, v and recorded signals, or families of them;
-        "v, d, d**2, d**3" by default, and u, u*d and u*v for each signal u of the record.
+        The candidate terms of every link: functions of d, v and signals, or families; "v, d, d**2, d**3" by default,
+        and u, u*d and u*v of each signal u.
     offsets, gains : sequence of str
         Channels with an unknown constant error or factor, which every fit of the search finds with the terms; of factors also
         those of applied forces.
