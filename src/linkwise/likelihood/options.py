@@ -30,7 +30,7 @@ from linkwise.records.record import Record
 from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
-ADMIT = {"typed": "gain,offset,delay,drift,clock"}
+ADMIT = {"typed": "gain,offset,..."}
 CLOCKS = {"typed": "CHANNEL[=PPM]", "unit": "ppm", "example": "a:m1=20"}
 HARMONICS = {"typed": "MASS=HZ", "unit": "Hz", "several": True, "example": "m1=4Hz"}
 AMBIENT = {"typed": "MASS[=DENSITY]", "unit": "N/sqrt(Hz)", "example": "m1=0.5"}
