@@ -125,7 +125,7 @@ def _(validation: lw.Validation) -> Answer:
 
 
 @answer_of.register
-def _(limit: lw.Limit) -> Answer:
+def _(limit: lw.analysis.Limit) -> Answer:
     return {
         **judged(limit),
         "numbers": numbers(

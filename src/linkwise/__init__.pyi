@@ -37,7 +37,6 @@ from linkwise.identification.best_test import best_test as best_test
 from linkwise.identification.force_error import nmse as nmse
 from linkwise.identification.identify import identify as identify
 from linkwise.identification.limit import limit as limit
-from linkwise.identification.limit_result import Limit as Limit
 from linkwise.identification.validation.result import Validation as Validation
 from linkwise.identification.validation.validate import validate as validate
 from linkwise.inspection.inspect import inspect as inspect

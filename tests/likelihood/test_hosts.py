@@ -227,7 +227,7 @@ def test_a_shape_that_nothing_tells_is_left_alone() -> None:
 
 
 def test_limit_counts_shapes_known_to_within() -> None:
-    def planned(host: lw.Host) -> lw.Limit:
+    def planned(host: lw.Host) -> lw.analysis.Limit:
         return lw.limit(
             structure({"sink": 0.03}, beam().link("nes"), hosts=[host]),
             duration=0.5,

@@ -53,6 +53,17 @@ class Plan:
         The largest elongation in m by link.
     limit : Limit
         What the test determines with its sensors.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> rig = lw.rig(
+    ...     masses={"m1": 1.0}, links={"s": "m1 - ground: k*d + c*v"}, known={"s.k": 400.0, "s.c": 0.5}
+    ... )
+    >>> test = dict(duration=1.0, rate=60.0, noise={"x:m1": 1e-5}, within={"force": 5.0})
+    >>> found = lw.best_test(rig, "s.k", unknown=["s"], **test)
+    >>> found.plans[0].place, found.plans[0].peak
+    ('m1', 5.0)
     """
 
     kind: str
@@ -64,12 +75,34 @@ class Plan:
     limit: Limit
 
     def error_of(self, coefficient: str) -> float:
-        """The smallest standard error of a coefficient in SI units; infinite where it is not determined."""
+        """The smallest standard error of a coefficient.
+
+        Parameters
+        ----------
+        coefficient : str
+            Its name.
+
+        Returns
+        -------
+        float
+            In SI units; infinite where it is not determined.
+        """
         error = self.limit.coefficient(coefficient).standard_error
         return np.inf if error is None else error
 
     def command(self, file: str) -> str:
-        """The command that simulates the test of the structure in a file."""
+        """The command that simulates the test.
+
+        Parameters
+        ----------
+        file : str
+            The file of the structure.
+
+        Returns
+        -------
+        str
+            The command line.
+        """
         record = self.limit.record
         words = [
             "linkwise",
@@ -96,6 +129,17 @@ class BestTest(JudgedView):
         The tests, the best first.
     file : str
         The name of the structure's file in the command of each.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> rig = lw.rig(
+    ...     masses={"m1": 1.0}, links={"s": "m1 - ground: k*d + c*v"}, known={"s.k": 400.0, "s.c": 0.5}
+    ... )
+    >>> test = dict(duration=1.0, rate=60.0, noise={"x:m1": 1e-5}, within={"force": 5.0})
+    >>> found = lw.best_test(rig, "s.k", unknown=["s"], **test)
+    >>> found.trusted
+    True
     """
 
     coefficient: str

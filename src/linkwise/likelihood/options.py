@@ -237,7 +237,8 @@ def beside_clocks(delays: Sequence[str], clocks: Collection[str], record: Record
                 "only input. Name the sensors that another device recorded",
                 arguments=("clocks",),
             )
-    return tuple(dict.fromkeys((*delays, *(late for name in clocks for late in late_channels(record, name)))))
+    late = dict.fromkeys(late for name in clocks for late in late_channels(record, name))
+    return (*delays, *(name for name in late if name not in delays))
 
 
 def mean_by_precision(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -61,7 +61,7 @@ def motions(structures: list[lw.Structure], starts: np.ndarray, times: np.ndarra
     return states
 
 
-def differences(structure: lw.Structure, limit: lw.Limit) -> list[np.ndarray]:
+def differences(structure: lw.Structure, limit: lw.analysis.Limit) -> list[np.ndarray]:
     """(p + m, N, m) for tangent segment: central differences of its m states with respect to theta and its start."""
     truth = present(limit.record.simulated)
     samples = round(limit.segment * limit.record.rate)
@@ -89,7 +89,7 @@ def differences(structure: lw.Structure, limit: lw.Limit) -> list[np.ndarray]:
     return tangents
 
 
-def dense_covariance(tangents: list[np.ndarray], limit: lw.Limit, sensor: int) -> np.ndarray:
+def dense_covariance(tangents: list[np.ndarray], limit: lw.analysis.Limit, sensor: int) -> np.ndarray:
     """(p, p) from the whole Fisher matrix of theta and all starts."""
     p, size = len(limit.parameters), tangents[0].shape[2]
     n = limit.structure.size
@@ -107,7 +107,7 @@ def dense_covariance(tangents: list[np.ndarray], limit: lw.Limit, sensor: int) -
     return covariance
 
 
-def scaled_difference(limit: lw.Limit, covariance: np.ndarray, scale: np.ndarray) -> float:
+def scaled_difference(limit: lw.analysis.Limit, covariance: np.ndarray, scale: np.ndarray) -> float:
     """The largest entry of a difference of covariances, in standard errors `scale`."""
     return float(np.abs((limit.covariance - covariance) / np.outer(scale, scale)).max())
 
