@@ -306,7 +306,8 @@ def selection_path(selection: Selection, parabolas: BlockParabolas | None) -> tu
         if parabolas is not None:
             prediction = parabolas.prediction(numbers)
             term = number_of.get(step[2:], -1)
-            share = float(abs(values.get(term, np.nan)) * selection.unit_shares.get(term, np.nan))
+            if term in values and term in selection.unit_shares:
+                share = float(abs(values[term]) * selection.unit_shares[term])
         path.append(
             PathPoint(
                 terms=int(np.sum(quadratic.penalty.pair[numbers] >= 0)),

@@ -37,7 +37,9 @@ _STEP = 0.25  # of a line's width, one over the duration, between frequencies th
 _AROUND = 8  # such steps on each side of a frequency that is stated
 _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
-_ABOVE = 15.0  # times that level from which a line is tested
+_ABOVE = (
+    30.0  # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
+)
 _CHANCE = (
     16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 )

@@ -42,6 +42,8 @@ _STATED = frozenset({MASS, "gain", "force gain"})
 _CONTRADICTED = frozenset({"sign", "unit", "swapped", "high pass", "clipped"})
 """The same of a sign, a unit, a place or a range of a sensor, which no small size makes harmless."""
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
+_LINE = 3.0
+"""Times what noise of an input or an ambient force explains: a line behind a resonance that explains less is its part."""
 _FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
 
 
@@ -152,9 +154,14 @@ class Examined:
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """All that would explain what is left, the likeliest first; what spectra of forces show comes last."""
-        noisy = (noise.cause for noise in self.inputs if noise.cause is not None)
+        noisy = [noise.cause for noise in self.inputs if noise.cause is not None]
         forces = unstated_forces(self.fit, self.identified, self.channels)
-        harmonic = harmonic_causes(self.fit, self.identified, self.records)
+        random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
+        harmonic = (
+            cause
+            for cause in harmonic_causes(self.fit, self.identified, self.records)
+            if cause.gain > _LINE * random
+        )
         every = (*self.diagnosis.causes, *noisy, *forces, *harmonic)
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
