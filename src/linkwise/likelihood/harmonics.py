@@ -44,6 +44,7 @@ _CHANCE = (
     16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 )
 _HIGHEST = 0.4  # of the sampling rate
+_PERIODS = 10.0  # in a record, of a line at least: fewer are a drift
 
 
 def harmonic_forces(
@@ -201,7 +202,11 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
             frequency = np.arange(power.shape[1]) * rate / max(size, own.shape[1])
             level = median_filter(power, size=(1, _NEIGHBOURS), mode="nearest")
             ratio = np.max(power / np.maximum(level, np.finfo(float).tiny), axis=0)
-            ratio[(frequency < 2.0 / record.duration) | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
+            nodes = (
+                record.rate / samples
+            )  # at whose multiples a drift shows as well, as motion begins anew in each segment
+            slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
+            ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
             for _ in range(_LINES):
                 at = int(np.argmax(ratio))
                 if ratio[at] < _ABOVE:
