@@ -49,7 +49,7 @@ coverage: env  ## run all tests and measure the lines that they run; fail below 
 # These judge fits whose laws are wrong, or nearly determine nothing, where searches and factors hang on rounding most; the
 # others take half an hour and follow in `make matrix`.
 NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms optima score_tests) \
-	tests/likelihood/test_richer_laws.py::test_a_coefficient_that_drifts_is_told_as_well
+	tests/likelihood/test_explained.py::test_a_coefficient_that_drifts_is_told_as_well
 kernels: env  ## run numerical tests with another kernel of OpenBLAS than this processor takes: other last digits, same answers
 	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) $(NUMERICAL)
 
