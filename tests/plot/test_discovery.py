@@ -171,7 +171,7 @@ def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discov
 
 @pytest.mark.slow
 def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered: lw.Discovery) -> None:
-    pictures = ("graph", "path", "evidence", "histories", "residuals", "force_m1-ground", "force_m2-m1")
+    pictures = ("graph", "path", "evidence", "fit", "histories", "residuals", "force_m1-ground", "force_m2-m1")
     figures = {f"{name}.png" for name in pictures}
     tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
     files = {"structure.toml", "report.html", *figures, *tables}
@@ -228,7 +228,7 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discov
     assert lw.Verdict.SEARCH_UNSETTLED.value in " ".join(text.split())
     assert "! m2 <b>hardly</b> moved." in text
     page = (lw.report.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
-    assert 'class="verdict untrusted"' in page and 'class="verdict trusted"' not in page
+    assert 'class="verdict refused"' in page and 'class="verdict explained"' not in page
     assert "NOT to be trusted" in page and "Against the truth" not in page
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
 
