@@ -171,7 +171,16 @@ def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discov
 
 @pytest.mark.slow
 def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered: lw.Discovery) -> None:
-    pictures = ("graph", "path", "evidence", "fit", "histories", "residuals", "force_m1-ground", "force_m2-m1")
+    pictures = (
+        "graph",
+        "path",
+        "evidence",
+        "fit",
+        "histories",
+        "residuals",
+        "force_m1-ground",
+        "force_m2-m1",
+    )
     figures = {f"{name}.png" for name in pictures}
     tables = {"terms.csv", "covariance.csv", "force_m1-ground.csv", "force_m2-m1.csv"}
     files = {"structure.toml", "report.html", *figures, *tables}
