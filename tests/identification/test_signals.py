@@ -53,6 +53,13 @@ def test_a_law_that_lacks_its_signal_is_not_trusted() -> None:
 
 
 @pytest.mark.slow
+def test_correlated_noise_beside_an_error_that_was_added_hides_no_missing_signal() -> None:
+    """On a short record a gain of +20 % and correlated noise stood for it, trusted."""
+    short = replace(record()[:400].select(["x:m1", "force:m1"]), simulated=None)
+    assert not lw.identify(short, lw.rig({"m1": 1.0}, {"damper": "m1 - ground: k*d + c*v"})).trusted
+
+
+@pytest.mark.slow
 def test_the_commands_take_signals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     columns = record()

@@ -50,6 +50,7 @@ _DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very 
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
+_WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
 _TRIED = 3  # causes that are as likely
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 
@@ -127,7 +128,9 @@ class _Model:
 
     @property
     def is_explained(self) -> bool:
-        return self.answer.grade is Grade.EXPLAINED
+        """Whether noise alone is left, and beside what was added white noise: correlated noise may hold what is missing."""
+        white = not self.added or (self.answer.chi_square_per_sample or 0.0) < _WHITE
+        return white and self.answer.grade is Grade.EXPLAINED
 
     @property
     def misfit(self) -> float:
