@@ -114,6 +114,10 @@ def makers(
         "HostEstimate": lambda: lw.modal.identify_host(tapped().with_noise(40.0, seed=1)),
         "Inspection": lambda: lw.inspect(record),
         "LevelComparison": lambda: lw.inspection.compare_levels(taps()),
+        "BestTest": lambda: lw.best_test(
+            oscillator("k*d + c*v", name="spring", k=400.0, c=0.5), "spring.k", duration=0.4, rate=60.0, noise={"x:m1": 1e-5},
+            within={"force": 5.0}, unknown=["spring"],
+        ),
         "Limit": lambda: lw.limit(chain, duration=0.1, rate=500.0, noise=40.0, release=RELEASE),
         "Response": lambda: lw.respond(chain, force={"m1": 0.1}, hz=(29.0, 31.0), starts=0),
         "StudySummary": lambda: finished(tmp_path_factory.mktemp("study")),

@@ -60,7 +60,7 @@ class Plan:
     >>> rig = lw.rig(
     ...     masses={"m1": 1.0}, links={"s": "m1 - ground: k*d + c*v"}, known={"s.k": 400.0, "s.c": 0.5}
     ... )
-    >>> test = dict(duration=1.0, rate=60.0, noise={"x:m1": 1e-5}, within={"force": 5.0})
+    >>> test = dict(duration=0.4, rate=60.0, noise={"x:m1": 1e-5}, within={"force": 5.0})
     >>> found = lw.best_test(rig, "s.k", unknown=["s"], **test)
     >>> found.plans[0].place, found.plans[0].peak
     ('m1', 5.0)
@@ -136,7 +136,7 @@ class BestTest(JudgedView):
     >>> rig = lw.rig(
     ...     masses={"m1": 1.0}, links={"s": "m1 - ground: k*d + c*v"}, known={"s.k": 400.0, "s.c": 0.5}
     ... )
-    >>> test = dict(duration=1.0, rate=60.0, noise={"x:m1": 1e-5}, within={"force": 5.0})
+    >>> test = dict(duration=0.4, rate=60.0, noise={"x:m1": 1e-5}, within={"force": 5.0})
     >>> found = lw.best_test(rig, "s.k", unknown=["s"], **test)
     >>> found.trusted
     True
@@ -250,7 +250,7 @@ def best_test(
     Examples
     --------
     >>> import linkwise as lw
-    >>> plan = dict(duration=0.5, rate=500.0, noise={"x:m1": 1e-5, "x:m2": 1e-5}, within={"force": 5.0})
+    >>> plan = dict(duration=0.1, rate=500.0, noise={"x:m1": 1e-5, "x:m2": 1e-5}, within={"force": 5.0})
     >>> found = lw.best_test(lw.bnes_chain(2), "nes1.beta", unknown=["nes"], **plan)
     >>> errors = [test.error_of("nes1.beta") for test in found.plans]
     >>> errors == sorted(errors)
