@@ -233,8 +233,8 @@ def beside_clocks(delays: Sequence[str], clocks: Collection[str], record: Record
         recorded = record.responses if len(record.inputs) > 1 else record.channels
         if name not in recorded or not late_channels(record, name):
             raise IdentificationError(
-                f"no clock of {name} can be estimated{near_miss(name, recorded)}: it is that of sensors of masses, or of the "
-                "only input. Name the sensors that another device recorded",
+                f"no clock of {name} can be estimated{near_miss(name, recorded)}; clocks are those of sensors of masses, or "
+                "of the only input. Name the sensors that another device recorded",
                 arguments=("clocks",),
             )
     late = dict.fromkeys(late for name in clocks for late in late_channels(record, name))

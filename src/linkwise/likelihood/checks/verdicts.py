@@ -51,7 +51,7 @@ _MANY_PERIODS, _GOES_ON = (
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
 _STRETCH = 0.2  # of the record: half of the misfit in less points at what happened there
 _MOMENT = 0.05  # of the record: half of the misfit in less, and not at its start, is no error of a law
-_TOLD_BY_NOTHING = 0.5  # standard error of a coefficient over its value
+_UNDETERMINED = 0.5  # standard error of a coefficient over its value
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _SMALL_ERRORS = frozenset(
     {"gain", "offset", "drift", "delay", "crosstalk", "mass", "force gain", "force delay"}
@@ -104,7 +104,7 @@ def _worst_stretch(fit: LikelihoodFit) -> tuple[int, int, float]:
 
 
 def _stuck(of: Examined) -> str:
-    """Where a search is stuck, and what helps: a stretch that holds half of the misfit, or a coefficient told by nothing."""
+    """Where a search is stuck, and what helps: a stretch that holds half of the misfit, or a coefficient not determined."""
     fit, segments = of.fit, of.fit.segments
     first, last, _ = _worst_stretch(fit)
     if last - first < _STRETCH * segments.count:
@@ -117,8 +117,8 @@ def _stuck(of: Examined) -> str:
     names, errors = segments.system.parameters.names, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     relative = errors[: len(names)] / np.maximum(np.abs(fit.values), np.finfo(float).tiny)
     worst = int(np.argmax(np.where(fit.free[: len(names)] & np.isfinite(relative), relative, 0.0)))
-    if relative[worst] > _TOLD_BY_NOTHING:
-        return f"The record hardly tells {names[worst]}: hold it at a known value, or give it bounds."
+    if relative[worst] > _UNDETERMINED:
+        return f"The record hardly determines {names[worst]}: hold it at a known value, or give it bounds."
     return "Identify the beginning of the record, and give its values as starts for the whole."
 
 
