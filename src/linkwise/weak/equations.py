@@ -1,9 +1,7 @@
-"""Weak equations of a structure on a record, without the bias due to noise (METHODS section 4).
+"""Weak equations of a structure on a record, without the bias due to noise (METHODS section 4), and their residuals.
 
 `patch` defines the equations; this module selects the masses that have one, places their windows, and keeps the smoothed
 motion in the windows.
-
-Residuals of the weak equations of motion.
 """
 
 from __future__ import annotations
@@ -82,6 +80,10 @@ class WeakEquations:
     def parameters(self) -> tuple[str, ...]:
         """The names of the parameters."""
         return self.structure_layout.names
+
+    def by_name(self, values: Floats) -> dict[str, float]:
+        """Values (p,) of the parameters by their names."""
+        return dict(zip(self.parameters, map(float, values), strict=True))
 
     @property
     def windows(self) -> int:

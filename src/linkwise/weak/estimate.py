@@ -1,16 +1,9 @@
 """The weak form (METHODS section 4) as a method of identification: regression, search and verdict.
 
-What the smoothing of rates may have done to coefficients: they change in proportion as rates are smoothed more.
-
-A law that jumps by the rate, as friction, bends the motion within the window that smooths the rate, so that zeros of the rate
-move, by a part of the width of that window. A law that bends is biased by a higher power of it, for which the proportion is a
-bound. Intervals include what it says.
-
-How well a structure explains a record as it stands, to compare what may have been recorded in its place.
-
-A channel of the wrong sign, or in another unit, or in the place of another, leaves residuals that no change of coefficients
-explains. Records that differ by such an error are compared by the likelihood of the weak equations, each with its own
-coefficients and the noise that the channels show.
+Coefficients that enter laws linearly follow from one regression, others from Gauss-Newton steps (`weak_search`). Where a law
+needs a smoothed rate, intervals hold what that may have done to the coefficients (`_with_smoothing`). `record_misfit` says how
+well a structure explains a record as it stands, to compare what may have been recorded in its place: a channel of the wrong
+sign, in another unit or in the place of another leaves residuals that no change of coefficients explains.
 """
 
 from __future__ import annotations
@@ -22,6 +15,7 @@ from math import sqrt
 from typing import ClassVar, final
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
@@ -36,102 +30,26 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.verdict import Verdict
-from linkwise.weak.displacements import MeasuredDisplacements, read_displacements, source_names
+from linkwise.weak.displacements import MeasuredDisplacements, bridged, read_displacements, source_names
+from linkwise.weak.elements import Elimination
 from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.fit import WeakFit, normal_equations, residual_power, weak_fit, with_priors
 from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, judgement
 from linkwise.weak.layout import structure_layout
-from linkwise.weak.link_forces import link_force
 from linkwise.weak.scatter import SlopeStatistics, noise_power
 from linkwise.weak.weak_form import weak_law
-from linkwise.weak.window import ORDER, Window
+from linkwise.weak.window import ORDER, Window, smoothed_motion
 
 _WIDER = 1.4  # rates are smoothed by test functions of so many times the width: twice the width flattens fast motion
-
-
-def rated_links(structure: Structure) -> list[str]:
-    """The links whose laws need a smoothed rate.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-
-    Returns
-    -------
-    list of str
-        Their names.
-    """
-    return [
-        link.name for link in structure.links if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
-    ]
-
-
-def with_smoothing(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakFit:
-    """The fit with a covariance that includes what the smoothing of rates may have done to it.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure with its unknowns.
-    equations : WeakEquations
-        Its equations on the record.
-    fit : WeakFit
-        Their solution.
-
-    Returns
-    -------
-    WeakFit
-        The fit; as it was where no law needs a smoothed rate, and for structures so large that they have no covariance of
-        all their parameters.
-    """
-    if not (rated_links(structure) and isinstance(fit.covariance, np.ndarray) and fit.free.any()):
-        return fit
-    try:
-        bias = _change(record, structure, equations, fit) / (_WIDER - 1.0)
-    except (
-        IdentificationError
-    ):  # the wider window leaves too few of the samples, or the law is not finite by it
-        return fit
-    return replace(fit, covariance=fit.covariance + np.outer(bias, bias))
-
-
-def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
-    """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
-    window, count = equations.window, len(fit.values)
-    rate_window = equations.context.rate_window
-    wide = weak_equations(
-        record,
-        structure,
-        equations.motion,
-        window=window,
-        rate_window=Window.of_deviation(_WIDER * rate_window.half / sqrt(2 * ORDER + 3), window.step),
-        values=dict(zip(equations.parameters, map(float, fit.values), strict=True)),
-    )
-    valid = {mass: patch.valid for patch in wide.patches for mass in patch.masses.tolist()}
-    patches = [patch for patch in equations.patches if len(patch.layout.free_terms)]
-    weights = [1.0 / residual_power(patch, fit.values) for patch in patches]
-    left = []
-    for context in (equations.context, wide.context):
-        shared = [
-            context.patch(masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0))
-            for patch, masses in zip(patches, (patch.masses.tolist() for patch in patches), strict=True)
-        ]
-        normal, right = normal_equations(shared, weights, count)
-        left.append(right - normal @ fit.values)
-    whole, free = np.asarray(normal_equations(patches, weights, count)[0]), fit.free
-    scale = 1.0 / np.sqrt(whole.diagonal()[free])
-    inner = whole[np.ix_(free, free)] * np.outer(scale, scale)
-    change = np.zeros(count)
-    change[free] = scale * np.linalg.solve(inner, scale * (left[1] - left[0])[free])
-    return change
-
-
+_SHARED = 0.5  # neighbouring windows share their noise, so that two count as one
+_FORGOTTEN = 5.0  # time constants after which a state does not know where it began
 _LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
 _CONVERGED_STEP = 1e-3  # of a standard error
+_NOT_CONVERGED = (
+    f"The search for the coefficients that enter a law nonlinearly did not converge in {_STEPS} steps; give starts nearer to "
+    "their values, or bounds."
+)
 
 
 @final
@@ -193,7 +111,7 @@ class WeakForm(Estimator):
             structure_layout(structure, motion.elimination)  # refuses states that are not linear
             equations, fit, converged = weak_search(record, structure, motion)
             if converged:
-                fit = with_smoothing(record, structure, equations, fit)
+                fit = _with_smoothing(record, structure, equations, fit)
             fit, contradicted = with_priors(fit, structure.parameters)
             verdict, message = (
                 judgement(record, structure, equations, fit, contradicted)
@@ -263,13 +181,12 @@ def weak_search(
     try:
         if linear.parameters:
             equations = weak_equations(record, linear, motion)
-            values.update(
-                zip(equations.parameters, map(float, weak_fit(equations, linear).values), strict=True)
-            )
+            values |= equations.by_name(weak_fit(equations, linear).values)
         last: dict[str, float] = {}
         for _ in range(_STEPS):
             equations = weak_equations(record, structure, motion, values=values)
-            if last and not _finite(equations):  # as where a resistance, by which a law divides, reaches 0
+            finite = all(np.isfinite(patch.moments).all() for patch in equations.patches)
+            if last and not finite:  # as where a resistance, by which a law divides, reaches 0
                 values = {name: 0.5 * (value + last[name]) for name, value in values.items()}
                 continue
             fit = weak_fit(equations, structure)
@@ -277,34 +194,112 @@ def weak_search(
             deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
             if np.all(np.abs(step) <= np.maximum(_CONVERGED_STEP * deviations, 1e-9 * np.abs(fit.values))):
                 return equations, fit, True
-            last = {
-                name: values.get(name, value)
-                for name, value in zip(equations.parameters, map(float, fit.values), strict=True)
-            }
-            values = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+            reached = equations.by_name(fit.values)
+            last, values = reached | values, reached
     except IdentificationError as error:
         if not starts:
             raise
-        reached = ", ".join(f"{name} = {values[name]:.4g}" for name in starts)
+        where = ", ".join(f"{name} = {values[name]:.4g}" for name in starts)
         raise IdentificationError(
-            f"{error}. The search was at {reached}; give starts nearer to their values, or bounds"
+            f"{error}. The search was at {where}; give starts nearer to their values, or bounds"
         ) from None
     return equations, fit, False
 
 
-def _finite(equations: WeakEquations) -> bool:
-    return all(np.isfinite(patch.moments).all() for patch in equations.patches)
+def record_misfit(record: Record, structure: Structure) -> float:
+    """-2 log likelihood of the weak equations of a structure in a record, with the coefficients that fit it best.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    structure : Structure
+        The structure, with one unknown at least.
+
+    Returns
+    -------
+    float
+        The misfit, up to a constant that is the same for records that differ by a factor, a shift or the order of their
+        channels: the residuals are those of the accelerations, relative to what was recorded of these.
+
+    Raises
+    ------
+    IdentificationError
+        As `weak_search`.
+    """
+    refuse_memory(structure.links, "the comparison of channels", "their states have no acceleration")
+    equations, fit, _ = weak_search(record, structure, read_displacements(record, structure))
+    misfit = 0.0
+    for patch in equations.patches:
+        statistics = SlopeStatistics.along(patch, equations, fit.values)
+        windows = equations.points[equations.inside]
+        power = noise_power(patch, statistics, equations)
+        first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
+        inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]
+        recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
+        terms = patch.residual(fit.values)[:, windows] ** 2 / power + np.log(power / recorded)
+        misfit += equations.thinning * float(np.sum(terms @ patch.valid[windows]))
+    return _SHARED * misfit
 
 
-_NOT_CONVERGED = (
-    f"The search for the coefficients that enter a law nonlinearly did not converge in {_STEPS} steps; give starts nearer to "
-    "their values, or bounds."
-)
+def _rated_links(structure: Structure) -> list[str]:
+    """The links whose laws need a smoothed rate."""
+    return [
+        link.name for link in structure.links if weak_law(link.law, frozenset(link.law.nonlinear)).needs_rate
+    ]
+
+
+def _with_smoothing(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> WeakFit:
+    """The fit with a covariance that includes what the smoothing of rates may have done to it.
+
+    A law that jumps by the rate, as friction, bends the motion within the window that smooths the rate, so that zeros of the
+    rate move, by a part of the width of that window: coefficients change in proportion as rates are smoothed more. A law that
+    bends is biased by a higher power of the width, for which the proportion is a bound. Structures so large that they have no
+    covariance of all their parameters stay as they are.
+    """
+    if not (_rated_links(structure) and isinstance(fit.covariance, np.ndarray) and fit.free.any()):
+        return fit
+    try:
+        bias = _change(record, structure, equations, fit) / (_WIDER - 1.0)
+    except IdentificationError:  # too few windows by the wider one, or the law is not finite by it
+        return fit
+    return replace(fit, covariance=fit.covariance + np.outer(bias, bias))
+
+
+def _change(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> Floats:
+    """(p,) change of the parameters as rates are smoothed more, to first order, in windows that both smoothings leave."""
+    window, count = equations.window, len(fit.values)
+    rate_window = equations.context.rate_window
+    wide = weak_equations(
+        record,
+        structure,
+        equations.motion,
+        window=window,
+        rate_window=Window.of_deviation(_WIDER * rate_window.half / sqrt(2 * ORDER + 3), window.step),
+        values=equations.by_name(fit.values),
+    )
+    valid = {mass: patch.valid for patch in wide.patches for mass in patch.masses.tolist()}
+    patches = [patch for patch in equations.patches if len(patch.layout.free_terms)]
+    weights = [1.0 / residual_power(patch, fit.values) for patch in patches]
+    left = []
+    for context in (equations.context, wide.context):
+        shared = [
+            context.patch(masses, np.min([patch.valid, *(valid[mass] for mass in masses)], axis=0))
+            for patch, masses in zip(patches, (patch.masses.tolist() for patch in patches), strict=True)
+        ]
+        normal, right = normal_equations(shared, weights, count)
+        left.append(right - normal @ fit.values)
+    whole, free = np.asarray(normal_equations(patches, weights, count)[0]), fit.free
+    scale = 1.0 / np.sqrt(whole.diagonal()[free])
+    inner = whole[np.ix_(free, free)] * np.outer(scale, scale)
+    change = np.zeros(count)
+    change[free] = scale * np.linalg.solve(inner, scale * (left[1] - left[0])[free])
+    return change
 
 
 def _link_motion(structure: Structure, equations: WeakEquations, values: Floats) -> LinkMotion:
     links = len(structure.links)
-    identified = structure.with_values(dict(zip(equations.parameters, map(float, values), strict=True)))
+    identified = structure.with_values(equations.by_name(values))
     return LinkMotion(
         structure=identified,
         time=equations.time,
@@ -328,8 +323,44 @@ def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floa
         return None
     forces = np.full((equations.windows, len(identified.links)), np.nan)
     for number in {link for link, _ in states}:
-        forces[:, number] = link_force(identified, number, equations)
+        forces[:, number] = _link_force(identified, number, equations)
     return forces
+
+
+def _link_force(identified: Structure, number: int, equations: WeakEquations) -> Floats:
+    """(R,) the force in N of a link along the smoothed motion; NaN while a state that was eliminated is not known."""
+    link, d, v = identified.links[number], equations.d[number], equations.v[number]
+    states = {
+        name: equations.states[row]
+        for row, (owner, name) in enumerate(identified.topology.states)
+        if owner == number
+    }
+    elimination = equations.motion.elimination
+    if elimination is not None and elimination.link == number:
+        states[elimination.state] = _state(identified, elimination, equations)
+    return np.asarray(link.force(d, v, states))
+
+
+def _state(identified: Structure, elimination: Elimination, equations: WeakEquations) -> Floats:
+    """(R,) the state that follows the smoothed motion, z' = g0 + a z, with g0 linear between samples."""
+    motion, window, number = equations.motion, equations.window, elimination.link
+    x, missing = motion.displacements, motion.missing
+    whole = x if missing is None else bridged(x, missing)  # windows with missing samples have no equation
+    moved = smoothed_motion(whole, equations.context.rate_window)
+    [d], [v] = (equations.structure_layout.elongations(x, [number]) for x in moved)
+    values = identified.links[number].values
+    given = {name: values[name] for name in elimination.drive.coefficients}
+    driven = np.broadcast_to(np.asarray(elimination.drive.force(d, v, given)), d.shape)
+    a, _ = elimination.relaxation_at(identified, {})
+    if not a < 0.0:
+        return np.full(equations.windows, np.nan)
+    decay = np.exp(a * window.step)
+    first = (decay - 1.0) / a
+    second = (first / window.step - 1.0) / a
+    forced = first * driven[:-1] + second * np.diff(driven)
+    state = np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -decay], forced))
+    state[: min(len(d) // 2, int(_FORGOTTEN / (-a * window.step)))] = np.nan
+    return np.asarray(state[window.half + window.stride * np.arange(equations.windows)])
 
 
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
@@ -372,49 +403,9 @@ def _remarks(record: Record, structure: Structure, excess: float) -> Iterator[st
             f"The residuals are {100.0 * (np.sqrt(excess) - 1.0):.0f} % larger than the noise explains: something small is "
             "missing from the laws. All intervals are widened by as much."
         )
-    rated = rated_links(structure)
-    if rated:
+    if rated := _rated_links(structure):
         yield (
             f"The law of {', '.join(rated)} is nonlinear in v, which the weak form takes from smoothed displacements; where v "
             "changes fast this biases the values. Intervals include what more smoothing would change, in proportion; method "
             '"ml" avoids it.'
         )
-
-
-_SHARED = 0.5  # neighbouring windows share their noise, so that two count as one
-
-
-def record_misfit(record: Record, structure: Structure) -> float:
-    """-2 log likelihood of the weak equations of a structure in a record, with the coefficients that fit it best.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure, with one unknown at least.
-
-    Returns
-    -------
-    float
-        The misfit, up to a constant that is the same for records that differ by a factor, a shift or the order of their
-        channels: the residuals are those of the accelerations, relative to what was recorded of these.
-
-    Raises
-    ------
-    IdentificationError
-        As `weak_search`.
-    """
-    refuse_memory(structure.links, "the comparison of channels", "their states have no acceleration")
-    equations, fit, _ = weak_search(record, structure, read_displacements(record, structure))
-    misfit = 0.0
-    for patch in equations.patches:
-        statistics = SlopeStatistics.along(patch, equations, fit.values)
-        windows = equations.points[equations.inside]
-        power = noise_power(patch, statistics, equations)
-        first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
-        inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]
-        recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
-        terms = patch.residual(fit.values)[:, windows] ** 2 / power + np.log(power / recorded)
-        misfit += equations.thinning * float(np.sum(terms @ patch.valid[windows]))
-    return _SHARED * misfit

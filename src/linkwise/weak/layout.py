@@ -1,35 +1,27 @@
 """Layout of weak equations, from the structure alone: their terms, the parameters of these, and where they act.
 
-It is computed once per structure, so that a study of many records of one structure does not repeat it.
-
-Terms of the laws of links, evaluated on a record: functions of the noisy elongations.
-
-What a change of the a of an eliminated state adds to weak equations.
-
-Under psi = -phi' - a phi the balance B of a mass, without the state, is int psi B + int phi p g0 = 0 (`elements`). Its
-derivative with respect to a is - int phi B: minus the same terms under phi and its derivatives, with their present
-coefficients. These sums are rows like others, with the noise of what they are sums of, so that products of them and of others
-lose their bias by the same map.
+It is computed once per structure, so that a study of many records of one structure does not repeat it. On a record, terms of
+laws are functions of the noisy elongations (`LawTerms`). Where a state is eliminated, a change of its a adds terms of its own
+(`BalanceChange`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.errors import IdentificationError
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.weak.displacements import Element, Elimination, MeasuredDisplacements, elements_of
+from linkwise.weak.displacements import MeasuredDisplacements
+from linkwise.weak.elements import Element, Elimination, elements_of
 from linkwise.weak.weak_form import (
     INNER,
     PHI,
     PHI_2,
-    GroupTerms,
     PatchLayout,
     TermCoefficients,
     WeakLawGroup,
@@ -291,12 +283,13 @@ class StructureLayout:
     def _layout(self, masses: Indices, forced: tuple[int, ...]) -> PatchLayout:
         links = np.unique([number for mass in masses for number in self.elements_at[mass]])
         groups = tuple(self.groups(links))
-        parts, numbers, stop = [], [], 0
-        for index, group in enumerate(groups):
+        parts, numbers, chosen, stop = [], [], [], 0
+        for group in groups:
             for part in group.weak_law.parts:
                 start, stop = stop, stop + len(group.links)
-                parts.append(GroupTerms(part, index, slice(start, stop)))
+                parts.append((part, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
+                chosen.append(group.links)
         states = [
             (mass, number) for mass in masses if mass in self.eliminating for number in self.relaxed.values()
         ]
@@ -304,46 +297,36 @@ class StructureLayout:
         of_states = TermCoefficients(relaxed[:, 1], np.zeros(len(relaxed)))
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
-        sizes = [
-            *(term.terms.stop - term.terms.start for term in parts),
-            len(relaxed),
-            len(masses),
-            len(forced),
-        ]
-        chosen = [*(groups[term.group].links for term in parts), links]
-        nodes, reading, acting = self._incidence(np.concatenate(chosen).tolist(), masses)
-        moved, last = np.searchsorted(nodes, masses), stop + len(relaxed)
-        signs = np.zeros((len(masses), sum(sizes)))
-        signs[:, :stop] = acting[:, :stop]
-        signs[:, stop:last] = masses[:, None] == relaxed[:, 0]
-        signs[:, last : last + len(masses)] = np.eye(len(masses))
-        signs[:, last + len(masses) :] = masses[:, None] == np.array(forced, dtype=int)
-        own = np.zeros((len(relaxed) + len(masses) + len(forced), len(nodes)))
-        own[np.arange(len(relaxed)), np.searchsorted(nodes, relaxed[:, 0])] = 1.0
-        own[len(relaxed) + np.arange(len(masses)), moved] = 1.0
+        sizes = [*map(len, chosen), len(relaxed), len(masses), len(forced)]
+        nodes, reading, acting = self._incidence(np.concatenate([*chosen, links]).tolist(), masses)
+        own = np.concatenate(
+            [relaxed[:, 0], masses, np.array(forced, dtype=int)]
+        )  # whose equation a term is in
+        displaced = (own[:, None] == nodes).astype(float)
+        displaced[len(relaxed) + len(masses) :] = 0.0
         return PatchLayout(
             masses=masses,
             links=links,
             forced=forced,
             groups=groups,
-            group_terms=tuple(parts),
+            law_parts=tuple(parts),
             inertia=inertia,
             kernel=np.concatenate(
                 [
-                    np.repeat([term.part.kernel for term in parts], sizes[: len(parts)]),
+                    np.repeat([part.kernel for part, _ in parts], sizes[: len(parts)]),
                     np.tile(INNER + np.arange(_KERNELS), len(states)),
                     np.repeat([PHI_2, PHI], sizes[-2:]),
                 ]
             ).astype(int),
-            signs=signs,
+            signs=np.hstack([acting[:, :stop], masses[:, None] == own]),
             coefficients=TermCoefficients.joined([*numbers, of_states, inertia, forces]),
-            increment=np.repeat([*(term.part.increment for term in parts), True, False, False], sizes),
+            increment=np.repeat([*(part.increment for part, _ in parts), True, False, False], sizes),
             nodes=nodes,
-            incidence=np.concatenate([reading[:stop], own]),
+            incidence=np.concatenate([reading[:stop], displaced]),
             readings=reading[stop:],
             link_incidence=acting[:, stop:],
             inner=np.array([self.elements[number].inner for number in links.tolist()], dtype=bool),
-            eliminating=slice(stop, last),
+            eliminating=slice(stop, stop + len(relaxed)),
         )
 
     def _incidence(self, numbers: Sequence[int], masses: Indices) -> tuple[Indices, Floats, Floats]:
@@ -449,90 +432,14 @@ class LawTerms:
         return tuple(self.part.sign * factor for factor in self.factors)
 
 
-def law_terms(
-    structure_layout: StructureLayout,
-    layout: PatchLayout,
-    values: Floats,
-    *,
-    elongations: Callable[[Indices], Floats],
-    rates: Callable[[Floats], Floats],
-    variance: Callable[[Indices], Floats],
-    rate_noise: float,
-) -> list[LawTerms]:
-    """Evaluate the laws of all links of a layout.
-
-    Parameters
-    ----------
-    structure_layout : StructureLayout
-        Layout of the structure.
-    layout : PatchLayout
-        The terms.
-    values : array of shape (p,)
-        The parameters; NaN where they have no value.
-    elongations : callable
-        Elongations (m, N) in m of m links; called only where a law needs them.
-    rates : callable
-        Smoothed rates (m, N) in m/s from elongations; called only where a law needs them.
-    variance : callable
-        Variances (m,) in m^2 of the elongations of m links.
-    rate_noise : float
-        Standard deviation in 1/s of smoothed rates over that of elongations.
-
-    Returns
-    -------
-    list of LawTerms
-        The terms, in the order of `layout.group_terms`.
-
-    Raises
-    ------
-    IdentificationError
-        If an unknown enters its law nonlinearly and has no start.
-    """
-    evaluated, rate_slopes, factors = [], [], []
-    for group in layout.groups:
-        inside = {name: group.coefficients[name].at(values)[:, None] for name in group.weak_law.inside}
-        _require_starts(structure_layout, group, inside)
-        d = elongations(group.links) if group.weak_law.curved else np.zeros((len(group.links), 1))
-        v = rates(d) if group.weak_law.needs_rate else np.zeros(())
-        noise = variance(group.links)[:, None]
-        evaluated.append(iter(group.weak_law.evaluate(d, v, noise, inside)))
-        factors.append(iter(group.weak_law.factors))
-        deviation = np.where(
-            noise > 0.0, rate_noise * np.sqrt(noise), 1.0
-        )  # without noise slopes do not count
-        by_rate = (
-            group.weak_law.rate_slopes(d, v, noise, deviation, inside) if group.weak_law.needs_rate else ()
-        )
-        rate_slopes.append(iter(by_rate))
-    return [
-        LawTerms(
-            terms.part,
-            layout.groups[terms.group].links,
-            terms.terms,
-            tuple(next(evaluated[terms.group])),
-            next(factors[terms.group]),
-            next(rate_slopes[terms.group], None),
-        )
-        for terms in layout.group_terms
-    ]
-
-
-def _require_starts(
-    structure_layout: StructureLayout, group: WeakLawGroup, inside: dict[str, Floats]
-) -> None:
-    law = group.weak_law.law
-    for name in (name for name in law.nonlinear if name in inside):
-        for row in np.flatnonzero(np.isnan(inside[name])):
-            link = structure_layout.structure.links[structure_layout.elements[group.links[row]].link]
-            raise IdentificationError(
-                f'link "{link.name}": {name} enters the law {law.text} '
-                f"nonlinearly and needs a start: write {name} = {{ start = ... }} among its coefficients"
-            )
-
-
 @dataclass(frozen=True, eq=False)
 class BalanceChange:
-    """The terms of a patch and those under phi of which the derivatives by a are sums.
+    """The terms of a patch, and those under phi of which its derivatives by the a of an eliminated state are sums.
+
+    Under psi = -phi' - a phi the balance B of a mass, without the state, is int psi B + int phi p g0 = 0 (`elements`). Its
+    derivative with respect to a is - int phi B: minus the same terms under phi and its derivatives, with their present
+    coefficients. These sums are rows like others, with the noise of what they are sums of, so that products of them and of
+    others lose their bias by the same map.
 
     Attributes
     ----------
@@ -550,21 +457,9 @@ class BalanceChange:
 
     @classmethod
     def of(cls, layout: PatchLayout, numbers: Floats, slopes: dict[int, float]) -> BalanceChange:
-        """The change of the equations of a patch.
+        """The change of a patch with q terms of present coefficients `numbers` (q,).
 
-        Parameters
-        ----------
-        layout : PatchLayout
-            Its q terms.
-        numbers : array of shape (q,)
-            Their present coefficients.
-        slopes : dict of int to float
-            The derivatives of a by number of the parameter.
-
-        Returns
-        -------
-        BalanceChange
-            The change.
+        `slopes` are the derivatives of a by number of the parameter.
         """
         own = np.arange(layout.eliminating.start, layout.eliminating.stop)
         acting = layout.signs[:, own].T @ (layout.signs * np.nan_to_num(numbers))
@@ -580,18 +475,7 @@ class BalanceChange:
         return cls(wide, twins, -by_parameter[:, None] * acting[:, twins])
 
     def terms(self, evaluated: Sequence[LawTerms]) -> list[LawTerms]:
-        """The terms of laws among those under phi: each part of a law at the links that have one.
-
-        Parameters
-        ----------
-        evaluated : sequence of LawTerms
-            The terms of the equations.
-
-        Returns
-        -------
-        list of LawTerms
-            The terms.
-        """
+        """The terms of laws among those under phi: each part of a law at the links that have one."""
         first, chosen_terms = len(self.layout.kernel) - len(self.twins), []
         for terms in evaluated:
             start, stop = np.searchsorted(self.twins, [terms.terms.start, terms.terms.stop]).tolist()
@@ -611,30 +495,14 @@ class BalanceChange:
 
     def joined(self, bias: Floats) -> Floats:
         """(q, q) sums of the products (q + t, q + t) of all terms, of the terms of the equations."""
-        return np.asarray(self._map @ bias @ self._map.T)
-
-    @property
-    def _map(self) -> Floats:
-        """(q, q + t): the terms of the equations as sums of all."""
         count = len(self.layout.kernel) - len(self.twins)
         whole = np.eye(count, len(self.layout.kernel))
         whole[self.layout.eliminating] = 0.0
         whole[self.layout.eliminating, count:] = self.sums
-        return whole
+        return np.asarray(whole @ bias @ whole.T)
 
     def slopes(self, slopes: Floats) -> Floats:
-        """Slopes of the derivatives by the displacement of their own mass.
-
-        Parameters
-        ----------
-        slopes : array of shape (q, K)
-            Slopes of the terms.
-
-        Returns
-        -------
-        array of shape (e, K)
-            The slopes.
-        """
+        """(e, K) slopes of the derivatives by the displacement of their own mass, from those of the terms (q, K)."""
         own = self.layout.incidence[self.layout.eliminating] @ self.layout.incidence[self.twins].T
         return np.asarray((self.sums * own) @ slopes[self.twins])
 

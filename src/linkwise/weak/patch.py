@@ -1,4 +1,4 @@
-"""The weak equations of a few neighbouring masses, as one small dense system.
+"""The weak equations of a few neighbouring masses, as one small dense system without the bias due to noise.
 
 For mass i the equation of motion m x'' + sum_l B_il f_l - w = 0, multiplied by a test function phi and integrated over its
 window, is a sum of known functions of the record, each multiplied by one number:
@@ -6,194 +6,25 @@ window, is a sum of known functions of the record, each multiplied by one number
     m_i int phi'' x_i  +  sum_l B_il sum_a c_a int kernel_a h_a(d_l)  -  int phi w_i  =  0
 
 The terms of the links (`LawTerms`) come first, those of inertia and applied forces follow. A term enters the equations of the
-masses at both ends of its link with opposite signs, and the bias of products of terms does not depend on the mass, so a patch
-of masses needs one set of products.
-
-Bias that noise adds to the products of terms, summed over all windows.
-
-Two terms of one equation contain the same noise, so their product is biased even where each of them is unbiased; this is the
-errors-in-variables bias of ordinary regression (Fuller, Measurement Error Models, 1987). For functions h, g of elongations
-d, d' whose noises have the covariance c, with unbiased h and g (`weak_form`), the bias of h(d) g(d') at one sample is
-
-    c h' g' - c^2/2 h'' g'' + c^3/6 h''' g''' - ...
-
-and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all windows it
-is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
-
-Bias that noise adds to products of terms that act by a smoothed rate (`noise_bias` has that of all others).
-
-A smoothed rate contains the noise of its elongation under the odd filter that gives the rate. It is in common with that of a
-linear damper in the same window and with that of functions of the same rate, and hardly with terms under even test functions.
-To first order the bias of a product is the covariance of both noises times the slopes of both functions, which are taken as
-constant within a window.
+masses at both ends of its link with opposite signs, and the bias of products of terms (`noise_bias`, `rate_bias`; Fuller,
+Measurement Error Models, 1987) does not depend on the mass, so a patch of masses needs one set of products.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import repeat
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
 from linkwise.weak.displacements import MeasuredDisplacements
-from linkwise.weak.layout import BalanceChange, LawTerms, StructureLayout, law_terms
-from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout
+from linkwise.weak.layout import BalanceChange, LawTerms, StructureLayout
+from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout, WeakLawGroup
 from linkwise.weak.window import Window
-
-
-def noise_bias(
-    layout: PatchLayout,
-    curved: Sequence[LawTerms],
-    slope: Floats,
-    noise: Floats,
-    window: Window,
-    valid: Floats,
-) -> Floats:
-    """Bias of the products of all terms of a layout, summed over windows.
-
-    Parameters
-    ----------
-    layout : PatchLayout
-        The q terms.
-    curved : sequence of LawTerms
-        The terms that are nonlinear in d.
-    slope : array of shape (q,)
-        Slopes of the terms where they are constant; 0 for nonlinear terms.
-    noise : array of shape (c, c)
-        Covariance in m^2 of the displacements of the nodes.
-    window : Window
-        The test functions.
-    valid : array of shape (R,)
-        Weights of the windows.
-
-    Returns
-    -------
-    array of shape (q, q)
-        The bias.
-    """
-    kernel = layout.kernel
-    covariance = layout.incidence @ noise @ layout.incidence.T
-    gram = window.kernels @ window.kernels.T
-    bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
-    coverage: dict[int, Floats] = {}
-    for number, first in enumerate(curved):
-        under, rows, samples = (
-            first.part.kernel,
-            first.terms,
-            np.shape(first.slope)[-1],
-        )
-        if under not in coverage:
-            coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
-        linear = covariance[rows] * (first.signed[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
-        bias[rows] += linear
-        bias[:, rows] += linear.T
-        weighted: dict[int, list[Floats]] = {}
-        for second in curved[number:]:
-            under_second = second.part.kernel
-            if under_second not in weighted:
-                weighted[under_second] = [h * coverage[under][under_second] for h in first.derivatives[1:]]
-            mixed = _product_bias(first, second, covariance[rows, second.terms], weighted[under_second])
-            bias[rows, second.terms] += mixed
-            if second is not first:
-                bias[second.terms, rows] += mixed.T
-    return np.asarray(bias)
-
-
-def _product_bias(
-    first: LawTerms, second: LawTerms, covariance: Floats, weighted: Sequence[Floats]
-) -> Floats:
-    """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
-
-    `weighted` are the derivatives of the first, without their factors, times the weights of the samples.
-    """
-    total, factor = np.zeros(covariance.shape), -1.0
-    pairs = zip(weighted, second.derivatives[1:], strict=False)
-    factors = zip(first.signed[1:], second.signed[1:], strict=False)
-    for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
-        factor /= -order
-        products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
-        total += factor * of_h * of_g * covariance**order * products
-    return total
-
-
-def rate_bias(
-    layout: PatchLayout,
-    evaluated: Sequence[LawTerms],
-    slope: Floats,
-    noise: Floats,
-    window: Window,
-    valid: Floats,
-    rate_filter: Floats,
-) -> Floats | float:
-    """Bias of the products of all terms with those that act by a smoothed rate, summed over windows.
-
-    Parameters
-    ----------
-    layout : PatchLayout
-        The q terms.
-    evaluated : sequence of LawTerms
-        The terms of laws.
-    slope : array of shape (q,)
-        Slopes of the terms by d where they are constant; 0 for others.
-    noise : array of shape (c, c)
-        Covariance in m^2 of the displacements of the nodes.
-    window : Window
-        The test functions.
-    valid : array of shape (R,)
-        Weights of the windows.
-    rate_filter : array of shape (T,)
-        The filter that gives rates.
-
-    Returns
-    -------
-    array of shape (q, q) or float
-        The bias; 0 where no term acts by a rate.
-    """
-    rated = [(terms, terms.rate_slope) for terms in evaluated if terms.rate_slope is not None]
-    if not rated:
-        return 0.0
-    covariance = layout.incidence @ noise @ layout.incidence.T
-    bias = np.zeros_like(covariance)
-    samples, kernels = rated[0][1].shape[1], window.kernels
-    with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in kernels])
-    with_both = np.stack([_correlated(kernel, -rate_filter) for kernel in with_rate])
-    under = sorted({terms.part.kernel for terms, _ in rated})
-    coverage = {
-        kernel: window.coverage(
-            kernels[kernel] * np.concatenate([with_rate, with_both[under]]), valid, samples
-        )
-        for kernel in under
-    }
-    for number, (first, by_rate) in enumerate(rated):
-        rows = first.terms
-        displaced = coverage[first.part.kernel][: len(kernels)]
-        rates = dict(zip(under, coverage[first.part.kernel][len(kernels) :], strict=True))
-        linear = covariance[rows] * (by_rate @ displaced.T)[:, layout.kernel] * slope
-        bias[rows] += linear
-        bias[:, rows] += linear.T
-        for second in evaluated:
-            if isinstance(second.slope, float):
-                continue
-            columns = second.terms
-            weighted = by_rate * displaced[second.part.kernel]
-            mixed = second.signed[1] * covariance[rows, columns] * (weighted @ second.slope.T)
-            bias[rows, columns] += mixed
-            bias[columns, rows] += mixed.T
-        for second, by_second in rated[number:]:
-            both = by_rate * rates[second.part.kernel]
-            mixed = covariance[rows, second.terms] * (both @ by_second.T)
-            bias[rows, second.terms] += mixed
-            if second is not first:
-                bias[second.terms, rows] += mixed.T
-    return bias
-
-
-def _correlated(kernel: Floats, taps: Floats) -> Floats:
-    """The sums of a kernel over the taps of a centred filter around each of its samples."""
-    half = len(taps) // 2
-    return np.correlate(kernel, taps, "full")[half : half + len(kernel)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,12 +179,14 @@ class PatchContext:
             The equations.
         """
         layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
-        evaluated, slope = self.evaluated(layout)
+        change = self._change(layout)
+        evaluated, slope = self._evaluated(layout)
         rows = self._rows(layout, evaluated)
+        if change is not None:
+            rows[layout.eliminating] = change.sums @ self._rows(layout, evaluated, INNER)[change.twins]
         if not valid.all():
             rows *= valid
         products = rows @ rows.T
-        bias = self.bias(layout, evaluated, slope, valid)
         present = np.append(self.values, 0.0)[layout.coefficients.parameter]
         return Patch(
             layout=layout,
@@ -361,38 +194,23 @@ class PatchContext:
             - np.where(layout.increment, present, 0.0),
             rows=rows,
             products=products,
-            moments=products - bias,
+            moments=products - self._bias(layout, evaluated, slope, valid, change),
             valid=valid,
-            slopes=self._slopes(layout, slope, evaluated),
+            slopes=self._slopes(layout, slope, evaluated, change),
         )
 
-    def bias(
-        self, layout: PatchLayout, evaluated: Sequence[LawTerms], slope: Floats, valid: Floats
+    def _bias(
+        self,
+        layout: PatchLayout,
+        terms: Sequence[LawTerms],
+        slopes: Floats,
+        valid: Floats,
+        change: BalanceChange | None,
     ) -> Floats:
-        """Bias of the products of all terms due to noise.
-
-        Parameters
-        ----------
-        layout : PatchLayout
-            The q terms.
-        evaluated : sequence of LawTerms
-            Those of laws, at the samples under the windows.
-        slope : array of shape (q,)
-            Slopes of all terms where they are constant, 0 for others.
-        valid : array of shape (R,)
-            Weights of the windows.
-
-        Returns
-        -------
-        array of shape (q, q)
-            The bias.
-        """
-        change = self._change(layout)
-        whole, terms, slopes = layout, [*evaluated], slope
+        """(q, q) bias of the products of all terms due to noise, `slopes` (q,) those that are constant, 0 for others."""
         if change is not None:
-            whole, slopes = change.layout, np.append(slope, slope[change.twins])
-            terms += change.terms(evaluated)
-        noise = self.motion.covariance(layout.nodes)
+            slopes, terms = np.append(slopes, slopes[change.twins]), [*terms, *change.terms(terms)]
+        whole, noise = layout if change is None else change.layout, self.motion.covariance(layout.nodes)
         curved = [of_law for of_law in terms if not isinstance(of_law.slope, float)]
         bias = noise_bias(whole, curved, slopes, noise, self.window, valid)
         bias += rate_bias(whole, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
@@ -403,36 +221,43 @@ class PatchContext:
         if layout.eliminating.start == layout.eliminating.stop:
             return None
         relaxation = self.structure_layout.relaxation(self.values)
-        numbers = layout.coefficients.at(self.values) if len(self.values) else layout.coefficients.known
-        numbers = np.where(layout.increment, 0.0, numbers)
+        numbers = np.where(layout.increment, 0.0, layout.coefficients.at(self.values))
         return BalanceChange.of(layout, numbers, {} if relaxation is None else relaxation[1])
 
-    def evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
-        """Terms of the laws at every sample.
-
-        Parameters
-        ----------
-        layout : PatchLayout
-            The q terms.
-
-        Returns
-        -------
-        terms : list of LawTerms
-            Those of laws.
-        slopes : array of shape (q,)
-            Slopes of all terms where they are constant, 0 for others.
-        """
-        displacements, variance = self.motion.displacements, self.elongation_variance
-        evaluated = law_terms(
-            self.structure_layout,
-            layout,
-            self.values,
-            elongations=lambda links: self.structure_layout.elongations(displacements, links),
-            rates=self._rates,
-            variance=lambda links: variance[links],
-            rate_noise=float(np.linalg.norm(self.rate_window.slope)),
-        )
+    def _evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
+        """The terms of laws at every sample, and the slopes (q,) of all terms where they are constant, 0 for others."""
+        evaluated, parts = list[LawTerms](), iter(layout.law_parts)
+        for group in layout.groups:
+            law, links = group.weak_law, group.links
+            inside = {name: group.coefficients[name].at(self.values)[:, None] for name in law.inside}
+            self._require_starts(group, inside)
+            noise = self.elongation_variance[links][:, None]
+            d, v = np.zeros((len(links), 1)), np.zeros(())
+            if law.curved:
+                d = self.structure_layout.elongations(self.motion.displacements, links)
+            rate_slopes: Iterable[Floats | None] = repeat(None)
+            if law.needs_rate:
+                v, passed = self._rates(d), float(np.linalg.norm(self.rate_window.slope))
+                deviation = np.where(
+                    noise > 0.0, passed * np.sqrt(noise), 1.0
+                )  # without noise slopes do not count
+                rate_slopes = law.rate_slopes(d, v, noise, deviation, inside)
+            functions = law.evaluate(d, v, noise, inside)
+            for h, factors, slope in zip(functions, law.factors, rate_slopes, strict=False):
+                part, terms = next(parts)
+                evaluated.append(LawTerms(part, links, terms, tuple(h), factors, slope))
         return evaluated, _constant_slopes(layout, evaluated)
+
+    def _require_starts(self, group: WeakLawGroup, inside: Mapping[str, Floats]) -> None:
+        """IdentificationError if an unknown of a group enters its law nonlinearly and has no start."""
+        law, layout = group.weak_law.law, self.structure_layout
+        for name in (name for name in law.nonlinear if name in inside):
+            for row in np.flatnonzero(np.isnan(inside[name])):
+                link = layout.structure.links[layout.elements[group.links[row]].link]
+                raise IdentificationError(
+                    f'link "{link.name}": {name} enters the law {law.text} '
+                    f"nonlinearly and needs a start: write {name} = {{ start = ... }} among its coefficients"
+                )
 
     def _rates(self, d: Floats) -> Floats:
         """(m, N) v from d (m, N), held at the edges."""
@@ -440,15 +265,7 @@ class PatchContext:
         inner = single.filter(d, single.slope)[0]
         return np.pad(inner, ((0, 0), (single.half, single.half)), mode="edge")
 
-    def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floats:
-        """(q, R): the terms in all windows."""
-        rows, change = self._plain_rows(layout, evaluated), self._change(layout)
-        if change is not None:
-            under_phi = self._plain_rows(layout, evaluated, INNER)
-            rows[layout.eliminating] = change.sums @ under_phi[change.twins]
-        return rows
-
-    def _plain_rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms], behind: int = 0) -> Floats:
+    def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms], behind: int = 0) -> Floats:
         """(q, R): the terms under the kernels that stand `behind` those of the equations; 0 where there is none."""
         rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
@@ -470,16 +287,20 @@ class PatchContext:
             rows[row] = self.forces[mass][behind // INNER]
         return rows
 
-    def _slopes(self, layout: PatchLayout, constant: Floats, evaluated: Sequence[LawTerms]) -> Floats:
+    def _slopes(
+        self,
+        layout: PatchLayout,
+        constant: Floats,
+        evaluated: Sequence[LawTerms],
+        change: BalanceChange | None,
+    ) -> Floats:
         """(q, K): slopes of the terms' functions at the centres of every `slope_stride`-th window."""
-        curved = [terms for terms in evaluated if not isinstance(terms.slope, float)]
-        centres = (
-            self.window.half + np.arange(0, self.filtered.shape[2], self.slope_stride) * self.window.stride
-        )
+        windows = np.arange(0, self.filtered.shape[2], self.slope_stride)
+        centres = self.window.half + windows * self.window.stride
         slopes = np.repeat(constant[:, None], len(centres), axis=1)
-        for terms in curved:
-            slopes[terms.terms] = terms.signed[1] * np.asarray(terms.slope)[:, centres]
-        change = self._change(layout)
+        for terms in evaluated:
+            if not isinstance(terms.slope, float):
+                slopes[terms.terms] = terms.signed[1] * terms.slope[:, centres]
         if change is not None:
             slopes[layout.eliminating] = change.slopes(slopes)
         return slopes
@@ -494,3 +315,166 @@ def _constant_slopes(layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floa
     forces = len(slopes) - len(layout.forced)
     slopes[forces - len(layout.masses) : forces] = 1.0
     return slopes
+
+
+def noise_bias(
+    layout: PatchLayout,
+    curved: Sequence[LawTerms],
+    slope: Floats,
+    noise: Floats,
+    window: Window,
+    valid: Floats,
+) -> Floats:
+    """Bias of the products of all terms of a layout, summed over windows.
+
+    Two terms of one equation contain the same noise, so their product is biased even where each of them is unbiased. For
+    functions h, g of elongations d, d' whose noises have the covariance c, with unbiased h and g, that of h(d) g(d') at one
+    sample is
+
+        c h' g' - c^2/2 h'' g'' + c^3/6 h''' g''' - ...
+
+    and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all windows it
+    is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
+
+    Parameters
+    ----------
+    layout : PatchLayout
+        The q terms.
+    curved : sequence of LawTerms
+        The terms that are nonlinear in d.
+    slope : array of shape (q,)
+        Slopes of the terms where they are constant; 0 for nonlinear terms.
+    noise : array of shape (c, c)
+        Covariance in m^2 of the displacements of the nodes.
+    window : Window
+        The test functions.
+    valid : array of shape (R,)
+        Weights of the windows.
+
+    Returns
+    -------
+    array of shape (q, q)
+        The bias.
+    """
+    kernel = layout.kernel
+    covariance = layout.incidence @ noise @ layout.incidence.T
+    gram = window.kernels @ window.kernels.T
+    bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
+    coverage: dict[int, Floats] = {}
+    for number, first in enumerate(curved):
+        under, rows, samples = first.part.kernel, first.terms, np.shape(first.slope)[-1]
+        if under not in coverage:
+            coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
+        linear = covariance[rows] * (first.signed[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
+        bias[rows] += linear
+        bias[:, rows] += linear.T
+        weighted: dict[int, list[Floats]] = {}
+        for second in curved[number:]:
+            under_second = second.part.kernel
+            if under_second not in weighted:
+                weighted[under_second] = [h * coverage[under][under_second] for h in first.derivatives[1:]]
+            mixed = _product_bias(first, second, covariance[rows, second.terms], weighted[under_second])
+            bias[rows, second.terms] += mixed
+            if second is not first:
+                bias[second.terms, rows] += mixed.T
+    return np.asarray(bias)
+
+
+def _product_bias(
+    first: LawTerms, second: LawTerms, covariance: Floats, weighted: Sequence[Floats]
+) -> Floats:
+    """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
+
+    `weighted` are the derivatives of the first, without their factors, times the weights of the samples.
+    """
+    total, factor = np.zeros(covariance.shape), -1.0
+    pairs = zip(weighted, second.derivatives[1:], strict=False)
+    factors = zip(first.signed[1:], second.signed[1:], strict=False)
+    for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
+        factor /= -order
+        products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
+        total += factor * of_h * of_g * covariance**order * products
+    return total
+
+
+def rate_bias(
+    layout: PatchLayout,
+    evaluated: Sequence[LawTerms],
+    slope: Floats,
+    noise: Floats,
+    window: Window,
+    valid: Floats,
+    rate_filter: Floats,
+) -> Floats | float:
+    """Bias of the products of all terms with those that act by a smoothed rate, summed over windows.
+
+    A smoothed rate contains the noise of its elongation under the odd filter that gives the rate. It is in common with that of
+    a linear damper in the same window and with that of functions of the same rate, and hardly with terms under even test
+    functions. To first order the bias of a product is the covariance of both noises times the slopes of both functions, which
+    are taken as constant within a window.
+
+    Parameters
+    ----------
+    layout : PatchLayout
+        The q terms.
+    evaluated : sequence of LawTerms
+        The terms of laws.
+    slope : array of shape (q,)
+        Slopes of the terms by d where they are constant; 0 for others.
+    noise : array of shape (c, c)
+        Covariance in m^2 of the displacements of the nodes.
+    window : Window
+        The test functions.
+    valid : array of shape (R,)
+        Weights of the windows.
+    rate_filter : array of shape (T,)
+        The filter that gives rates.
+
+    Returns
+    -------
+    array of shape (q, q) or float
+        The bias; 0 where no term acts by a rate.
+    """
+    rated = [(terms, terms.rate_slope) for terms in evaluated if terms.rate_slope is not None]
+    if not rated:
+        return 0.0
+    covariance = layout.incidence @ noise @ layout.incidence.T
+    bias = np.zeros_like(covariance)
+    samples, kernels = rated[0][1].shape[1], window.kernels
+    with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in kernels])
+    with_both = np.stack([_correlated(kernel, -rate_filter) for kernel in with_rate])
+    under = sorted({terms.part.kernel for terms, _ in rated})
+    coverage = {
+        kernel: window.coverage(
+            kernels[kernel] * np.concatenate([with_rate, with_both[under]]), valid, samples
+        )
+        for kernel in under
+    }
+    for number, (first, by_rate) in enumerate(rated):
+        rows = first.terms
+        displaced = coverage[first.part.kernel][: len(kernels)]
+        rates = dict(zip(under, coverage[first.part.kernel][len(kernels) :], strict=True))
+        linear = covariance[rows] * (by_rate @ displaced.T)[:, layout.kernel] * slope
+        bias[rows] += linear
+        bias[:, rows] += linear.T
+        for second in evaluated:
+            if isinstance(second.slope, float):
+                continue
+            columns = second.terms
+            weighted = by_rate * displaced[second.part.kernel]
+            mixed = second.signed[1] * covariance[rows, columns] * (weighted @ second.slope.T)
+            bias[rows, columns] += mixed
+            bias[columns, rows] += mixed.T
+        for second, by_second in rated[number:]:
+            both = by_rate * rates[second.part.kernel]
+            mixed = covariance[rows, second.terms] * (both @ by_second.T)
+            bias[rows, second.terms] += mixed
+            if second is not first:
+                bias[second.terms, rows] += mixed.T
+    return bias
+
+
+def _correlated(kernel: Floats, taps: Floats) -> Floats:
+    """The sums of a kernel over the taps of a centred filter around each of its samples."""
+    half = len(taps) // 2
+    return np.correlate(kernel, taps, "full")[half : half + len(kernel)]

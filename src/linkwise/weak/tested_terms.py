@@ -59,7 +59,7 @@ def missing_term(
 ) -> MissingTerm | None:
     """The most significant term that a link lacks; None where chance explains all scores."""
     wide, added = _with_terms(structure)
-    known = dict(zip(equations.parameters, map(float, fit.values), strict=True))
+    known = equations.by_name(fit.values)
     uncertain = _NOISE_POWER + (abs(fit.excess - 1.0) if record.noise else 0.0)
     try:
         system = weak_equations(record, wide, equations.motion, window=equations.window, values=known)

@@ -1,4 +1,4 @@
-"""The weak form of one law: pairs of a test function and a function of d, and their correction for noise.
+"""The weak form of laws, and the terms that they give the equations of a patch of masses.
 
 The terms of a law are multiplied by phi and integrated. Those in d alone are kept; those linear in v are integrated by parts,
 so that no signal is differentiated:
@@ -7,18 +7,15 @@ so that no signal is differentiated:
     int phi v g(d)  = - int phi' G(d),   G' = g
     int phi g(d, v)     as it is, with a smoothed v, where neither rule applies (v**2, tanh(v/s))
 
-White noise e of variance s^2 on d biases a curved function: E h(d + e) = exp(s^2/2 D^2) h(d). The inverse of that operator,
-exp(-s^2/2 D^2), applied to h gives a function of the noisy d that is unbiased; for d^k it is the Hermite polynomial
-of METHODS section 4. It commutes with D, so its derivatives are the unbiased estimates of the derivatives of h; `moments` of
-products need them. Those of a power are multiples of the functions of lower powers, which are evaluated once for all.
-
-Terms in the equations of a patch of masses: their coefficients, kernels, signs and nodes.
+White noise e of variance s^2 on d biases a curved function: E h(d + e) = exp(s^2/2 D^2) h(d). The inverse of that operator
+gives an unbiased function of the noisy d; for d^k it is the Hermite polynomial of METHODS section 4. It commutes with D: its
+derivatives are the unbiased estimates of those of h, which the bias of products of terms needs (`patch`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -346,75 +343,6 @@ class WeakLawGroup:
 
 
 @dataclass(frozen=True, eq=False)
-class GroupTerms:
-    """One part of the law of a group, at all its links.
-
-    Attributes
-    ----------
-    part : WeakPart
-        The part.
-    group : int
-        Index of the group.
-    terms : slice
-        Its terms in the layout.
-    """
-
-    part: WeakPart
-    group: int
-    terms: slice
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseCoupling:
-    """How noise enters the equation of one mass.
-
-    Attributes
-    ----------
-    terms : array of int, shape (s,)
-        Its terms with a parameter, as positions in `PatchLayout.free_terms`.
-    parameter : array of int, shape (s,)
-        Indices of their parameters.
-    sign : array of shape (s,)
-        Their signs.
-    links : array of int, shape (k,)
-        Its k links, as positions in `PatchLayout.links`.
-    sources : array of int, shape (s,)
-        The nodes or channels whose noise enters, that of the mass itself first.
-    inertia : array of shape (s,)
-        Their weights in the displacement of the mass.
-    passed : array of shape (s, k)
-        Their weights in the elongations of the links, times those of the links in the equation.
-    inner : array of bool, shape (k,)
-        The links that act under phi in place of an eliminated state.
-    """
-
-    terms: Indices
-    parameter: Indices
-    sign: Floats
-    links: Indices
-    sources: Indices
-    inertia: Floats
-    passed: Floats
-    inner: Bools
-
-    def of_sources(self, chosen: Bools) -> NoiseCoupling:
-        """The coupling of those of the sources that are `chosen` (s,)."""
-        return replace(
-            self,
-            sources=self.sources[chosen],
-            inertia=self.inertia[chosen],
-            passed=self.passed[chosen],
-        )
-
-    def through(self, weights: Floats) -> NoiseCoupling:
-        """The coupling of channels with these weights (n + 2, C) in the displacements of nodes."""
-        own = weights[self.sources]
-        sources = np.flatnonzero(own.any(axis=0))
-        own = own[:, sources]
-        return replace(self, sources=sources, inertia=self.inertia @ own, passed=own.T @ self.passed)
-
-
-@dataclass(frozen=True, eq=False)
 class NoisePaths:
     """The ways by which noise enters the equations of a patch: pairs of an equation and a node or channel.
 
@@ -434,20 +362,6 @@ class NoisePaths:
     source: Indices
     inertia: Floats
     passed: Floats
-
-    @classmethod
-    def of(cls, couplings: Sequence[NoiseCoupling], links: int) -> NoisePaths:
-        """The paths of the couplings of each mass of a patch with so many links."""
-        count = [len(coupling.sources) for coupling in couplings]
-        passed, last = np.zeros((sum(count), links)), np.cumsum(count)
-        for coupling, size, stop in zip(couplings, count, last.tolist(), strict=True):
-            passed[stop - size : stop, coupling.links] = coupling.passed
-        return cls(
-            np.repeat(np.arange(len(count)), count),
-            np.concatenate([coupling.sources for coupling in couplings]),
-            np.concatenate([coupling.inertia for coupling in couplings]),
-            passed,
-        )
 
     def chosen(self, which: Bools) -> NoisePaths:
         """Some of the paths."""
@@ -470,8 +384,8 @@ class PatchLayout:
         The masses with an applied force.
     groups : tuple of WeakLawGroup
         The links by law.
-    group_terms : tuple of GroupTerms
-        The terms of the laws.
+    law_parts : tuple of (WeakPart, slice)
+        The parts of the laws of the groups, one after the other, and the terms of each: one for each of its links.
     inertia : TermCoefficients
         The masses in kg.
     kernel : array of int, shape (q,)
@@ -500,7 +414,7 @@ class PatchLayout:
     links: Indices
     forced: tuple[int, ...]
     groups: tuple[WeakLawGroup, ...]
-    group_terms: tuple[GroupTerms, ...]
+    law_parts: tuple[tuple[WeakPart, slice], ...]
     inertia: TermCoefficients
     kernel: Indices
     signs: Floats
@@ -535,32 +449,18 @@ class PatchLayout:
         last = int(self.kernel.max(initial=PHI_2))
         return tuple(self.free_terms[self.kernel[self.free_terms] == kernel] for kernel in range(last + 1))
 
-    @cached_property
-    def noise_couplings(self) -> tuple[NoiseCoupling, ...]:
-        """One for each mass."""
-        couplings = []
-        for mass, signs, incident in zip(
-            self.masses, self.signs[:, self.free_terms], self.link_incidence, strict=True
-        ):
-            terms, links = np.flatnonzero(signs), np.flatnonzero(incident)
-            readings, own = self.readings[links], self.nodes == mass
-            others = np.flatnonzero(readings.any(axis=0) & ~own)
-            near = np.concatenate([np.flatnonzero(own), others])
-            couplings.append(
-                NoiseCoupling(
-                    terms=terms,
-                    parameter=self.free_parameters[terms],
-                    sign=signs[terms],
-                    links=links,
-                    sources=self.nodes[near],
-                    inertia=own[near].astype(float),
-                    passed=(incident[links, None] * readings[:, near]).T,
-                    inner=self.inner[links],
-                )
-            )
-        return tuple(couplings)
+    def noise_paths(self, weights: Floats | None = None) -> NoisePaths:
+        """The paths of noise of nodes, or of channels with these weights (n + 2, C) in the displacements of nodes."""
+        inertia = (self.nodes == self.masses[:, None]).astype(float)
+        passed = self.link_incidence[:, None] * self.readings.T
+        present, sources = (inertia != 0.0) | passed.any(axis=2), self.nodes
+        if weights is not None:
+            own, sources = weights[self.nodes], np.arange(weights.shape[1])
+            inertia, passed, present = inertia @ own, own.T @ passed, present @ (own != 0.0)
+        equation, column = np.nonzero(present)
+        return NoisePaths(equation, sources[column], inertia[present], passed[present])
 
     @cached_property
-    def noise_paths(self) -> NoisePaths:
-        """Those of all masses."""
-        return NoisePaths.of(self.noise_couplings, len(self.links))
+    def paths_of_nodes(self) -> NoisePaths:
+        """Those of nodes with channels of their own."""
+        return self.noise_paths()
