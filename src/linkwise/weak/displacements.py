@@ -39,8 +39,6 @@ class MeasuredDisplacements:
     ----------
     displacements : array of shape (n + 2, N)
         Displacements in m of the masses and modes, the base and the ground; 0 where not measured.
-    base : array of shape (N,) or None
-        Displacement of the base in m; None without a channel.
     source_variance, source_power : array of shape (C,)
         Variances of the noise of the channels in m^2, and their mean squares over the samples measured: of the masses and
         points of hosts, the base and the ground; 0 without a channel.
@@ -66,7 +64,6 @@ class MeasuredDisplacements:
     """
 
     displacements: Floats
-    base: Floats | None
     source_variance: Floats
     source_power: Floats
     has_channel: Bools
@@ -172,7 +169,6 @@ def read_displacements(
     variance[has_channel] = sigma**2
     shown = MeasuredDisplacements(
         displacements=ends,
-        base=ends[-2] if has_channel[-1] else None,
         source_variance=np.append(variance, 0.0),
         source_power=np.einsum("ij,ij->i", ends, ends) / complete,
         has_channel=np.append(has_channel, False),

@@ -254,7 +254,7 @@ def _patches(
     Masses in one patch lack the same windows, and either each of their equations has a parameter or none has.
     """
     layout = context.structure_layout
-    measured = [*context.motion.measured.tolist(), context.motion.base is not None]
+    measured = [*context.motion.measured.tolist(), bool(context.motion.has_channel[-2])]
     whole = np.ones(context.filtered.shape[2])
     by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
     hidden = layout.equations if layout.elimination is None else layout.structure.size

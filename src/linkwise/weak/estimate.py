@@ -384,7 +384,7 @@ def _noise(
 ) -> dict[str, NoiseEstimate]:
     given: dict[str, str] = {plain: name for name, plain in frame.names.items()}
     names = source_names(structure)
-    moving = motion.base is not None and frame.acceleration is None
+    moving = motion.has_channel[-2] and frame.acceleration is None
     measured = np.flatnonzero([*motion.has_channel[:-2], moving]).tolist()
     return {
         (name := given.get(names[i], names[i])): NoiseEstimate.from_power(

@@ -1,10 +1,9 @@
 """Least squares on weak equations: coefficients, their covariance, and whether noise explains the residuals.
 
-The sums of products carry no noise bias (`noise_bias`), so the estimate is unbiased at any noise level that leaves them
-positive definite. Its covariance is the sandwich H^-1 J H^-1, H the sums of products and J the covariance of the normal
-equations due to noise (`scatter`), scaled by the residual excess where that is above 1.
-
-What is known of coefficients beforehand, joined with what a regression on weak equations says.
+The sums of products carry no noise bias (`patch`), so the estimate is unbiased at any noise level that leaves them positive
+definite. Its covariance is the sandwich H^-1 J H^-1, H the sums of products and J the covariance of the normal equations due
+to noise (`scatter`), scaled by the residual excess where that is above 1. What is known of coefficients beforehand joins it
+as the product of two normal densities (`with_priors`).
 """
 
 from __future__ import annotations
@@ -34,6 +33,7 @@ _ROUNDS = 3  # of reweighting the masses: the second changes weights by per cent
 SINGULAR = 1e-13  # scaled pivot below which columns are collinear
 SIGNIFICANT = 5.0
 """Standard deviations of what noise adds to the information on a parameter; below, intervals are too narrow."""
+_CONTRADICTED = 4.0  # standard errors between a prior and the record: chance does that once in 16 000
 _NAMED = 6  # parameters that a message lists
 
 NO_FORCE_SCALE = (
@@ -368,13 +368,10 @@ def _within_links(structure_layout: StructureLayout, free: Bools) -> tuple[Indic
     return rows, columns
 
 
-_CONTRADICTED = 4.0  # standard errors between a prior and the record: chance does that once in 16 000
-
-
 def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit, tuple[str, ...]]:
     """The fit with Gaussian priors of its parameters, and the names of those that the record contradicts.
 
-    The product of two normal densities, the regression's and the priors'. Raises IdentificationError for a structure so large
+    Raises IdentificationError for a structure so large
     that the regression gives no covariance of all its parameters.
     """
     known = np.flatnonzero([p.sigma < np.inf and free for p, free in zip(parameters, fit.free, strict=True)])
@@ -401,8 +398,6 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
         fit,
         values=np.clip(fit.values + gain @ missed, lower, upper),
         covariance=covariance - gain @ covariance[known],
-        significance=np.where(
-            given, np.inf, fit.significance
-        ),  # what is known beforehand stands beside the record
+        significance=np.where(given, np.inf, fit.significance),  # known beside the record
     )
     return joined, contradicted

@@ -28,29 +28,11 @@ def judgement(
     structure: Structure,
     equations: WeakEquations,
     fit: WeakFit,
-    contradicted: Sequence[str] = (),
+    contradicted: Sequence[str],
 ) -> tuple[Verdict, str]:
-    """What can be said of an answer.
+    """The most important that can be said of an answer, and the same in words.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure with its unknowns.
-    equations : WeakEquations
-        Its equations on the record.
-    fit : WeakFit
-        Their solution.
-    contradicted : sequence of str, optional
-        The parameters of which the record contradicts what is known beforehand.
-
-    Returns
-    -------
-    verdict : Verdict
-        The most important finding.
-    message : str
-        The finding in words.
+    The record contradicts what is known beforehand of the parameters `contradicted`.
     """
     forbidden = _forbidden(record, structure, equations, fit)
     if forbidden is not None:
@@ -103,19 +85,14 @@ def _forbidden(
             "The noise has more large errors than normal noise, for which the weak form corrects the "
             'bias. Remove the outliers, or use method "ml", with a robust loss where they are many.'
         )
-    hardly = [
-        name
-        for name, significance in zip(equations.parameters, fit.significance, strict=True)
-        if significance < SIGNIFICANT
-    ]
-    if hardly:
+    significances = zip(equations.parameters, fit.significance, strict=True)
+    if hardly := [name for name, significance in significances if significance < SIGNIFICANT]:
         return Verdict.HARDLY_DETERMINED, (
             f"{_EXPLAINED}, but the record contains hardly more information on {', '.join(hardly)} than the noise that the "
             "weak form subtracts, so that an interval would be too narrow. Give a number, record a motion that "
             'stands farther above the noise, or use method "ml", which needs no such correction.'
         )
-    skewed = _skewed(equations, fit)
-    if skewed:
+    if skewed := _skewed(equations, fit):
         return Verdict.HARDLY_DETERMINED, (
             f"{_EXPLAINED}, but tells {', '.join(skewed)} to within more than {100.0 * _SKEWED:.0f} % only, and the rate of "
             "a state is not linear in these, so that an interval would be too narrow on one side. Give a number, "

@@ -409,7 +409,7 @@ class LawTerms:
     derivatives : tuple
         h, h', h'', ... without their factors: arrays of shape (m, N) over all samples, numbers where constant.
     factors : tuple of float
-        What these are to be multiplied by; 1 for numbers.
+        What these are to be multiplied by, with the sign of the part.
     rate_slope : array of shape (m, N) or None
         The mean slope of h with respect to a noisy v; None for parts that need no rate.
     """
@@ -425,11 +425,6 @@ class LawTerms:
     def slope(self) -> Floats | float:
         """First derivative h' without its factor."""
         return self.derivatives[1] if len(self.derivatives) > 1 else 0.0
-
-    @property
-    def signed(self) -> tuple[float, ...]:
-        """The factors times the sign of the part."""
-        return tuple(self.part.sign * factor for factor in self.factors)
 
 
 @dataclass(frozen=True, eq=False)

@@ -245,7 +245,8 @@ class PatchContext:
             functions = law.evaluate(d, v, noise, inside)
             for h, factors, slope in zip(functions, law.factors, rate_slopes, strict=False):
                 part, terms = next(parts)
-                evaluated.append(LawTerms(part, links, terms, tuple(h), factors, slope))
+                signed = tuple(part.sign * factor for factor in factors)
+                evaluated.append(LawTerms(part, links, terms, tuple(h), signed, slope))
         return evaluated, _constant_slopes(layout, evaluated)
 
     def _require_starts(self, group: WeakLawGroup, inside: Mapping[str, Floats]) -> None:
@@ -269,7 +270,7 @@ class PatchContext:
         """(q, R): the terms under the kernels that stand `behind` those of the equations; 0 where there is none."""
         rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
-            kernel, sign, first = terms.part.kernel + behind, terms.signed[0], terms.derivatives[0]
+            kernel, sign, first = terms.part.kernel + behind, terms.factors[0], terms.derivatives[0]
             if kernel >= len(self.filtered):
                 continue
             if terms.part.plain:
@@ -300,7 +301,7 @@ class PatchContext:
         slopes = np.repeat(constant[:, None], len(centres), axis=1)
         for terms in evaluated:
             if not isinstance(terms.slope, float):
-                slopes[terms.terms] = terms.signed[1] * terms.slope[:, centres]
+                slopes[terms.terms] = terms.factors[1] * terms.slope[:, centres]
         if change is not None:
             slopes[layout.eliminating] = change.slopes(slopes)
         return slopes
@@ -365,7 +366,7 @@ def noise_bias(
         under, rows, samples = first.part.kernel, first.terms, np.shape(first.slope)[-1]
         if under not in coverage:
             coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
-        linear = covariance[rows] * (first.signed[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
+        linear = covariance[rows] * (first.factors[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
         bias[rows] += linear
         bias[:, rows] += linear.T
         weighted: dict[int, list[Floats]] = {}
@@ -389,7 +390,7 @@ def _product_bias(
     """
     total, factor = np.zeros(covariance.shape), -1.0
     pairs = zip(weighted, second.derivatives[1:], strict=False)
-    factors = zip(first.signed[1:], second.signed[1:], strict=False)
+    factors = zip(first.factors[1:], second.factors[1:], strict=False)
     for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
         factor /= -order
         products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
@@ -462,7 +463,7 @@ def rate_bias(
                 continue
             columns = second.terms
             weighted = by_rate * displaced[second.part.kernel]
-            mixed = second.signed[1] * covariance[rows, columns] * (weighted @ second.slope.T)
+            mixed = second.factors[1] * covariance[rows, columns] * (weighted @ second.slope.T)
             bias[rows, columns] += mixed
             bias[columns, rows] += mixed.T
         for second, by_second in rated[number:]:

@@ -1,18 +1,13 @@
-"""Test functions on short windows (METHODS section 4).
+"""Test functions on short windows (METHODS section 4), and signals under them.
 
 phi(u) = (1 - u^2)^p on |u| < 1 vanishes with its derivatives at the edges of its window, so an integral by parts leaves no
 boundary term. Sums over samples approximate the integrals up to the aliasing of phi at the sampling rate; p = 8 keeps it
 below 1e-6 for windows with a standard deviation of 1.6 samples and more, where p = 4 needs windows three times as wide.
-
-Correlation of signals with kernels at every so many samples, by blocked matrix products.
-
-Smoothed displacements and rates at every sample, also at the ends of a record.
-
-Stretches of consecutive windows of a record, over each of which sums are formed: the whole record, or pieces of it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import ceil, pi, sqrt
@@ -22,64 +17,14 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.weak.weak_form import INNER, PHI, PHI_2
 
-_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
-_BLOCK = 8  # outputs in one row of the blocked product
-
-
-def strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
-    """Correlate signals with kernels at every stride-th sample.
-
-    Each block of outputs is one product with a banded Toeplitz matrix.
-
-    Parameters
-    ----------
-    signals : array of shape (S, N)
-        The signals.
-    kernels : array of shape (Q, T)
-        The kernels.
-    stride : int
-        Distance of the outputs in samples.
-
-    Returns
-    -------
-    array of shape (Q, S, (N - T) // stride + 1)
-        The correlations.
-    """
-    (count, samples), (filters, length) = signals.shape, kernels.shape
-    rows = (samples - length) // stride + 1
-    per_block = max(1, min(rows, _BLOCK))
-    blocks, span = rows // per_block, (per_block - 1) * stride + length
-    toeplitz = np.zeros((filters, span, per_block))
-    for row in range(per_block):
-        toeplitz[:, row * stride : row * stride + length, row] = kernels
-    pieces = _windows(signals, blocks, span, per_block * stride)
-    result, last = np.empty((filters, count, rows)), blocks * per_block
-    group = max(1, _AT_ONCE // (blocks * span))
-    for first in range(0, count, group):
-        part = np.ascontiguousarray(pieces[first : first + group])
-        for kernel in range(filters):
-            target = result[kernel, first : first + group, :last]
-            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
-    if last < rows:  # fewer than a block
-        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
-        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
-    return result
-
-
-def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
-    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
-    by_signal, by_sample = (
-        signals.strides
-    )  # as `sliding_window_view`, whose checks cost as much as a short filter
-    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
-    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)
-
-
 ORDER = 8
 _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower phi exceeds noise at 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _DISTANCE = 1.6  # standard deviations from one window to the next
+_DEGREE = 6  # of polynomials that smooth motion, as of `Window.slope`
+_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
+_BLOCK = 8  # outputs in one row of the blocked product
 
 
 @dataclass(frozen=True)
@@ -201,11 +146,9 @@ class Window:
         phi = inside**ORDER
         first = -2.0 * ORDER * u * inside ** (ORDER - 1)
         second = (4.0 * ORDER * (ORDER - 1) * u * u - 2.0 * ORDER * inside) * inside ** (ORDER - 2)
-        odd, even = u ** np.array([[1], [3], [5]]), u ** np.array([[0], [2], [4]])
-        first_moments = -np.array([1.0, 3.0, 5.0]) * (even @ phi)
-        second_moments = np.append(0.0, np.array([2.0, 12.0]) * (even[:2] @ phi))
-        first += phi * (np.linalg.solve((odd * phi) @ odd.T, first_moments - odd @ first) @ odd)
-        second += phi * (np.linalg.solve((even * phi) @ even.T, second_moments - even @ second) @ even)
+        first = _exact(first, phi, (1, 3, 5), -np.array([1.0, 3.0, 5.0]) * ((u ** [[0], [2], [4]]) @ phi))
+        moments = np.append(0.0, np.array([2.0, 12.0]) * ((u ** [[0], [2]]) @ phi))
+        second = _exact(second, phi, (0, 2, 4), moments)
         reach = self.half * self.step
         kernels: Floats = np.stack([phi, first / reach, second / reach**2])
         if self.relaxation is not None:
@@ -238,7 +181,7 @@ class Window:
         array of shape (Q, S, R)
             The sums over samples.
         """
-        return strided_filter(signals, kernels, self.stride)
+        return _strided_filter(signals, kernels, self.stride)
 
     @cached_property
     def cross_correlations(self) -> Floats:
@@ -339,7 +282,7 @@ class Window:
         padded = np.zeros((len(rows), (points - 1) * spacing + width))
         inside = min(rows.shape[1], padded.shape[1] - reach)
         padded[:, reach : reach + inside] = rows[:, :inside]
-        return strided_filter(padded, taps, spacing)
+        return _strided_filter(padded, taps, spacing)
 
     def _edges(self, rows: Floats) -> Floats:
         """(K, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
@@ -350,36 +293,6 @@ class Window:
             taps[0, :, lag, shift:] = self.kernels[:, : self.half - shift]
             taps[1, :, -1 - lag, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
         return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
-
-
-@lru_cache(maxsize=64)
-def _window(half: int, stride: int, step: float, relaxation: float | None = None) -> Window:
-    """One object for equal windows, which keeps its kernels."""
-    return Window(half, stride, step, relaxation)
-
-
-def _third(u: Floats) -> Floats:
-    """The third derivative of phi at u; with odd multiples of phi, sums are exact for polynomials of degree five."""
-    inside, p = 1.0 - u * u, ORDER
-    third = u * inside ** (p - 3) * (12.0 * p * (p - 1) * inside - 8.0 * p * (p - 1) * (p - 2) * u * u)
-    odd, phi = u ** np.array([[1], [3], [5]]), inside**p
-    moments = np.append(0.0, -np.array([6.0, 60.0]) * (u ** np.array([[0], [2]]) @ phi))
-    return np.asarray(third + phi * (np.linalg.solve((odd * phi) @ odd.T, moments - odd @ third) @ odd))
-
-
-@lru_cache(maxsize=64)
-def _taps(window: Window, thinning: int) -> Floats:
-    """(2 K, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
-    reach = window.neighbours + 1
-    windows = np.arange(thinning + 2 * reach + 1) - reach
-    centres = window.half + np.array([[0], [thinning * window.stride + window.stride // 2]])
-    at = centres - window.stride * windows
-    inside = (at >= 0) & (at < window.length)
-    taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
-    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(2 * len(taps), -1))
-
-
-_DEGREE = 6  # of the polynomials, as of `Window.slope`
 
 
 def smoothed_motion(displacements: Floats, window: Window) -> tuple[Floats, Floats]:
@@ -407,6 +320,74 @@ def smoothed_motion(displacements: Floats, window: Window) -> tuple[Floats, Floa
     smooth[:, :, :half] = displacements[:, :length] @ edge[:, :half].transpose(0, 2, 1)
     smooth[:, :, -half:] = displacements[:, -length:] @ edge[:, -half:].transpose(0, 2, 1)
     return smooth[0], smooth[1]
+
+
+@lru_cache(maxsize=64)
+def _window(half: int, stride: int, step: float, relaxation: float | None = None) -> Window:
+    """One object for equal windows, which keeps its kernels."""
+    return Window(half, stride, step, relaxation)
+
+
+def _third(u: Floats) -> Floats:
+    """The third derivative of phi at u; with odd multiples of phi, sums are exact for polynomials of degree five."""
+    inside, p = 1.0 - u * u, ORDER
+    third = u * inside ** (p - 3) * (12.0 * p * (p - 1) * inside - 8.0 * p * (p - 1) * (p - 2) * u * u)
+    moments = np.append(0.0, -np.array([6.0, 60.0]) * ((u ** [[0], [2]]) @ inside**p))
+    return _exact(third, inside**p, (1, 3, 5), moments)
+
+
+def _exact(kernel: Floats, phi: Floats, powers: Sequence[int], moments: Floats) -> Floats:
+    """A kernel with multiples of phi and powers of u, so that its sums with these over samples are the `moments`."""
+    u = np.linspace(-1.0, 1.0, len(phi))
+    functions = u ** np.array(powers)[:, None]
+    added = np.linalg.solve((functions * phi) @ functions.T, moments - functions @ kernel)
+    return np.asarray(kernel + phi * (added @ functions))
+
+
+@lru_cache(maxsize=64)
+def _taps(window: Window, thinning: int) -> Floats:
+    """(2 K, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
+    reach = window.neighbours + 1
+    windows = np.arange(thinning + 2 * reach + 1) - reach
+    centres = window.half + np.array([[0], [thinning * window.stride + window.stride // 2]])
+    at = centres - window.stride * windows
+    inside = (at >= 0) & (at < window.length)
+    taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
+    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(2 * len(taps), -1))
+
+
+def _strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
+    """(Q, S, (N - T) // stride + 1) correlations of signals (S, N) with kernels (Q, T) at every stride-th sample.
+
+    Each block of outputs is one product with a banded Toeplitz matrix.
+    """
+    (count, samples), (filters, length) = signals.shape, kernels.shape
+    rows = (samples - length) // stride + 1
+    per_block = max(1, min(rows, _BLOCK))
+    blocks, span = rows // per_block, (per_block - 1) * stride + length
+    toeplitz = np.zeros((filters, span, per_block))
+    for row in range(per_block):
+        toeplitz[:, row * stride : row * stride + length, row] = kernels
+    pieces = _windows(signals, blocks, span, per_block * stride)
+    result, last = np.empty((filters, count, rows)), blocks * per_block
+    group = max(1, _AT_ONCE // (blocks * span))
+    for first in range(0, count, group):
+        part = np.ascontiguousarray(pieces[first : first + group])
+        for kernel in range(filters):
+            target = result[kernel, first : first + group, :last]
+            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
+    if last < rows:  # fewer than a block
+        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
+        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
+    return result
+
+
+def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
+    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
+    # as `sliding_window_view`, whose checks cost as much as a short filter
+    by_signal, by_sample = signals.strides
+    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
+    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)
 
 
 @lru_cache(maxsize=64)
