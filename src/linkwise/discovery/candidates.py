@@ -1,6 +1,7 @@
-"""Every link that a structure may have, with every candidate term, and the structures that a selection of them makes.
+"""Every link that a structure may have, with every candidate term, the structures of a selection of them, and the options.
 
-The options of a discovery: one frozen object, and the keywords that it is made of.
+A candidate is a term on a pair of ends, with a coefficient of its own. Links that were stated are part of every structure, and
+terms that are selected on the same pair join the law of the first of them.
 """
 
 from __future__ import annotations

@@ -5,17 +5,7 @@ g: H itself for a likelihood, another matrix for equations whose columns are noi
 
     z = c_j / deviation(c_j),   deviation^2 = diag(H^-1 scatter H^-1).
 
-The penalty is that of the extended Bayesian information criterion, on links and terms. Schwarz's criterion costs ln N for each
-coefficient; with hundreds of candidates some false ones then enter by chance, so the extended criterion adds the cost of the
-choice itself. Here a term costs the choice of one among the terms of its link. A link costs, on top of its first term, another
-ln N and the choice of one among all pairs, so that a second term on a link costs less than a new link. The subset with the
-least criterion is searched stepwise: coefficients are added, dropped or exchanged one at a time.
-
-References
-----------
-G. Schwarz, "Estimating the dimension of a model", Ann. Statist. 6 (1978).
-J. Chen and Z. Chen, "Extended Bayesian information criteria for model selection with large model spaces", Biometrika 95
-(2008).
+The subset with the least criterion is searched stepwise: coefficients are added, dropped or exchanged one at a time.
 """
 
 from __future__ import annotations
@@ -45,7 +35,12 @@ Subset = Sequence[int] | Indices
 
 @dataclass(frozen=True, eq=False)
 class Penalty:
-    """The penalties of a `term` and of a `link`, in units of -2 log likelihood.
+    """The penalties of a `term` and of a `link`, in units of -2 log likelihood: the extended Bayesian information criterion.
+
+    Schwarz's criterion costs ln N for each coefficient (Ann. Statist. 6, 1978); with hundreds of candidates some false ones
+    then enter by chance, so the extended one adds the cost of the choice itself (Chen and Chen, Biometrika 95, 2008). A term
+    costs the choice of one among the terms of its link. A link costs, on top of its first term, another ln N and the choice of
+    one among all pairs, so that a second term on a link costs less than a new link.
 
     `pair` (p,) is the number of the pair that each coefficient belongs to, -1 for coefficients that are not selected and cost
     nothing; the links of `stated` pairs cost nothing either.

@@ -1,16 +1,7 @@
 """The evidence for a selection, from the local quadratic model: term by term, along a path, and against other models.
 
-What the terms that were dropped from the links found add to the errors of those kept.
-
 A selection calls a term absent where the record does not show it, and the other coefficients then stand for what it did: their
-errors beside the terms kept alone are too small. Here every candidate on a link that was found may still be there. With
-columns D of those dropped, the local quadratic model of the cost has the values c_D that they would have, with covariance
-C_D, and the coefficients kept move by -G c_D for G = H^-1 H_D. The second moment of the c_D about the zero that the selection
-gave them, c_D c_D' + C_D, is theirs without a prior: G (c_D c_D' + C_D) G' is added to the covariance.
-
-References
-----------
-R. Berk, L. Brown, A. Buja, K. Zhang and L. Zhao, "Valid post-selection inference", Ann. Statist. 41 (2013).
+errors beside the terms kept alone are too small. `DroppedTerms` is what those that were dropped add to them.
 """
 
 from __future__ import annotations
@@ -35,11 +26,24 @@ from linkwise.model.link import BASE, GROUND
 _DEPENDENT = 1e-9
 _MUCH_WIDER = 3.0  # times the error beside the terms kept alone, from which a coefficient is named
 _NAMED = 3
+_LARGER = 8  # terms more than were selected, to show that the criterion rises again
+_RUNNERS_UP = 10
+_EXCHANGES = 6  # exchanges that remarks name
+_NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
+_ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
+# that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
+_OF_THE_TIME = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class DroppedTerms:
     """The terms dropped from the links found, by `names` (d,), and what they add to the errors of the p coefficients kept.
+
+    Every candidate on a link that was found may still be there. With columns D of those dropped, the local quadratic model of
+    the cost has the values c_D that they would have, with covariance C_D, and the coefficients kept move by -G c_D for G =
+    H^-1 H_D. The second moment of the c_D about the zero that the selection gave them, c_D c_D' + C_D, is theirs without a
+    prior: G (c_D c_D' + C_D) G' is added to the covariance (Berk, Brown, Buja, Zhang and Zhao, "Valid post-selection
+    inference", Ann. Statist. 41, 2013).
 
     `covariance` (p, p) is to be added to that beside the terms kept alone; `shares` (p, d) are the parts of its diagonal that
     each term has by itself.
@@ -121,15 +125,6 @@ def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Float
         "The intervals allow for terms that were dropped but could be there unseen; they are much wider for "
         f"{', '.join(effects)}. Excite these links more, record for longer, or state links that are known.",
     )
-
-
-_LARGER = 8  # terms more than were selected, to show that the criterion rises again
-_RUNNERS_UP = 10
-_EXCHANGES = 6  # exchanges that remarks name
-_NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
-_ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
-# that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
-_OF_THE_TIME = 0.01
 
 
 def term_evidence(

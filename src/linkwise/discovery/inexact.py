@@ -1,50 +1,10 @@
-"""Selection where the noise of sensors is coloured: decisions by the covariance that such noise gives to the scores.
+"""Selection where exact laws leave more than white noise: beside coloured noise, random forces, or a model error.
 
-The likelihood takes noise for white, and overstates the evidence for terms in the band where a coloured one has its power.
-Each round here fits the laws with the noise that was found coloured, and changes the selection by z scores that count it.
-
-Selection where random forces act that no channel shows, or shows with noise: every fit finds them beside the terms.
-
-The states are integrated out, so that the likelihood of the terms is that of the samples alone (METHODS section 5), and the
-scores of the candidates have the slope of its determinant. No fit is exact, none needs a model error.
-
-The simplest model on the path of removals that predicts pieces of the records as well as the best, beside a model error.
-
-The criterion alone keeps terms that stand in for the error of a law in a part of the records. Where it is no more than in
-doubt, a term must also lower what is paid for the blocks that the model was not fitted to, by more than the standard error of
-the difference (the rule of one standard error: Breiman, Friedman, Olshen and Stone, "Classification and regression trees",
-1984, section 3.4.3). Exact laws are left to the criterion: a decay says all it has to say in one block, so that the scatter
-between blocks is no measure of its evidence.
-
-Selection where no combination of the terms is exact: with a model error, by evidence that blocks of the records agree on.
-
-The error of a law moves with the motion, so that a likelihood which takes it for white noise overstates every decision. Here
-each round fits the laws with their most likely model error, and divides the local quadratic model of the cost by the
-overdispersion of the scores of separate blocks of the records, as quasi-likelihood does. Scores of some terms scatter far more
-than the median of all does. Where the search has settled each is therefore judged by its own scatter, where that is larger
-(generalised score tests), and dropped if it is not worth its penalty so. Of the models that then differ by terms in doubt the
-simplest is taken that predicts blocks it was not fitted to as well as the best (`simplest_model`).
-
-References
-----------
-K. P. Burnham and D. R. Anderson, "Model selection and multimodel inference" (2002), section 2.5.
-D. D. Boos, "On generalized score tests", Am. Statist. 46 (1992).
-
-Selection by how close the laws run to the records, where a model error would hide it.
-
-A fit with a model error weighs what each short piece of the motion says of the forces, most of it far above resonance. That
-is best where the error is a random force. The error of a law is none: it moves with the motion, and so does what filters of
-the sensors make of the highest harmonics, so that terms that make next to no force may take it up, beyond doubt. Here the laws
-are therefore fitted once more with the motion held to them. Where that predicts pieces of the records that were left out
-measurably better than the values with the model error do, and asks for fewer terms, evidence and prediction are those of the
-motion held to the laws, scattered over blocks as before: the values are those that run closest to the records (output error),
-and the intervals count by how much those with a model error differ. Both would agree if the error were a random force (Hausman
-1978). Where the terms are the same, the values with a model error stay.
-
-References
-----------
-L. Ljung, "System identification: theory for the user" (1999), chapters 4 and 8.
-J. A. Hausman, "Specification tests in econometrics", Econometrica 46 (1978).
+Each kind of `Rounds` has its own fit and its own criterion about it: with the noise of a sensor that was found coloured
+(`select_beyond_white_noise`), with random forces that no channel shows, integrated out (`select_with_random_forces`), or with
+the most likely model error of the laws, by evidence that blocks of the records agree on (`select_nearly_right`). There terms
+that stand in for an error of a law in a part of the records are dropped where pieces that were left out are predicted as well
+without them, and those that the motion has no need of once it is held to the laws.
 """
 
 from __future__ import annotations
@@ -71,10 +31,21 @@ from linkwise.likelihood.tests.score_test import determinant_slopes
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
 
+_MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next
+_TIGHT = 1e-4  # model error from which it is looked for where a fit may do without
+_LOOSER = 9.0  # times the relaxation by which motion is held: where such a fit starts
+_HELD = 0.01  # times the relaxation of a model error: motion is then that of the laws, to a part of what they leave
+_CLOSE = 0.05  # of the root mean square of each channel: what a run may leave that has not lost the motion
+_WORTH = 0.05  # of the sum of squares that such a run leaves: 2.5 % of its root mean square
+_BEYOND = 2.0  # scatters between blocks from which one prediction is better than another one
+
 
 @dataclass(eq=False)
 class ColouredRounds(Rounds):
-    """Rounds of fits with coloured noise of a sensor, or a model error where that is likelier: it ends them."""
+    """Rounds of fits with coloured noise of a sensor, or a model error where that is likelier: it ends them.
+
+    A likelihood that takes noise for white overstates the evidence for terms in the band where a coloured one has its power.
+    """
 
     most: int = 6
 
@@ -109,7 +80,10 @@ def select_beyond_white_noise(
 
 @dataclass(eq=False)
 class MarginalRounds(Rounds):
-    """Rounds of fits beside random forces, by -2 log of the marginal likelihood."""
+    """Rounds of fits beside random forces, by -2 log of the marginal likelihood (METHODS section 5).
+
+    The states are integrated out, and the scores of the candidates have the slope of the determinant. No fit is exact.
+    """
 
     most: int = 10
 
@@ -166,8 +140,10 @@ def _worth(quadratic: QuadraticModel, inside: list[int]) -> Floats:
 def simplest_model(quadratic: QuadraticModel, parabolas: BlockParabolas, inside: list[int]) -> list[int]:
     """The smallest of the models of removals from `inside`, by number, whose prediction is not measurably worse than the best.
 
-    That is by more than the scatter between blocks of the difference to the best of them. Removals are of the least certain
-    term again and again, while its evidence leaves it in doubt.
+    That is by more than the standard error, from the scatter between blocks, of the difference to the best of them (Breiman,
+    Friedman, Olshen and Stone, "Classification and regression trees", 1984, section 3.4.3). Removals are of the least certain
+    term again and again, while its evidence leaves it in doubt. Exact laws are left to the criterion: a decay says all it has
+    to say in one block, so that the scatter is no measure of its evidence.
     """
     models = [inside]
     while (worth := _worth(quadratic, models[-1])).min() <= CERTAIN:
@@ -200,14 +176,15 @@ def _needless(selection: Selection) -> list[int]:
     return [number for number, name in enumerate(selection.quadratic.names) if name in selection.needless]
 
 
-_MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next
-_TIGHT = 1e-4  # model error from which it is looked for where a fit may do without
-_LOOSER = 9.0  # times the relaxation by which motion is held: where such a fit starts
-
-
 @dataclass(eq=False)
 class InexactRounds(Rounds):
     """Rounds of fits with a model error, by evidence that blocks agree on; then the terms that few blocks want are dropped.
+
+    The error of a law moves with the motion, so that a likelihood which takes it for white noise overstates every decision.
+    The quadratic model of the cost is therefore divided by the overdispersion of the scores of separate blocks of the records
+    (Burnham and Anderson, "Model selection and multimodel inference", 2002, section 2.5). Scores of some terms scatter far
+    more than the median: where the search has settled each is judged by its own scatter, where that is larger (Boos, "On
+    generalized score tests", Am. Statist. 46, 1992), and dropped if it is not worth its penalty so.
 
     Each fit starts at the `relaxation` of the one before. At a `tight` one the motion is held to the laws, and no model error
     is fitted.
@@ -311,12 +288,6 @@ class InexactRounds(Rounds):
         return selection if asked_for or fit.status is not AnnealingStatus.CONVERGED else simpler
 
 
-_HELD = 0.01  # times the relaxation of a model error: motion is then that of the laws, to a part of what they leave
-_CLOSE = 0.05  # of the root mean square of each channel: what a run may leave that has not lost the motion
-_WORTH = 0.05  # of the sum of squares that such a run leaves: 2.5 % of its root mean square
-_BEYOND = 2.0  # scatters between blocks from which one prediction is better than another one
-
-
 def select_nearly_right(
     search: TermSearch,
     selection: Selection,
@@ -350,6 +321,12 @@ def _is_sound(selection: Selection) -> bool:
 
 def _held_to_the_laws(search: TermSearch, inexact: Selection) -> Selection | None:
     """The selection with the motion held to the laws, on the same links.
+
+    A model error weighs what each short piece of the motion says of the forces, most of it far above resonance: best where it
+    is a random force. The error of a law moves with the motion, and so does what filters of the sensors make of the highest
+    harmonics, so that terms that make next to no force may take it up, beyond doubt. Values are therefore those that run
+    closest to the records (output error; Ljung, "System identification", 1999, chapters 4 and 8), and the intervals count by
+    how much those with a model error differ: both would agree if it were a random force (Hausman, Econometrica 46, 1978).
 
     None where that does not predict measurably better, or does not do with fewer terms.
     """

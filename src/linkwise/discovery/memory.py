@@ -47,8 +47,6 @@ from linkwise.signals.base_frame import framed_records
 _YIELDS = 0.3  # of the deviation of the elongation, where a slider yields
 # root mean square of a state over that of a sign, and over that of the elongation
 _OF_SLIDER, _OF_RELAXING = 0.8, 0.7
-
-
 _LINKS = 4  # of the ranked ones that are fitted
 # chi-square and steps at which a fit ends: half more than noise, or nearly, is evidence enough
 _CEILING, _STEPS = 1.5, 25

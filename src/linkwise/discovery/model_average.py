@@ -1,20 +1,16 @@
-"""The models that survive a selection, with weights: how probable each term is, and bands averaged over the models.
+"""Models beside the selected one: those that survive with their weights, those on the path over sizes, and the next best.
 
 Where a margin is small, another model explains the record nearly as well, and an answer that reports the selected one alone is
 too sure of it. Each model has the weight exp(-criterion / 2) of its Bayesian information, with the penalties of the selection
-as its prior (Hoeting et al. 1999). Models are those that single moves reach: from the selected one, and again from each that
-survives, whose criterion is less than that of decisions that are certain (Occam's window, Madigan and Raftery 1994). With a
-model error the quadratic model has been divided by the overdispersion of blocks, and so are the weights discounted.
+as its prior. Models are those that single moves reach: from the selected one, and again from each that survives, whose
+criterion is less than that of decisions that are certain (Occam's window). With a model error the quadratic model has been
+divided by the overdispersion of blocks, and so are the weights discounted. Memory in a link has evidence of its own kind.
 
 References
 ----------
 D. Madigan and A. E. Raftery, J. Am. Stat. Assoc. 89, 1535 (1994).
 
 J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Stat. Sci. 14, 382 (1999).
-
-Models beside the selected one: those on the path over their size, and the next best.
-
-The evidence that a link has memory, and for the law of it.
 """
 
 from __future__ import annotations

@@ -33,6 +33,18 @@ from linkwise.model.structure import Structure
 from linkwise.verdict import Decision, Grade, Verdict, admit_intervals
 
 _SMALL, _SMALL_DAMPER = 0.01, 0.001  # of the force of a link: terms below them are as good as absent
+_LINKS = 24  # that are printed; a longer list is in the result folder
+_DOUBTFUL = 12
+_RUNNERS_UP = 5
+_SIZES = 3  # of models with fewer terms, and with more, beside the selected one
+TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
+DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "probability", "would be")
+PATH_TITLE = (
+    "models of other sizes: criterion, and -2 log likelihood of pieces left out, above the selected one"
+)
+PATH_HEAD = ("terms", "step", "criterion", "prediction", "scatter", "share of force")
+RUNNER_UP_HEAD = ("model", "criterion above the selected one")
+MEMORY_HEAD = ("memory", "law", "over no memory", "over other links", "over other laws")
 
 
 @dataclass(frozen=True)
@@ -349,19 +361,6 @@ def _as_dict(term: TermEvidence) -> dict[str, Any]:
 
 Rows = list[tuple[str, ...]]
 
-_LINKS = 24  # that are printed; a longer list is in the result folder
-_DOUBTFUL = 12
-_RUNNERS_UP = 5
-_SIZES = 3  # of models with fewer terms, and with more, beside the selected one
-
-TERM_HEAD = ("", "value", "std. error", "z", "margin", "unit")
-DOUBTFUL_HEAD = ("", "term", "now", "z", "margin", "probability", "would be")
-PATH_TITLE = (
-    "models of other sizes: criterion, and -2 log likelihood of pieces left out, above the selected one"
-)
-PATH_HEAD = ("terms", "step", "criterion", "prediction", "scatter", "share of force")
-RUNNER_UP_HEAD = ("model", "criterion above the selected one")
-
 
 def discovery_text(discovery: Discovery) -> str:
     """The whole result as text."""
@@ -606,9 +605,6 @@ def rough(value: float, infinite: str = "any") -> str:
 
 def _count(count: int, singular: str, plural: str = "") -> str:
     return f"{count} {singular if count == 1 else plural or singular + 's'}"
-
-
-MEMORY_HEAD = ("memory", "law", "over no memory", "over other links", "over other laws")
 
 
 def memory_sentence(evidence: MemoryEvidence) -> str:

@@ -1,46 +1,11 @@
-"""What may be there in place of terms that were found, and explains the records as well or better: rivals, of six kinds.
+"""What may be there in place of terms that were found, and explains the records as well or better: rivals, of seven kinds.
 
-Errors of stated values beside which terms that were found would not be needed.
-
-A mass that is stated 1 % wrong leaves a force in proportion to its acceleration, for which a term on another link may stand
-in: a spring to the ground, of a mass that moves mostly at one frequency. A score test of the error beside all terms found is
-then silent. Here each term in turn gives way to each error, in the local quadratic model, and the criterion of the best model
-without the term against that of the selection says which of both the records prefer.
-
-Forms of force that were not offered and explain the records better than terms that were found.
-
-A selection takes the best of the terms on offer: v and sign(v) where the damping follows the square root of the rate. Their
-margins against each other are large, and say nothing of forms that nobody offered. Here each of the usual forms joins each
-link that was found, in the local quadratic model of the cost, and terms of the same kind give way to it: of stiffness to one
-of stiffness, of damping to one of damping. Terms that the best form makes needless only stand in for it, where the criterion
-is lower with it. A form of stiffness in whose place a term explains the records hardly better leaves it in doubt: which of the
-two the link has cannot be decided.
-
-Frequencies of a host that explain the records in place of links between its points and to the ground.
-
-A frequency that is stated a few percent wrong is imitated by springs between points of the host: so well that a local model
-about these springs, which are many standard errors from zero, cannot say what a fit without them would find. Here it is made,
-with all frequencies of the hosts unknown in place of such links.
-
-Zero offsets of sensors beside which constant forces that were found would not be needed.
-
-About another zero of its displacement a linear spring pulls with a constant force, and a cubic one has a quadratic part beside
-that. A selection with such terms and one with the offset of a channel explain a record equally well, or the latter does so
-with fewer terms. In the local quadratic model each constant force in turn gives way to the offset of each channel, and to one
-that all sensors of displacement have in common, as where the equilibrium of a structure is not where its sensors show zero.
-
-Links that could as well be between other ends: all terms of one exchanged for those of another.
-
-Two points near each other move nearly alike, and so may points of a host whose modes a record does not excite. Of masses, two
-links of the same mass may share what is one link's. An exchange of one term at a time does not show that, since the terms of a
-link belong together.
-
-Links whose displacement no sensor shows, so that their law may be another one about another origin.
-
-A force alpha*d + beta*d**3 with two wells is k*d + k2*d**2 + k3*d**3 about the one in which the motion stays. Velocities and
-accelerations cannot distinguish them; a law that is odd about its origin has no other with as few terms.
-
-Terms that make less of the force of their link than the model error, and by which no prediction gains: nothing replaces them.
+Margins of terms against each other say nothing of what nobody offered. Here terms give way, in the local quadratic model of
+the cost, to errors of stated values (`rival_errors`), offsets of sensors (`rival_offsets`), other forms of force
+(`rival_forms`) and other ends of a link (`rival_links`); and, by a fit, to frequencies of a host (`rival_frequencies`). The
+criterion of the best model without the terms against that of the selection says which of both the records prefer. The law of a
+link whose displacement no sensor shows may be another one about another origin (`rival_origins`), and terms by which no
+prediction gains are replaced by nothing (`terms_without_gain`).
 """
 
 from __future__ import annotations
@@ -79,6 +44,27 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 
 NAMED = 3  # rivals of a kind that remarks name
+_LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
+_LARGEST_DAMPING = 1.0  # of a mode, which changes with temperature and joints
+_STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raftery 1995)
+_SAME = 0.05  # of the criterion: rounds to 0.0
+_DROPPED_BESIDE = 2  # more links that an error may make needless with a term
+_CHECK = "check the value, or let it be unknown"
+_STATED = "an error of what is stated"
+_FREQUENCY = "frequency"
+_CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
+_STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
+_DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
+_SATURATING = (0.2, 0.7)  # times the root mean square rate of a link: where tanh turns
+_VERY_STRONG = 10.0  # of the criterion: "very strong" evidence for the form (Kass and Raftery 1995)
+_MOST_LINKS = 40
+_MOST_OF_A_KIND = 4  # of one kind on a link, of which all subsets are tried
+_MOST_TERMS = 150  # of a selection: exchanges of links in larger ones take longer than their fit
+_ODD = 1e-9  # of the largest force: rounding
+_ORIGIN = (
+    "The law of {} is not odd, and no sensor shows its displacement: about another origin another law, such as one with two "
+    "wells, may be the same force. Measure the displacement, or excite the link until it moves through all of its wells."
+)
 
 
 @dataclass(frozen=True)
@@ -102,15 +88,6 @@ def _best_of_terms(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     for rival in sorted(rivals, key=lambda rival: rival.excess):
         best.setdefault(rival.terms, rival)
     return tuple(best.values())
-
-
-_LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
-_LARGEST_DAMPING = 1.0  # of a mode, which changes with temperature and joints
-_STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raftery 1995)
-_SAME = 0.05  # of the criterion: rounds to 0.0
-_DROPPED_BESIDE = 2  # more links that an error may make needless with a term
-_CHECK = "check the value, or let it be unknown"
-_STATED = "an error of what is stated"
 
 
 @dataclass(frozen=True)
@@ -171,6 +148,10 @@ def _error(
 
 def rival_errors(selection: Selection, identified: Structure) -> tuple[Rival, ...]:
     """For each set of terms that errors of stated values could replace the best such error, the best set first.
+
+    A mass that is stated 1 % wrong leaves a force in proportion to its acceleration, for which a term on another link may
+    stand in: a spring to the ground, of a mass that moves mostly at one frequency. A score test of the error beside all terms
+    found is then silent.
 
     `identified` is the structure of the selection with the values of its fit.
     """
@@ -246,6 +227,10 @@ def _without_term(
 def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Rival, ...]:
     """For each set of terms with a constant force the offset that replaces it best, the best of all first.
 
+    About another zero of its displacement a linear spring pulls with a constant force, and a cubic one has a quadratic part
+    beside that. Tried are the offset of each channel, and one that all sensors of displacement have in common, as where the
+    equilibrium of a structure is not where its sensors show zero.
+
     `channels` are those of the records; offsets that the fit has found already are left out.
     """
     p = len(selection.inside)
@@ -301,12 +286,12 @@ def _with_offsets(optimum: Optimum, channels: Sequence[int], combined: Floats) -
     return LocalQuadratic(sums.T @ local.curvature @ sums, sums.T @ local.slope, scatter)
 
 
-_FREQUENCY = "frequency"
-_CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
-
-
 def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, ...]:
     """The error of the frequency that moves farthest, in its errors, where frequencies do as well as links on hosts alone.
+
+    A frequency that is stated a few percent wrong is imitated by springs between points of the host: so well that a local
+    model about these springs, which are many standard errors from zero, cannot say what a fit without them would find. It is
+    made, with all frequencies of the hosts unknown in place of such links.
 
     None without such links in a selection that leaves only noise.
     """
@@ -347,16 +332,11 @@ def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, 
     return (_error(selection, _FREQUENCY, most.owner, changes[most] / values[most], replaced, excess),)
 
 
-_STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
-_DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
-_SATURATING = (0.2, 0.7)  # times the root mean square rate of a link: where tanh turns
-_VERY_STRONG = 10.0  # of the criterion: "very strong" evidence for the form (Kass and Raftery 1995)
-_MOST_LINKS = 40
-_MOST_OF_A_KIND = 4  # of one kind on a link, of which all subsets are tried
-
-
 def rival_forms(selection: Selection) -> tuple[Rival, ...]:
     """For each link and kind of term the form that replaces terms there best, the best of all first.
+
+    A selection takes the best of the terms on offer: v and sign(v) where the damping follows the square root of the rate. Each
+    of the usual forms joins each link that was found, and terms of the same kind, of stiffness or of damping, give way to it.
 
     It is better, or, of stiffness, explains the records about as well in place of nonlinear terms. A form that would only join
     the terms, however much it gains, says nothing of whether they stand in for another one.
@@ -463,11 +443,12 @@ def _excesses(model: QuadraticModel, p: int, place: _Place, form: int) -> dict[t
     return excesses
 
 
-_MOST_TERMS = 150  # of a selection: exchanges of links in larger ones take longer than their fit
-
-
 def rival_links(selection: Selection) -> tuple[Rival, ...]:
     """The exchanges of a whole link that would raise the criterion by less than `CERTAIN`, the least first.
+
+    Two points near each other move nearly alike, and so may points of a host whose modes a record does not excite; two links
+    of the same mass may share what is one link's. An exchange of one term at a time does not show that, since the terms of a
+    link belong together.
 
     Beside hosts for any other link; else for one of the selected ones that shares a mass with it.
     """
@@ -505,15 +486,12 @@ def rival_links(selection: Selection) -> tuple[Rival, ...]:
     return tuple(sorted(exchanges, key=lambda exchange: exchange.excess))
 
 
-_ODD = 1e-9  # of the largest force: rounding
-_ORIGIN = (
-    "The law of {} is not odd, and no sensor shows its displacement: about another origin another law, such as one with two "
-    "wells, may be the same force. Measure the displacement, or excite the link until it moves through all of its wells."
-)
-
-
 def rival_origins(selection: Selection, estimate: Estimate, records: Sequence[Record]) -> tuple[Rival, ...]:
-    """The links found whose force is not odd in their motion, and whose displacement is not in the records, if any."""
+    """The links found whose force is not odd in their motion, and whose displacement is not in the records, if any.
+
+    A force alpha*d + beta*d**3 with two wells is k*d + k2*d**2 + k3*d**3 about the one in which the motion stays. Velocities
+    and accelerations cannot distinguish them; a law that is odd about its origin has no other with as few terms.
+    """
     channels = [channel for record in records for channel in record.channels]
     placed = {GROUND, *(channel.place for channel in channels if channel.kind == "x")}
     found = []

@@ -1,22 +1,10 @@
-"""The weak screen: which candidates are significant when all of them are regressed at once (METHODS section 9).
+"""The screen: which candidates a record shows before any fit, by the weak form or, beside hosts, by a Kalman filter.
 
-The equations of all masses are regressed together, with one set of coefficients for each link. For many masses a first screen
-regresses the equation of each mass by itself on all links that may end there, so that the work grows with the number of pairs;
-what is significant at either end of a link is regressed again: mass by mass for what the likelihood should test, and together.
-
-Weak equations of several masses in several records as one quadratic model of their coefficients.
-
-Which candidate links of a structure with hosts exert forces, before anything is known of their laws.
-
-The modes and the stated links with known linear laws are a linear system. A candidate link is a random force between its ends
-(`likelihood.starts.hosts`), and a Kalman filter gives the likelihood of the samples with it. Links are added one at a time,
-the likeliest first, as long as the likelihood rises by more than the penalty on a link.
-
-The spanning tree of the most significant links, for searches that start without displacements, and for links with memory.
-
-Integrals of velocities and accelerations lack their constants, and suggest false links beside true ones. On a tree,
-accelerations determine the force of every link, and with it a start that does not need the constants
-(`likelihood.starts.coefficients`). `force_tree` finds it from these forces themselves, where all masses are known.
+The weak equations of all masses are regressed together, with one set of coefficients for each link, and terms that are not
+significant eliminated (METHODS section 9). For many masses a first screen regresses the equation of each mass by itself on all
+links that may end there, so that the work grows with the number of pairs; what is significant at either end of a link is
+regressed again: mass by mass for what the likelihood should test, and together. Displacements that were integrated lack their
+constants and suggest false links beside true ones; there the tree of the most significant links is enough to start from.
 """
 
 from __future__ import annotations
@@ -55,6 +43,20 @@ Weights = tuple[tuple[Floats, ...], ...]
 _REWEIGHTINGS = 2  # rounds of weighting the masses by their residuals
 _RIDGE = 1e-10  # of the unit diagonal: just above rounding
 _OVERLAP = 2.0  # windows overlap, so that sums of squares count every sample about twice
+_TRIED = 2000  # samples that decide which links there are
+# of a force over a sample, relative to its size: tried one after the other
+_CHANGES = 10.0 ** np.arange(-3.0, 2.0)
+_ALLOWED = 1e-3  # of the size of accelerations: white forces on the modes, which keep the filter steady
+_MOST = 12  # links that are added
+_TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
+_ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
+_FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
+_LIMIT = 4.0  # |z| in all equations above which a term is significant
+# the same for a damper on a link without a spring: the weak form easily takes it for another's
+_DAMPER_LIMIT = 8.0
+# parts of the noise bias to leave in until the normal matrix is positive definite
+_BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)
+_STATED = 1e12  # in place of |z| of a stated link: larger than any
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,15 +198,12 @@ def _solve_with_ridge(h: Floats, g: Floats) -> Floats:
     return np.asarray(scale * np.linalg.solve(scaled + _RIDGE * np.eye(len(g)), scale * g))
 
 
-_TRIED = 2000  # samples that decide which links there are
-# of a force over a sample, relative to its size: tried one after the other
-_CHANGES = 10.0 ** np.arange(-3.0, 2.0)
-_ALLOWED = 1e-3  # of the size of accelerations: white forces on the modes, which keep the filter steady
-_MOST = 12  # links that are added
-
-
 def screen_links(record: Record, candidates: Candidates) -> frozenset[str]:
     """The names of all candidates on the links whose forces a record shows; those of stated links are among them.
+
+    The modes and the stated links with known linear laws are a linear system. A candidate link is a random force between its
+    ends, and a Kalman filter gives the likelihood of the samples with it (`likelihood.starts.kalman`). Links are added one at
+    a time, the likeliest first, as long as the likelihood rises by more than the penalty on a link.
 
     Raises IdentificationError if the record determines the modes too poorly.
     """
@@ -279,16 +278,8 @@ def _evidence(record: Record, linear: LinearPart, noise: Mapping[str, float], li
     return best
 
 
-_TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
-_ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
-_FIRST_LIMIT = 2.5  # |z| in the equation of one mass above which a term is looked at again
 # times as many as additions one by one select, and so many more, that elimination may leave where it has not failed
 _MOST_LEFT, _FEW = 3, 10
-_LIMIT = 4.0  # |z| in all equations above which a term is significant
-# the same for a damper on a link without a spring: the weak form easily takes it for another's
-_DAMPER_LIMIT = 8.0
-# parts of the noise bias to leave in until the normal matrix is positive definite
-_BIAS = (0.0, 0.03, 0.1, 0.3, 1.0)
 
 
 def screen(
@@ -431,9 +422,6 @@ def _connected(regression: WeakRegression, significant: list[int]) -> list[int]:
             of_link = np.flatnonzero(penalty.pair == penalty.pair[max(springs)[1]]).tolist()
             chosen = sorted({*chosen, *(k for k in of_link if regression.term(k) in ("d", "v"))})
     return chosen
-
-
-_STATED = 1e12  # in place of |z| of a stated link: larger than any
 
 
 def most_significant_tree(

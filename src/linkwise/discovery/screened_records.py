@@ -1,11 +1,7 @@
 """What a search for a structure starts from: candidates that the records show, displacements, and a first subset.
 
-Where a search starts without measured displacements: the tree of links that the accelerations tell, from its leaves on.
-
-All that acts on a leaf is the force of its link, which the acceleration gives, and that is a function of elongation and rate
-of this link and of no other. Without displacements the elongation is known up to a constant, or a line, in each short window;
-a power series about its mean there has coefficients of its own, so that no constant is needed. The link that explains its
-force best is taken first; its force acts on the mass at its other end, whose links are tested anew.
+The subset is that of the weak screen, or of the Kalman filter beside hosts. Where displacements were integrated, it is the
+tree of links that the accelerations determine (`tree_of_forces`), or that of the most significant links.
 """
 
 from __future__ import annotations
@@ -34,6 +30,13 @@ from linkwise.weak.estimate import weak_search
 # samples in which a term is not zero: noise alone gives a few beyond the range of the motion
 _LEAST_ACTIVE = 8
 _NAMED = 6  # terms that a remark names
+# of a force in a window, so that its samples are more than the series can follow whatever it is of
+_PERIODS = 4.0
+_SHORTEST = 16  # samples of a window
+# by number of integrations, the degree of what is taken from an elongation before its powers
+_LINE = (0, 0, 1)
+_DRIFT = (0, 0, 2)  # the degree of what a force may have of the drift: noise that is integrated twice bends
+_POWERS = 3  # of the elongation, as in the laws of most links
 
 
 def inactive_terms(
@@ -62,17 +65,13 @@ def inactive_terms(
     return tuple(entry.name for entry in kinked if active(entry) < _LEAST_ACTIVE)
 
 
-# of a force in a window, so that its samples are more than the series can follow whatever it is of
-_PERIODS = 4.0
-_SHORTEST = 16  # samples of a window
-# by number of integrations, the degree of what is taken from an elongation before its powers
-_LINE = (0, 0, 1)
-_DRIFT = (0, 0, 2)  # the degree of what a force may have of the drift: noise that is integrated twice bends
-_POWERS = 3  # of the elongation, as in the laws of most links
-
-
 def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozenset[str]:
     """All candidates on the links of a tree that joins every mass to a support, each of which explains its force best.
+
+    All that acts on a leaf is the force of its link, which the acceleration gives, and that is a function of elongation and
+    rate of this link and of no other. Without displacements the elongation is known up to a constant, or a line, in each short
+    window; a power series about its mean there has coefficients of its own, so that no constant is needed. The link that
+    explains its force best is taken first; its force acts on the mass at its other end, whose links are tested anew.
 
     Empty where a mass is unknown or has no sensor, or links are stated: forces of links do not follow from accelerations then.
     """

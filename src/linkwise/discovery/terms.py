@@ -1,11 +1,8 @@
-"""The terms that any link may have: functions of d and v, written out or named by family.
+"""The terms that any link may have: functions of d and v, written out, named by family, or offered with a law with memory.
 
-Families of terms by name, "cubic" and "friction(0.01)": a new one is an entry here.
-
-Laws with memory in a list of terms: a name such as "bouc-wen" offers its states to every link.
-
-Of a named law the summands that contain a state are the part with memory. The others are terms like any other: they join the
-list of terms, and are selected one by one.
+A family, "cubic" or "friction(0.01)", stands for a list of terms: a new one is an entry of `FAMILIES`. Of a named law with
+memory, such as "bouc-wen", the summands that contain a state are the part with memory, which links are offered as a whole; the
+others are terms like any other: they join the list, and are selected one by one.
 """
 
 from __future__ import annotations
@@ -25,6 +22,17 @@ from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.named_laws import NAMED_LAWS, NamedLaw, is_law_name, named_law
 from linkwise.registry import Registry
+
+#: Tried where no selection of terms leaves only noise, and none was named: slip that yields smoothly, friction, relaxation.
+USUAL = ("bouc-wen", "dahl", "zener")
+_TERM = re.compile(r"\w+\*(.+)")
+DEFAULT = "v, d, d**2, d**3"
+_SAMPLES = 200  # points (d, v) at which terms are compared: more than any list has terms
+_LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
+_DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+_POWER = re.compile(r"([dv])\*\*(\d+)")
+_COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
 
 @dataclass(frozen=True)
@@ -125,12 +133,6 @@ def _is_positive(text: str) -> bool:
         return False
 
 
-#: Tried where no selection of terms leaves only noise, and none was named: slip that yields smoothly, friction, relaxation.
-USUAL = ("bouc-wen", "dahl", "zener")
-
-_TERM = re.compile(r"\w+\*(.+)")
-
-
 def memory_laws() -> tuple[str, ...]:
     """The names of the laws with memory that a list of terms may contain."""
     return tuple(name for name in NAMED_LAWS if _is_offered(NAMED_LAWS.lookup(name)))
@@ -198,16 +200,6 @@ def _remembers(summand: str, law: NamedLaw) -> bool:
 def _summands(text: str) -> list[str]:
     """The summands of a law, without the brackets of others."""
     return _split(text, " + ")
-
-
-DEFAULT = "v, d, d**2, d**3"
-
-_SAMPLES = 200  # points (d, v) at which terms are compared: more than any list has terms
-_LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
-_DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
-_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
-_POWER = re.compile(r"([dv])\*\*(\d+)")
-_COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
 
 @dataclass(frozen=True)
