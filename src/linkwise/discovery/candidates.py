@@ -135,8 +135,11 @@ class Candidates:
 
     def on_links_of(self, names: Collection[str]) -> frozenset[str]:
         """The names of all candidates on the links that have at least one of the candidates in `names`."""
-        linked = {self.by_name[name].pair for name in names if name in self.by_name}
-        return frozenset(entry.name for entry in self.entries if entry.pair in linked)
+        return self.on_pairs({self.by_name[name].pair for name in names if name in self.by_name})
+
+    def on_pairs(self, pairs: Collection[int]) -> frozenset[str]:
+        """The names of all candidates on some pairs, by number."""
+        return frozenset(entry.name for entry in self.entries if entry.pair in pairs)
 
     def rows(self, pair: int) -> list[int]:
         """The places of the ends of a pair, by number, among the masses, the base and the ground."""
@@ -154,9 +157,7 @@ class Candidates:
     @property
     def always_tested(self) -> frozenset[str]:
         """The names of the candidates on the links that were asked for."""
-        return frozenset(
-            entry.name for entry in self.entries if self.pairs[entry.pair].name in self.asked_for
-        )
+        return self.on_pairs({k for k, pair in enumerate(self.pairs) if pair.name in self.asked_for})
 
     def asking_for(self, links: Collection[str]) -> Candidates:
         """The candidates with all terms of `links` tested, by their names or ends in either order, of "all" of every link.

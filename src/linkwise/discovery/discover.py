@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
 from linkwise.likelihood.options import LikelihoodOptions, beside_clocks, errors_to_find, unknown_gains
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
-from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.segments import frequencies_by_channel, ratios_by_channel
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
@@ -164,9 +163,18 @@ def discover(
         )
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
-    select = partial(_select, candidates, checks, progress)
-    driven, sensors = with_harmonics(select, records, sensors, lambda selected: selected.fit)
-    discovery = answer_with_sensors(select, driven, sensors, chosen.admit, _Selected.reported)
+    found: dict[LikelihoodFit, _Selected] = {}
+
+    def search(records: Sequence[Record], sensors: LikelihoodOptions) -> LikelihoodFit:
+        selected = _select(candidates, checks, progress, records, sensors)
+        found[selected.fit] = selected
+        return selected.fit
+
+    def report(fit: LikelihoodFit, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
+        return found[fit].judge(records, delays) if delays else found[fit].discovery
+
+    driven, sensors = with_harmonics(search, records, sensors, lambda fit: fit)
+    discovery = answer_with_sensors(search, driven, sensors, chosen.admit, report)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
@@ -196,41 +204,12 @@ def _require_force_scale(records: Sequence[Record], structure: Structure, errors
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Selected:
-    """What a search found, and how it is judged with delays in s by channel."""
+class _Selected(NamedTuple):
+    """The fit of what a search found, how it is judged with delays in s by channel, and the discovery without."""
 
     fit: LikelihoodFit
     judge: Callable[[Sequence[Record], Mapping[str, float]], Discovery]
     discovery: Discovery
-
-    @property
-    def status(self) -> AnnealingStatus:
-        return self.fit.status
-
-    @property
-    def chi_square(self) -> float:
-        return self.fit.chi_square
-
-    @property
-    def chi_square_off(self) -> bool:
-        return self.fit.chi_square_off
-
-    @property
-    def model_error(self) -> float:
-        return self.fit.model_error
-
-    @property
-    def delays(self) -> Mapping[str, float]:
-        return self.fit.delays
-
-    @property
-    def clocks(self) -> Mapping[str, tuple[float, float]]:
-        return self.fit.clocks
-
-    def reported(self, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
-        """The discovery, with the `delays` in s found, by channel."""
-        return self.judge(records, delays) if delays else self.discovery
 
 
 def _select(

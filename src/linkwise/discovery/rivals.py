@@ -90,27 +90,19 @@ def _best_of_terms(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(best.values())
 
 
-@dataclass(frozen=True)
-class _Error:
-    """A kind of error: in words of its place and size, what to do about it, and what it is an example of."""
-
-    phrase: str
-    advice: str = _CHECK
-    example: str = _STATED
-
-
+# by kind of error: it in words of its place and size, what to do about it, and what it is an example of
 _ERRORS = {
-    "mass": _Error("the mass of {} were {} than stated"),
-    "coefficient": _Error("{} were {} than stated"),
-    "frequency": _Error("the frequency of {} were {} than stated"),
-    "damping": _Error("the damping of {} were {} than stated"),
-    "force gain": _Error("{} were {} than recorded", "check its calibration"),
-    "offset": _Error(
+    "mass": ("the mass of {} were {} than stated", _CHECK, _STATED),
+    "coefficient": ("{} were {} than stated", _CHECK, _STATED),
+    "frequency": ("the frequency of {} were {} than stated", _CHECK, _STATED),
+    "damping": ("the damping of {} were {} than stated", _CHECK, _STATED),
+    "force gain": ("{} were {} than recorded", "check its calibration", _STATED),
+    "offset": (
         "{} had a zero offset of {}",
         "check the zero of the channel, or estimate its offset",
         "a zero offset of a sensor",
     ),
-    "common offset": _Error(
+    "common offset": (
         "{} were off by {}",
         "check the zeros of the channels, or estimate their offsets and offer no constant force",
         "a zero offset that all sensors of displacement have in common",
@@ -129,17 +121,15 @@ def _error(
 ) -> Rival:
     """An error of relative `size`, or of a size in a `unit`, beside which the `terms` are not needed."""
     amount = f"{size:.3g} {unit}" if unit else f"{100.0 * abs(size):.2g} % {'more' if size > 0.0 else 'less'}"
-    error = _ERRORS[kind].phrase.format(where, amount)
+    phrase, advice, example = _ERRORS[kind]
+    error = phrase.format(where, amount)
     names = " and ".join(selection.quadratic.names[number] for number in terms)
     if excess < -_STRONG:
-        remark = (
-            f"If {error}, {names} would not be needed and the criterion would be {-excess:.3g} lower: "
-            f"{_ERRORS[kind].advice}."
-        )
+        remark = f"If {error}, {names} would not be needed and the criterion would be {-excess:.3g} lower: {advice}."
         return Rival(terms, excess, remark, preferred=True)
     change = f"only {excess:.1f} higher" if excess > 0.0 else f"{-excess:.1f} lower"
     remark = (
-        f"This record hardly distinguishes {names} from {_ERRORS[kind].example}: if "
+        f"This record hardly distinguishes {names} from {example}: if "
         f"{error.replace('a zero offset', 'one')}, the criterion would be {'the same' if abs(excess) < _SAME else change} "
         f"without {'it' if len(terms) == 1 else 'them'}."
     )

@@ -31,14 +31,11 @@ from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
-from linkwise.weak.fit import normal_blocks, residual_power
-from linkwise.weak.patch import Patch
+from linkwise.weak.fit import dense_blocks, normal_blocks, residual_power
 from linkwise.weak.scatter import SlopeStatistics, score_blocks
 
-#: For each record, the patches to regress and the equations that they belong to.
-RecordPatches = Sequence[tuple[Sequence[Patch], WeakEquations]]
 Result = TypeVar("Result")
-Weights = tuple[tuple[Floats, ...], ...]
+Weights = list[list[Floats]]  # of the masses, by record and patch
 
 _REWEIGHTINGS = 2  # rounds of weighting the masses by their residuals
 _RIDGE = 1e-10  # of the unit diagonal: just above rounding
@@ -61,14 +58,14 @@ _STATED = 1e12  # in place of |z| of a stated link: larger than any
 
 @dataclass(frozen=True, eq=False)
 class WeakRegression:
-    """The equations in `patches`, in which each mass is weighted by `weights`, for some `candidates` among its coefficients.
+    """The equations of `systems`, one a record, with masses weighted by `weights`, for `candidates` among the coefficients.
 
     `names` (p,) are the coefficients in the equations and `numbers` (p,) their numbers in the structure; `scatter` (p, p) is
     the covariance of the right-hand side of the normal equations due to noise.
     """
 
     candidates: Candidates
-    patches: RecordPatches
+    systems: Sequence[WeakEquations]
     weights: Weights
     names: tuple[str, ...]
     numbers: Indices
@@ -87,40 +84,41 @@ class WeakRegression:
 
         That fit leaves the noise bias in, so that its normal matrix is always positive definite.
         """
-        equations = [
+        systems = [
             weak_equations(record, structure, motion, only=only)
             for record, motion in zip(records, motions, strict=True)
         ]
-        patches = [(equation.patches, equation) for equation in equations]
-        parameters = equations[0].parameters
-        numbers = np.unique(
-            np.concatenate([patch.layout.free_parameters for some, _ in patches for patch in some])
-        )
-        weights: Weights = tuple(tuple(1.0 / patch.largest() for patch in some) for some, _ in patches)
+        parameters = systems[0].parameters
+        every = [patch.layout.free_parameters for system in systems for patch in system.patches]
+        numbers, values = np.unique(np.concatenate(every)), np.zeros(len(parameters))
+        weights = [[1.0 / patch.largest() for patch in system.patches] for system in systems]
         for _ in range(_REWEIGHTINGS):
-            values = np.zeros(len(parameters))
-            values[numbers] = _solve_with_ridge(*_normal_equations(patches, weights, numbers, 1.0))
-            weights = tuple(
-                tuple(1.0 / residual_power(patch, values) for patch in some) for some, _ in patches
-            )
+            values[numbers] = _solve_with_ridge(*_normal_equations(systems, weights, numbers, 1.0))
+            weights = [
+                [1.0 / residual_power(patch, values) for patch in system.patches] for system in systems
+            ]
+        scatter = np.zeros((len(numbers), len(numbers)))
+        for system, weight in zip(systems, weights, strict=True):
+            slopes = [(patch, SlopeStatistics.along(patch, system, values)) for patch in system.patches]
+            scatter += system.motion.density * dense_blocks(score_blocks(slopes, weight, system), numbers)
         names = tuple(parameters[number] for number in numbers)
-        return cls(candidates, patches, weights, names, numbers, _scatter(patches, weights, numbers, values))
+        return cls(candidates, systems, weights, names, numbers, scatter)
 
     def quadratic(self, bias: float) -> QuadraticModel:
         """The normal equations with the part `bias` of the noise bias left in; z scores by the noise."""
-        h, g = _normal_equations(self.patches, self.weights, self.numbers, bias)
+        h, g = _normal_equations(self.systems, self.weights, self.numbers, bias)
         return QuadraticModel(self.names, h, g, self.penalty, self.scatter)
 
     def squares(self) -> QuadraticModel:
         """The sum of squared residuals on about the scale of -2 log likelihood, to compare subsets."""
-        h, g = _normal_equations(self.patches, self.weights, self.numbers, 0.0)
-        overlap = _OVERLAP * max(equations.motion.density for _, equations in self.patches)
+        h, g = _normal_equations(self.systems, self.weights, self.numbers, 0.0)
+        overlap = _OVERLAP * max(system.motion.density for system in self.systems)
         return QuadraticModel(self.names, h / overlap, g / overlap, self.penalty)
 
     @cached_property
     def penalty(self) -> Penalty:
         """The penalty on the candidates, for the number of equations."""
-        rows = sum(len(patch.masses) * patch.windows for some, _ in self.patches for patch in some)
+        rows = sum(len(patch.masses) * patch.windows for system in self.systems for patch in system.patches)
         return Penalty.of(self.candidates, self.names, int(rows))
 
     @property
@@ -167,28 +165,14 @@ class WeakRegression:
 
 
 def _normal_equations(
-    patches: RecordPatches, weights: Sequence[Sequence[Floats]], numbers: Indices, bias: float
+    systems: Sequence[WeakEquations], weights: Weights, numbers: Indices, bias: float
 ) -> tuple[Floats, Floats]:
     h, g = np.zeros((len(numbers), len(numbers))), np.zeros(len(numbers))
-    for (some, equations), weight in zip(patches, weights, strict=True):
-        blocks, right = normal_blocks(some, weight, len(equations.parameters), bias=bias)
-        for which, block in blocks:
-            places = np.eye(len(numbers))[np.searchsorted(numbers, which)]  # of which some may be repeated
-            h += places.T @ block @ places
+    for system, weight in zip(systems, weights, strict=True):
+        blocks, right = normal_blocks(system.patches, weight, len(system.parameters), bias=bias)
+        h += dense_blocks(blocks, numbers)
         g += right[numbers]
     return h, g
-
-
-def _scatter(
-    patches: RecordPatches, weights: Sequence[Sequence[Floats]], numbers: Indices, values: Floats
-) -> Floats:
-    total = np.zeros((len(numbers), len(numbers)))
-    for (some, equations), weight in zip(patches, weights, strict=True):
-        slopes = [(patch, SlopeStatistics.along(patch, equations, values)) for patch in some]
-        for which, block in score_blocks(slopes, weight, equations):
-            places = np.eye(len(numbers))[np.searchsorted(numbers, which)]
-            total += equations.motion.density * (places.T @ block @ places)
-    return total
 
 
 def _solve_with_ridge(h: Floats, g: Floats) -> Floats:
@@ -256,7 +240,7 @@ def _shown_links(
         current = evidence_with[best]
     names = {links[number].name for number in chosen}
     shown = {number for number, pair in enumerate(candidates.pairs) if pair.stated or pair.name in names}
-    return frozenset(entry.name for entry in candidates.entries if entry.pair in shown)
+    return candidates.on_pairs(shown)
 
 
 def _evidence(record: Record, linear: LinearPart, noise: Mapping[str, float], links: Sequence[int]) -> float:
@@ -431,8 +415,7 @@ def most_significant_tree(
 
     The |z| of a link is that of its most significant elastic term. Empty if the significant links do not reach every mass.
     """
-    chosen = _tree(records, motions, candidates, {})
-    return frozenset(entry.name for entry in candidates.entries if entry.pair in chosen)
+    return candidates.on_pairs(_tree(records, motions, candidates, {}))
 
 
 def skeleton(

@@ -90,7 +90,7 @@ def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozens
     }
     parents = _parents(motions, len(names), frozenset(pairs))
     chosen = {pairs[frozenset(ends)] for ends in parents.items()}
-    return frozenset(entry.name for entry in candidates.entries if entry.pair in chosen)
+    return candidates.on_pairs(chosen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -189,7 +189,8 @@ def link_with_memory(name: str, between: tuple[str, str], law: str, reserved: Co
     )
 
 
-def _with_names(text: str, names: dict[str, str]) -> str:
+def _with_names(text: str, names: Mapping[str, str]) -> str:
+    """A function with other names, or numbers, in place of some."""
     return _NAME.sub(lambda match: names.get(match[0], match[0]), text)
 
 
@@ -265,8 +266,8 @@ class Term:
         """
         if not self.parameters:
             return self
-        text = _NAME.sub(lambda name: _number(values.get(name[0]), name[0]), self.text)
-        return Term(text, self.coefficient, self.signals)
+        numbers = {name: _number(value) for name, value in values.items() if name in self.parameters}
+        return Term(_with_names(self.text, numbers), self.coefficient, self.signals)
 
     def beside(self, taken: Collection[str]) -> Term:
         """The term for a law that has names already.
@@ -281,16 +282,11 @@ class Term:
         Term
             The same function, its coefficient and parameters named otherwise where theirs are taken.
         """
-        text = _NAME.sub(
-            lambda name: f"{name[0]}_added" if name[0] in {*taken} & {*self.parameters} else name[0],
-            self.text,
-        )
-        coefficient = f"{self.coefficient}_added" if self.coefficient in taken else self.coefficient
-        return (
-            self
-            if (text, coefficient) == (self.text, self.coefficient)
-            else Term(text, coefficient, self.signals)
-        )
+        renamed = {name: f"{name}_added" for name in (self.coefficient, *self.parameters) if name in taken}
+        if not renamed:
+            return self
+        coefficient = renamed.get(self.coefficient, self.coefficient)
+        return Term(_with_names(self.text, renamed), coefficient, self.signals)
 
     @property
     def unit(self) -> str:
@@ -389,11 +385,10 @@ def parse_terms(
     terms: dict[Expression, Term] = {}
     for part in parts:
         for function in _expand(part):
-            _require_nonlinear(function, signals)
-            _require_function_of_motion(function, signals)
-            expression = Law.parse(function, signals=signals).expression
             name = _coefficient_name(function, len(terms), signals)
-            terms.setdefault(expression, Term(function, name, tuple(signals.items())))
+            term = Term(function, name, tuple(signals.items()))
+            _require_function_of_motion(term)
+            terms.setdefault(term.law.expression, term)
     if not terms:
         raise IdentificationError(f'the list of terms is empty; write a list such as "{DEFAULT}"')
     _require_independent([term for term in terms.values() if not term.parameters])
@@ -411,23 +406,17 @@ def _require_own_names(terms: Sequence[Term]) -> None:
     """IdentificationError if a parameter has the name of one of another term, or of a coefficient."""
     names = {term.coefficient for term in terms}
     for term in terms:
-        shared = names & set(term.parameters)
-        if shared:
+        if shared := names & set(term.parameters):
+            name = min(shared)
             raise IdentificationError(
-                f"the name {min(shared)!r} in the term {term.text!r} is that of a coefficient, or of a parameter of another "
-                f"term; choose another, as in {_renamed(term.text, min(shared))!r}"
+                f"the name {name!r} in the term {term.text!r} is that of a coefficient, or of a parameter of another "
+                f"term; choose another, as in {_with_names(term.text, {name: f'{name}_2'})!r}"
             )
         names |= set(term.parameters)
 
 
-def _renamed(text: str, name: str) -> str:
-    return _NAME.sub(lambda match: f"{name}_2" if match[0] == name else match[0], text)
-
-
-def _number(value: float | None, name: str) -> str:
-    """A number as an expression has it, or the name where there is none."""
-    if value is None:
-        return name
+def _number(value: float) -> str:
+    """A number as an expression has it."""
     return repr(float(value)) if value >= 0.0 else f"({float(value)!r})"
 
 
@@ -484,25 +473,23 @@ def _expand(part: str) -> list[str]:
     return [part] if family is None else _split(family)
 
 
-def _require_function_of_motion(text: str, signals: Mapping[str, str]) -> None:
-    """IdentificationError if a term depends neither on d nor on v nor on a signal and is not the constant 1."""
-    law = Law.parse(text, signals=signals)
-    if not set(symbols(law.expression)) & set(law.variables) and law.expression != Number(1.0):
-        raise IdentificationError(
-            f"the term {text!r} depends neither on d nor on v; write 1 for a constant force on the masses"
-        )
+def _require_function_of_motion(term: Term) -> None:
+    """IdentificationError if a term is linear in one of its names, or depends neither on d nor on v nor on a signal.
 
-
-def _require_nonlinear(text: str, signals: Mapping[str, str]) -> None:
-    """IdentificationError if a term is linear in one of its names: that would be a second coefficient."""
-    linear = Law.parse(text, signals=signals).linear
+    The former would be a second coefficient; the constant 1 is a term.
+    """
+    linear = term.law.linear
     if linear:
         raise IdentificationError(
-            f"the term {text!r} contains the name {linear[0]!r}: a term is a function of d and v alone, its coefficient is "
-            "added; write a number, a name inside a function, as in tanh(v/v_0), or one of the families "
+            f"the term {term.text!r} contains the name {linear[0]!r}: a term is a function of d and v alone, its coefficient "
+            "is added; write a number, a name inside a function, as in tanh(v/v_0), or one of the families "
             f"{', '.join(FAMILIES)}, or one of the laws with memory {', '.join(memory_laws())}, or record a channel "
             f"signal:{linear[0]}",
             arguments=("terms",),
+        )
+    if not (set(symbols(term.law.expression)) & set(term.law.variables) or term.is_constant):
+        raise IdentificationError(
+            f"the term {term.text!r} depends neither on d nor on v; write 1 for a constant force on the masses"
         )
 
 

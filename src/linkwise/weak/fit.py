@@ -224,6 +224,14 @@ def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Flo
     return csc_array(coo_array((data, divmod(positions, count)), shape=(count, count)))
 
 
+def dense_blocks(blocks: Iterable[tuple[Indices, Floats]], numbers: Indices) -> Floats:
+    """(s, s) sum of square blocks between the coefficients `numbers` (s,), in their order; others have none."""
+    order = np.argsort(numbers)
+    places = ((order[np.searchsorted(numbers, which, sorter=order)], block) for which, block in blocks)
+    matrix = assemble_blocks(places, len(numbers))
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+
 def _solve_bounded(
     h: Floats | csc_array, g: Floats, lower: Floats, upper: Floats, names: tuple[str, ...]
 ) -> tuple[Floats, Bools]:

@@ -11,12 +11,10 @@ C. R. Rao, Math. Proc. Cambridge Philos. Soc. 44, 50 (1948), for the score test.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
@@ -30,7 +28,7 @@ from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import (
     SIGNIFICANT,
     WeakFit,
-    assemble_blocks,
+    dense_blocks,
     normal_blocks,
     residual_power,
     significance,
@@ -85,21 +83,15 @@ def _scores(
     numbers = np.unique(patch.layout.free_parameters)
     numbers = numbers[np.argsort(tested[numbers], kind="stable")]
     p, weights = int(np.count_nonzero(~tested[numbers])), [1.0 / residual_power(patch, values)]
-    place = np.zeros(len(values), dtype=int)
-    place[numbers] = np.arange(len(numbers))
-
-    def summed(blocks: Iterable[tuple[Indices, Floats]]) -> Floats:
-        matrix = assemble_blocks(((place[which], block) for which, block in blocks), len(numbers))
-        return matrix.toarray() if isinstance(matrix, csc_array) else matrix
 
     def sums(bias: float) -> tuple[Floats, Floats]:
         blocks, right = normal_blocks([patch], weights, len(values), bias=bias)
-        moments = summed(blocks)
+        moments = dense_blocks(blocks, numbers)
         return moments, right[numbers] - moments @ values[numbers]
 
     (moments, slope), (biased, biased_slope) = sums(0.0), sums(1.0)
     statistics = SlopeStatistics.along(patch, system, values)
-    scatter = summed(score_blocks([(patch, statistics)], weights, system))
+    scatter = dense_blocks(score_blocks([(patch, statistics)], weights, system), numbers)
     scale = 1.0 / np.sqrt(np.maximum(biased.diagonal(), np.finfo(float).tiny))
     moments, biased, scatter = (matrix * np.outer(scale, scale) for matrix in (moments, biased, scatter))
     beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=_COLLINEAR**2)[0]
