@@ -267,7 +267,9 @@ def _select(
         reduced = judged(simpler)
         follows = Verdict.SYSTEMATIC_MISFIT in found.discovery.verdicts
         trusted = admit_intervals(reduced.discovery.verdicts)
-        if (follows and trusted) or simpler.has_fewer_links(selection):
+        # links may stand in for terms that were not offered
+        fewer = simpler.settled and len(simpler.structure.links) < len(selection.structure.links)
+        if (follows and trusted) or fewer:
             return reduced
     return found
 

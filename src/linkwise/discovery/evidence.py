@@ -143,22 +143,17 @@ def term_evidence(
     `replaceable`, by number, by something else; without a `trusted` fit no term is. Terms that were dropped add the variances
     `added` (p,) to the parameters.
     """
-    quadratic, candidates, inside = selection.quadratic, selection.candidates, selection.inside
-    solution, additions = quadratic.solve(inside), quadratic.additions(inside)
+    candidates, count = selection.candidates, len(selection.inside)
     single = (move for move in selection.neighbours if not move.exchanges)
     margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
     ambiguous = _ambiguous_masses(selection, collinear, in_proportion)
     exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)} | set(replaceable)
     shares = selection.unit_shares if trusted else {}
-    coefficients = [
-        *zip(inside, solution.values, solution.z, strict=True),
-        *zip(additions.numbers.tolist(), additions.values, additions.z, strict=True),
-    ]
     terms = []
-    for k, value, z in coefficients:
+    for k, (value, z) in selection.coefficients.items():
         if (entry := selection.entries.get(k)) is not None:
-            pair, kept = candidates.pairs[entry.pair], k < len(inside)
-            error = abs(float(value / z)) if z else np.inf
+            pair, kept = candidates.pairs[entry.pair], k < count
+            error = abs(value / z) if z else np.inf
             if kept:
                 error = float(np.sqrt(error**2 + added[k]))
             share = 0.0 if kept else shares.get(k, 0.0)
@@ -171,11 +166,11 @@ def term_evidence(
                 kept=kept,
                 identifiable=bool(np.isfinite(value)),
                 unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),
-                value=float(value),
+                value=value,
                 standard_error=error,
-                z=float(z),
+                z=z,
                 margin=margins.get(k, np.inf),
-                possible_share=(abs(float(value)) + NORMAL_95 * error) * share,
+                possible_share=(abs(value) + NORMAL_95 * error) * share,
             )
             terms.append(term)
     return tuple(sorted(terms, key=lambda term: (not term.kept, -term.margin if term.kept else term.margin)))
@@ -291,9 +286,6 @@ def selection_path(selection: Selection, parabolas: BlockParabolas | None) -> tu
     quadratic, models = selection.quadratic, path_models(selection)
     costs = [quadratic.cost(numbers) for numbers, _ in models]
     selected = quadratic.criterion(selection.inside)
-    additions = quadratic.additions(selection.inside)
-    values = dict(zip(selection.inside, quadratic.solve(selection.inside).values, strict=True))
-    values |= dict(zip(additions.numbers.tolist(), additions.values, strict=True))
     number_of = {name: number for number, name in enumerate(quadratic.names)}
     path = []
     for (numbers, step), cost in zip(models, costs, strict=True):
@@ -301,8 +293,8 @@ def selection_path(selection: Selection, parabolas: BlockParabolas | None) -> tu
         if parabolas is not None:
             prediction = parabolas.prediction(numbers)
             term = number_of.get(step[2:], -1)
-            if term in values and term in selection.unit_shares:
-                share = float(abs(values[term]) * selection.unit_shares[term])
+            if term in selection.unit_shares:
+                share = abs(selection.coefficients[term][0]) * selection.unit_shares[term]
         path.append(
             PathPoint(
                 terms=int(np.sum(quadratic.penalty.pair[numbers] >= 0)),

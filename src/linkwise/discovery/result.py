@@ -229,8 +229,8 @@ class Discovery(JudgedView):
     @cached_property
     def inclusion(self) -> dict[str, float]:
         """The probability that each term tested is there, by name, among the terms on offer; NaN if it is not identifiable."""
-        probabilities = self.average.probabilities
-        return {term.name: probabilities[term.name] if term.identifiable else nan for term in self.terms}
+        found = self.average.probabilities
+        return {term.name: found[term.name] if term.identifiable else nan for term in self.terms}
 
     def force_band(self, link: str, d: ArrayLike, *, averaged: bool = True) -> tuple[Floats, Floats, Floats]:
         """Stiffness force of a link with its 95 % band, averaged over the models that survive, or of the selected one.
@@ -278,10 +278,8 @@ class Discovery(JudgedView):
         StructureError
             If there is no such link.
         """
-        tested = {term.name: term.certain for term in self.kept}
-        tested |= {name: law.certain for law in self.memory for name in law.coefficients}
-        names = (f"{link}.{name}" for name in self.structure.link(link).coefficients)
-        return Decision.CERTAIN if any(tested.get(name, True) for name in names) else Decision.DOUBTFUL
+        certain = any(each is None or each.certain for each in self._evidence(link))
+        return Decision.CERTAIN if certain else Decision.DOUBTFUL
 
     def certainty(self, link: str) -> float:
         """By how much the criterion rises without the most certain term of a link.
@@ -301,12 +299,13 @@ class Discovery(JudgedView):
         StructureError
             If there is no such link.
         """
-        margins = {term.name: term.margin for term in self.kept}
-        margins |= {name: law.margin for law in self.memory for name in law.coefficients}
-        return max(
-            (margins.get(f"{link}.{name}", float("inf")) for name in self.structure.link(link).coefficients),
-            default=float("inf"),
-        )
+        return max((inf if each is None else each.margin for each in self._evidence(link)), default=inf)
+
+    def _evidence(self, link: str) -> list[TermEvidence | MemoryEvidence | None]:
+        """The evidence for each coefficient of a link; None for those that were stated."""
+        evidence: dict[str, TermEvidence | MemoryEvidence] = {term.name: term for term in self.kept}
+        evidence |= {name: law for law in self.memory for name in law.coefficients}
+        return [evidence.get(f"{link}.{name}") for name in self.structure.link(link).coefficients]
 
     @cached_property
     def grade(self) -> Grade:

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 
 from linkwise.arrays import Bools, Floats
 from linkwise.discovery.candidates import CandidateTerm
-from linkwise.discovery.criterion import CERTAIN, QuadraticModel, inverse_of
+from linkwise.discovery.criterion import CERTAIN, QuadraticModel
 from linkwise.discovery.prediction import BlockParabolas
 from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_only_noise
 from linkwise.discovery.terms import Term
@@ -168,21 +168,13 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[Rival, ..
 def _may_be_replaced(model: QuadraticModel, p: int, largest: Floats) -> Bools:
     """(p, e) whether a term, dropped beside an error, leaves a small error and a criterion that more drops may lower.
 
-    Small is below `largest` (e,). By the inverse of the curvature of all terms, bordered by each error. Raises
-    numpy.linalg.LinAlgError if the columns of the terms are linearly dependent.
+    Small is below `largest` (e,). Raises numpy.linalg.LinAlgError if the columns of the terms are linearly dependent.
     """
-    penalty, others = model.penalty, model.penalty.has_other_terms(range(p))
-    saved = penalty.term + np.where(others, 0.0, penalty.link)
-    inverse = inverse_of(model.h[:p, :p])
-    values, cross = inverse @ model.g[:p], model.h[:p, p:]
-    along = inverse @ cross  # (p, e)
-    left = model.h.diagonal()[p:] - np.einsum("pe,pe->e", cross, along)
-    left = np.where(left > 0.0, left, np.inf)
-    errors = (model.g[p:] - cross.T @ values) / left
-    variance = inverse.diagonal()[:, None] + along**2 / left
-    beside = values[:, None] - along * errors  # the terms beside each error
-    sizes = errors + along / left / variance * beside  # of the error, once the term is dropped
-    excess = beside**2 / variance - left * errors**2 + penalty.term - saved[:, None]
+    penalty, by_curvature = model.penalty, replace(model, scatter=None)
+    saved = np.where(penalty.has_other_terms(range(p)), 0.0, penalty.link)
+    exchanges = by_curvature.exchanges(range(p))
+    sizes, gains = np.array([exchange.values for exchange in exchanges]), [each.z**2 for each in exchanges]
+    excess = (by_curvature.solve(range(p)).z ** 2 - saved)[:, None] - gains
     more = _DROPPED_BESIDE * (penalty.term + penalty.link)
     selected = penalty.pair[:p, None] >= 0
     return np.asarray(selected & (np.abs(sizes) < largest) & (excess < CERTAIN + more))
@@ -508,8 +500,8 @@ def terms_without_gain(
     if parabolas is None or not selection.fit.model_error > 0.0:
         return ()
     needless = []
-    for k, value in enumerate(selection.quadratic.solve(selection.inside).values.tolist()):
-        share = abs(value) * selection.unit_shares.get(k, np.inf)
+    for k in selection.inside:
+        share = abs(selection.coefficients[k][0]) * selection.unit_shares.get(k, np.inf)
         if share < model_error:
             prediction = parabolas.prediction([other for other in selection.inside if other != k])
             if prediction.excess <= prediction.scatter:

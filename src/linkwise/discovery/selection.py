@@ -63,6 +63,14 @@ class Selection:
         by_name = self.candidates.by_name
         return {k: by_name[name] for k, name in enumerate(self.quadratic.names) if name in by_name}
 
+    @cached_property
+    def coefficients(self) -> dict[int, tuple[float, float]]:
+        """Values and z scores of all coefficients, by number: those of the fit, and each of the others added alone."""
+        inside, others = self.quadratic.solve(self.inside), self.quadratic.additions(self.inside)
+        numbers = [*self.inside, *others.numbers.tolist()]
+        values, z = (np.concatenate(parts).tolist() for parts in zip(inside, others[1:], strict=True))
+        return dict(zip(numbers, zip(values, z, strict=True), strict=True))
+
     @property
     def converged(self) -> bool:
         """Whether the fit converged at a q for which the local quadratic model is exact."""
@@ -77,10 +85,6 @@ class Selection:
     def is_exact(self) -> bool:
         """Whether the laws leave no more than noise, or the search was interrupted before that could be said."""
         return leaves_only_noise(self.fit) or self.interrupted
-
-    def has_fewer_links(self, rival: Selection) -> bool:
-        """Whether it settled on fewer links than another one, where links may stand in for terms that were not offered."""
-        return self.settled and len(self.structure.links) < len(rival.structure.links)
 
     @cached_property
     def neighbours(self) -> tuple[Move, ...]:

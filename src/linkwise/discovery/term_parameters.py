@@ -159,9 +159,8 @@ def _explains_as_much(trial: Selection, selection: Selection) -> bool:
 
 def _strongest(selection: Selection, names: Collection[str]) -> str:
     """Of some candidates that were chosen the one with the largest z score."""
-    z = np.abs(selection.quadratic.solve(selection.inside).z)
-    scores = dict(zip(selection.quadratic.names, z.tolist(), strict=False))
-    return max(sorted(names), key=lambda name: scores[name])
+    number = {name: k for k, name in enumerate(selection.quadratic.names)}
+    return max(sorted(names), key=lambda name: abs(selection.coefficients[number[name]][1]))
 
 
 def _freed_at_once(search: TermSearch, chosen: frozenset[str]) -> tuple[TermSearch, Selection]:
