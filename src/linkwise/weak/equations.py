@@ -6,7 +6,7 @@ motion in the windows.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -57,8 +57,6 @@ class WeakEquations:
         Smoothed states of links.
     acceleration : array of shape (n + S, R)
         Smoothed accelerations in m/s^2 of masses and modes, and second derivatives of states.
-    force : array of shape (R, n + S) or None
-        Smoothed applied forces in N; None without any.
     time : array of shape (R,)
         Centres of the windows in s.
     """
@@ -73,7 +71,6 @@ class WeakEquations:
     v: Floats
     states: Floats
     acceleration: Floats
-    force: Floats | None
     time: Floats
 
     @property
@@ -99,11 +96,6 @@ class WeakEquations:
     def inside(self) -> slice:
         """Where the points between the first and the last centre are."""
         return slice(0, len(self.points) - 2 * self.window.half)
-
-    @property
-    def slope_stride(self) -> int:
-        """Stride in windows at which `Patch.slopes` are evaluated."""
-        return _SLOPE_THINNING * self.thinning
 
 
 def weak_equations(
@@ -190,7 +182,6 @@ def weak_equations(
         v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.elements))),
         states=displaced[structure.size : layout.equations],
         acceleration=smooth[PHI_2, :-2] / area,
-        force=_applied_forces(context.forces, area, layout.equations, windows) if applied else None,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
 
@@ -238,14 +229,6 @@ def _displacements(smooth: Floats, window: Window) -> Floats:
     return np.asarray((smooth[PHI] - 0.5 * (phi @ time**2 / phi.sum()) * smooth[PHI_2]) / phi.sum())
 
 
-def _applied_forces(applied: Mapping[int, Floats], area: float, masses: int, windows: int) -> Floats:
-    """(R, n) applied forces from those of the forced masses, negative under phi."""
-    by_mass = np.zeros((windows, masses))
-    for mass, force in applied.items():
-        by_mass[:, mass] = -force[-1] / area
-    return by_mass
-
-
 def _patches(
     context: PatchContext, applied: dict[int, Floats], only: Collection[int] | None
 ) -> tuple[Patch, ...]:
@@ -260,13 +243,12 @@ def _patches(
     hidden = layout.equations if layout.elimination is None else layout.structure.size
     for mass, nodes in enumerate(layout.neighbourhoods[:hidden]):
         if all(measured[node] for node in nodes):
-            missing = _missing(
-                context.motion, [node for node in nodes if node < layout.equations], applied.get(mass)
-            )
+            near = [node for node in nodes if node < layout.equations]
+            missing = _missing(context.motion, near, applied.get(mass))
             if mass in layout.masses_needing_rate:
                 missing = _missing_rate(missing, context)
-            valid = whole if missing is None else _valid(missing, context.window)
-            key = (b"" if missing is None else valid.tobytes(), mass in layout.masses_with_parameters)
+            valid = _valid(missing, context.window) if missing.any() else whole
+            key = (valid.tobytes(), mass in layout.masses_with_parameters)
             by_windows.setdefault(key, (valid, []))[1].append(mass)
     _require_whole_windows([valid for valid, _ in by_windows.values()], context.window)
     wanted = [
@@ -280,22 +262,16 @@ def _patches(
     )
 
 
-def _missing(motion: MeasuredDisplacements, masses: list[int], force: Floats | None) -> Bools | None:
-    """(N,) True where a sample of `masses` or of their `force` (N,) is missing; None where none is."""
-    if motion.missing is None and force is None:
-        return None
+def _missing(motion: MeasuredDisplacements, masses: list[int], force: Floats | None) -> Bools:
+    """(N,) True where a sample of `masses` or of their `force` (N,) is missing."""
     missing = np.zeros(motion.displacements.shape[1], dtype=bool)
     if motion.missing is not None:
         missing |= np.any(motion.missing[masses], axis=0)
-    if force is not None:
-        missing |= np.isnan(force)
-    return missing if missing.any() else None
+    return missing if force is None else missing | np.isnan(force)
 
 
-def _missing_rate(missing: Bools | None, context: PatchContext) -> Bools:
+def _missing_rate(missing: Bools, context: PatchContext) -> Bools:
     """(N,) True where v is unknown: a window around the sample lacks one or extends past the record."""
-    if missing is None:
-        missing = np.zeros(context.motion.displacements.shape[1], dtype=bool)
     window_samples = np.lib.stride_tricks.sliding_window_view(
         np.pad(missing, context.rate_window.half, constant_values=True), context.rate_window.length
     )

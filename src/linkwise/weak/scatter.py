@@ -274,7 +274,7 @@ def _quadratic_noise(
     negative.
     """
     layout, window = patch.layout, system.window
-    at = np.flatnonzero(system.points[system.inside] % system.slope_stride == 0)
+    at = np.flatnonzero(system.points[system.inside] % system.context.slope_stride == 0)
     through = _own_noise(patch, system, layout.link_incidence, layout.readings)
     weights = _under_kernels(
         through, statistics.masses, statistics.mean[:, :, at], layout.inner, len(window.kernels)
@@ -282,9 +282,9 @@ def _quadratic_noise(
     shape = weights[PHI].shape
     kernels = np.zeros((len(window.kernels), weights[PHI].size))
     kernels[: len(weights)] = np.reshape(weights, (len(weights), -1))
-    slopes = patch.slopes[:, system.points[at] // system.slope_stride]
+    slopes = patch.slopes[:, system.points[at] // system.context.slope_stride]
     variance = system.motion.covariance(patch.masses, floored=True).diagonal()
-    amount = system.slope_stride * (weight * variance) ** 2
+    amount = system.context.slope_stride * (weight * variance) ** 2
     acting = _own_noise(patch, system, patch.signs, layout.incidence)
     total, terms = np.zeros(patch.products.shape), layout.free_terms_by_kernel
     for row, column in _CORRELATED if len(kernels) == INNER else product(range(len(terms)), repeat=2):
