@@ -105,10 +105,8 @@ class Candidates:
     @property
     def places(self) -> tuple[str, ...]:
         """The points of hosts, and the masses."""
-        return (
-            *(point for host in self.hosts for point in host.points),
-            *(mass.name for mass in self.masses),
-        )
+        points = (point for host in self.hosts for point in host.points)
+        return (*points, *(mass.name for mass in self.masses))
 
     @cached_property
     def rotations(self) -> tuple[str, ...]:
@@ -326,9 +324,8 @@ def _pairs(
 
 def _move_alike(hosts: Sequence[Host], first: str, second: str) -> bool:
     """Whether two ends are points of a host that move alike in every mode, so that nothing stretches a link between them."""
-    return any(
-        {first, second} <= set(host.points) and host.shape(first) == host.shape(second) for host in hosts
-    )
+    common = (host for host in hosts if {first, second} <= set(host.points))
+    return any(host.shape(first) == host.shape(second) for host in common)
 
 
 def _require_single_names(masses: Sequence[Mass]) -> None:
@@ -350,10 +347,8 @@ def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:
     coefficient_names = {name for link in pair.stated for name in link.law.coefficients}
     stated = {basis for link in pair.stated for basis in link.law.basis.values()}
     grounded = not {GROUND, BASE}.isdisjoint(pair.between)
-    candidates = [
-        term for term in terms if term.law.expression not in stated and (grounded or not term.is_constant)
-    ]
-    return [term.beside(coefficient_names) for term in candidates]
+    possible = (term for term in terms if grounded or not term.is_constant)
+    return [term.beside(coefficient_names) for term in possible if term.law.expression not in stated]
 
 
 def _links(pair: Pair, entries: Sequence[CandidateTerm]) -> tuple[Link, ...]:

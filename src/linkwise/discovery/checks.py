@@ -106,10 +106,7 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
             f"a:{candidates.places[0]}",
             arguments=("channels",),
         )
-    ratios = [
-        _signal_to_noise(record, [name for name in measured if record.motions_of(name)]) for record in records
-    ]
-    if all(ratio < _AT_REST for record_ratios in ratios for ratio in record_ratios):
+    if all(ratio < _AT_REST for record in records for ratio in _signal_to_noise(record, measured)):
         raise IdentificationError(_NO_MOTION)
     remarks = []
     missed = [name for name in candidates.places if name not in measured]
@@ -153,7 +150,7 @@ def _check_length(records: Sequence[Record], candidates: Candidates) -> list[str
 
 
 def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
-    """The power of the motion of each mass over that of the noise, in its best channel."""
+    """The power of the motion of each mass over that of the noise, in its best channel; 0 without one."""
     noise = channel_noise(record)
     ratios = [
         [

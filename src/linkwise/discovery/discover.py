@@ -188,9 +188,8 @@ def _require_force_scale(records: Sequence[Record], structure: Structure, errors
     unknown = unknown_gains(errors)
     if unknown:
         require_force_scale(records, structure, unknown)
-    loose = [
-        name for name, sigma in errors["calibration"].items() if name.startswith("force:") and sigma > _LOOSE
-    ]
+    calibrated = errors["calibration"].items()
+    loose = [name for name, sigma in calibrated if name.startswith("force:") and sigma > _LOOSE]
     try:
         require_force_scale(records, structure, (*unknown, *loose))
     except IdentificationError:

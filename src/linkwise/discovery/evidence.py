@@ -201,18 +201,16 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     feeding = []
     for pair, terms in opposed.items():
         d, v = (part.ravel() for part in motion[links[frozenset(pairs[pair].between)]])
+        laws = [selection.entries[k].term.law for k in terms]
         forces, at_half = (
-            np.stack(
-                [np.broadcast_to(selection.entries[k].term.law.force(d, rate, {}), v.shape) for k in terms]
-            )
+            np.stack([np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws])
             for rate in (v, 0.5 * v)
         )
         power = v * forces
         error = np.sqrt(np.einsum("it,ij,jt->t", power, covariance[np.ix_(terms, terms)], power))
         given = solution.values[terms] @ power < -_NEGATIVE * error
-        of_friction = 2.0 * np.sum(np.abs(at_half), axis=1) > (1.0 + _ROUNDING) * np.sum(
-            np.abs(forces), axis=1
-        )
+        whole, half = (np.sum(np.abs(force), axis=1) for force in (forces, at_half))
+        of_friction = 2.0 * half > (1.0 + _ROUNDING) * whole
         negative_friction = selection.is_exact and np.any(of_friction & (solution.z[terms] < -_NEGATIVE))
         if negative_friction or np.mean(given) > _OF_THE_TIME:
             feeding.append(pairs[pair].name)

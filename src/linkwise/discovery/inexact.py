@@ -19,7 +19,7 @@ from linkwise.arrays import Floats
 from linkwise.discovery.criterion import CERTAIN, QuadraticModel
 from linkwise.discovery.model_average import PathPoint
 from linkwise.discovery.prediction import BlockParabolas, block_parabolas
-from linkwise.discovery.selection import Rounds, Selection, TermSearch, starts_of
+from linkwise.discovery.selection import Rounds, Selection, Start, TermSearch, starts_of
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_coloured
@@ -68,7 +68,7 @@ def select_beyond_white_noise(
     if selection.interrupted or not is_coloured(fit.misfit.residuals):
         return selection, None
     try:
-        beyond = rounds.fit(selection.structure, fit.values, None, rounds.options(number, fit))
+        beyond = rounds.fit(selection.structure, (fit.values, None), rounds.options(number, fit))
     except IdentificationError:
         return selection, None
     if beyond.optimum.coloured is None:
@@ -207,10 +207,8 @@ class InexactRounds(Rounds):
         self.steps += 1
         progress(report)
 
-    def fit(
-        self, structure: Structure, theta: Floats, spread: Floats | None, options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        return super().fit(structure, theta, None, options)
+    def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
+        return super().fit(structure, (start[0], None), options)
 
     def model(self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]) -> QuadraticModel:
         """The criterion over the overdispersion of the blocks, in which no score varies less than they do."""
@@ -276,9 +274,9 @@ class InexactRounds(Rounds):
                 return selection
             chosen = selection.chosen & {selection.quadratic.names[k] for k in simplest}
             structure, number = candidates.structure(chosen), selection.rounds + 1
-            values, _ = starts_of(selection.quadratic, simplest, structure, fit)
+            start = starts_of(selection.quadratic, simplest, structure, fit)
             self.relaxation = fit.model_error
-            fit = self.fit(structure, values, None, self.options(number, fit))
+            fit = self.fit(structure, start, self.options(number, fit))
             quadratic = self.model(fit, structure, chosen)
             needless = tuple(sorted(selection.chosen - chosen))
             simpler = Selection(candidates, chosen, structure, fit, quadratic, True, number, needless)
@@ -360,7 +358,7 @@ def _fit(search: TermSearch, selection: Selection, before: LikelihoodFit, relaxa
     """A fit of the laws of a selection at one `relaxation`, from its values and the states of the fit `before`."""
     rounds = InexactRounds(search, tight=relaxation)
     options = rounds.options(selection.rounds + 1, before)
-    return rounds.fit(selection.structure, selection.fit.values, None, options)
+    return rounds.fit(selection.structure, (selection.fit.values, None), options)
 
 
 def _runs_close(fit: LikelihoodFit) -> bool:

@@ -245,9 +245,8 @@ def _with_doubts(discovery: Discovery, dropped: DroppedTerms, alone: Floats, fit
     estimate = replace(discovery.estimate, links_in_doubt=frozenset(discovery.in_doubt))
     remarks = (*discovery.remarks, *dropped_terms_remark(dropped, estimate, alone))
     described = replace(discovery, estimate=estimate, remarks=remarks)
-    if len(described.in_doubt) < len(described.structure.links) and (
-        fit.optimum.coloured is None or not described.in_doubt
-    ):
+    some = len(described.in_doubt) < len(described.structure.links)
+    if not described.in_doubt or (some and fit.optimum.coloured is None):
         return described
     return replace(
         described,

@@ -124,9 +124,8 @@ class _Hypothesis:
         steps = _STEPS_BESIDE_HOSTS if self.structure.hosts else _STEPS
 
         def search(values: Floats) -> LikelihoodFit:
-            return self.search.starting_at(self.structure, values).first_fit(
-                self.structure, ceiling=_CEILING, steps=steps
-            )
+            started = self.search.starting_at(self.structure, values)
+            return started.first_fit(self.structure, ceiling=_CEILING, steps=steps)
 
         try:
             return fit_from_valleys(search, self.valleys)
@@ -224,7 +223,7 @@ def _ranked(
     if search.candidates.hosts:
         pairs = frozenset(by_name[name].pair for name in screened.first)
     else:
-        pairs = skeleton(screened.records, screened.motions, search.candidates)
+        pairs = skeleton(screened.measured, search.candidates)
     names = {name for name, entry in by_name.items() if entry.pair in pairs}
     linear = {name for name in names if by_name[name].term.text in _LINEAR}
     chosen = frozenset(linear | (names & screened.first))
@@ -234,10 +233,8 @@ def _ranked(
         return []
     with one_blas_thread():
         ranked = [hypothesis.ranked(records) for hypothesis in every]
-    return sorted(
-        (hypothesis for hypothesis in ranked if np.isfinite(hypothesis.misfit)),
-        key=lambda hypothesis: hypothesis.misfit,
-    )
+    started = (hypothesis for hypothesis in ranked if np.isfinite(hypothesis.misfit))
+    return sorted(started, key=lambda hypothesis: hypothesis.misfit)
 
 
 def _suspected(
@@ -347,7 +344,7 @@ def _fit_without_memory(
     linear = {e.name for e in candidates.entries if e.pair == own.pair and e.term.text in _LINEAR}
     structure = candidates.structure((chosen.chosen & candidates.by_name.keys()) | linear)
     try:
-        theta, spread = starting_values(search.records, structure)
-        return replace(search, start=lambda _: (theta, spread)).first_fit(structure)
+        start = starting_values(search.records, structure)
+        return replace(search, start=lambda _: start).first_fit(structure)
     except (IdentificationError, np.linalg.LinAlgError):
         return None

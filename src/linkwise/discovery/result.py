@@ -222,9 +222,8 @@ class Discovery(JudgedView):
     @cached_property
     def in_doubt(self) -> tuple[str, ...]:
         """The discovered links, stated ones aside, without a certain term: other links may be there instead."""
-        return tuple(
-            dict.fromkeys(term.link for term in self.kept if self.decision(term.link) is not Decision.CERTAIN)
-        )
+        found = dict.fromkeys(term.link for term in self.kept)
+        return tuple(link for link in found if self.decision(link) is not Decision.CERTAIN)
 
     @cached_property
     def inclusion(self) -> dict[str, float]:
@@ -347,15 +346,10 @@ class Discovery(JudgedView):
 
 
 def _as_dict(term: TermEvidence) -> dict[str, Any]:
-    plain = asdict(term)
+    plain = asdict(term) | {"between": list(term.between)}
     del plain["link"]
     plain["reliable"], plain["told"] = plain.pop("unambiguous"), plain.pop("identifiable")
-    return {
-        **plain,
-        "between": list(term.between),
-        "certain": term.certain,
-        "decision": term.decision.value,
-    }
+    return {**plain, "certain": term.certain, "decision": term.decision.value}
 
 
 Rows = list[tuple[str, ...]]
@@ -414,9 +408,8 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
         )
     value = estimate.chi_square_per_sample
     chi_square = "" if value is None else f", chi-square {format_chi_square(value)}"
-    search = "".join(
-        f"{verdict.value} " for verdict in discovery.verdicts if verdict not in estimate.verdicts
-    )
+    of_search = (verdict.value for verdict in discovery.verdicts if verdict not in estimate.verdicts)
+    search = "".join(f"{sentence} " for sentence in of_search)
     plain = f"{_count(len(estimate.masses), 'mass', 'masses')}, {_count(len(estimate.links), 'link')}"
     return (
         f"{estimate.structure.contents if estimate.structure.hosts else plain} with {_count(terms, 'term')}: {trust}",
@@ -433,8 +426,8 @@ def certainty_sentence(discovery: Discovery) -> str:
     dropped = len(discovery.doubtful) - selected
     if not discovery.doubtful:
         return "Every decision is certain."
-    counts = ((selected, "the terms kept"), (dropped, "those dropped"))
-    parts = [f"{count} of {terms}" for count, terms in counts if count]
+    counts = {"the terms kept": selected, "those dropped": dropped}
+    parts = [f"{count} of {terms}" for terms, count in counts.items() if count]
     return f"In doubt: {' and '.join(parts)}."
 
 
@@ -514,15 +507,10 @@ def _term_row(
 
 def doubtful_title(discovery: Discovery) -> str:
     """The title of the table of doubtful terms."""
-    ambiguous = admit_intervals(discovery.verdicts) and any(
-        not term.unambiguous for term in discovery.doubtful
-    )
-    reasons = (
-        ", the interval contains zero, masses moved together, or another term would fit as well"
-        if ambiguous
-        else ""
-    )
-    if admit_intervals(discovery.verdicts) and any(term.may_matter for term in discovery.doubtful):
+    reasons, trusted = "", admit_intervals(discovery.verdicts)
+    if trusted and any(not term.unambiguous for term in discovery.doubtful):
+        reasons += ", the interval contains zero, masses moved together, or another term would fit as well"
+    if trusted and any(term.may_matter for term in discovery.doubtful):
         reasons += ", or the record would not show a term that matters"
     return f"in doubt: the margin is {CERTAIN:g} or less{reasons}"
 

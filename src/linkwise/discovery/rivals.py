@@ -279,9 +279,8 @@ def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, 
     """
     structure = selection.structure
     ends = {*structure.points, GROUND}
-    on_hosts = {
-        pair.name for pair in search.candidates.pairs if not pair.stated and ends.issuperset(pair.between)
-    }
+    found = (pair for pair in search.candidates.pairs if not pair.stated)
+    on_hosts = {pair.name for pair in found if ends.issuperset(pair.between)}
     names = [parameter.name for parameter in structure.parameters]
     replaced = tuple(k for k, name in enumerate(names) if name.owner in on_hosts)
     stated = ((name, structure.link(name).coefficients.get(_FREQUENCY)) for name in sorted(structure.modes))
@@ -297,7 +296,7 @@ def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, 
         options = replace(
             search.sensors, model_error=False, ceiling=_CEILING, steps=_STEPS, progress=search.progress
         )
-        fit = search.fit(freed, theta, None, options)
+        fit = search.fit(freed, (theta, None), options)
     except (IdentificationError, np.linalg.LinAlgError):
         return ()
     if not leaves_only_noise(fit):

@@ -202,10 +202,8 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     ]
     with_parameters = {name for name in link.law.linear if symbols(link.law.basis[name]) & nonlinear.keys()}
     remainder = substitute(link.law.remainder, numbers)
-    parts = (
-        remainder.parts if isinstance(remainder, Sum) else (() if remainder == Number(0.0) else (remainder,))
-    )
-    terms += [(to_text(part), 1.0, part) for part in parts]
+    parts = remainder.parts if isinstance(remainder, Sum) else (remainder,)
+    terms += [(to_text(part), 1.0, part) for part in parts if part != Number(0.0)]
     ends = frozenset(link.between)
     reversed_ = orientation.get(ends, link.between) != link.between
     for name, value, basis in terms:

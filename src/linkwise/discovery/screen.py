@@ -26,7 +26,7 @@ from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, sample
 from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
@@ -34,6 +34,8 @@ from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import dense_blocks, normal_blocks, residual_power
 from linkwise.weak.scatter import SlopeStatistics, score_blocks
 
+#: Records with the displacements of all masses.
+Measured = Sequence[tuple[Record, MeasuredDisplacements]]
 Result = TypeVar("Result")
 Weights = list[list[Floats]]  # of the masses, by record and patch
 
@@ -74,8 +76,7 @@ class WeakRegression:
     @classmethod
     def of(
         cls,
-        records: Sequence[Record],
-        motions: Sequence[MeasuredDisplacements],
+        measured: Measured,
         candidates: Candidates,
         structure: Structure,
         only: tuple[int, ...] | None = None,
@@ -84,10 +85,7 @@ class WeakRegression:
 
         That fit leaves the noise bias in, so that its normal matrix is always positive definite.
         """
-        systems = [
-            weak_equations(record, structure, motion, only=only)
-            for record, motion in zip(records, motions, strict=True)
-        ]
+        systems = [weak_equations(record, structure, motion, only=only) for record, motion in measured]
         parameters = systems[0].parameters
         every = [patch.layout.free_parameters for system in systems for patch in system.patches]
         numbers, values = np.unique(np.concatenate(every)), np.zeros(len(parameters))
@@ -267,10 +265,7 @@ _MOST_LEFT, _FEW = 3, 10
 
 
 def screen(
-    records: Sequence[Record],
-    motions: Sequence[MeasuredDisplacements],
-    candidates: Candidates,
-    progress: Progress = silent,
+    measured: Measured, candidates: Candidates, progress: Progress
 ) -> tuple[frozenset[str], frozenset[str]]:
     """The candidates that are significant in the weak equations of the records, and all that the likelihood should test.
 
@@ -278,22 +273,17 @@ def screen(
     """
     near = tested = frozenset(candidates.by_name)
     if len(candidates.masses) > _TOGETHER:
-        near, tested = _screen_mass_by_mass(records, motions, candidates, progress)
+        near, tested = _screen_mass_by_mass(measured, candidates, progress)
         progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
-    regression = WeakRegression.of(records, motions, candidates, candidates.structure(near))
+    regression = WeakRegression.of(measured, candidates, candidates.structure(near))
     damped = _with_dampers(regression, _exchanged(regression, regression.significant(_LIMIT)))
     significant = frozenset(regression.names[k] for k in _connected(regression, damped))
     return significant, tested | candidates.on_links_of(significant)
 
 
-def weak_start(
-    records: Sequence[Record],
-    motions: Sequence[MeasuredDisplacements],
-    candidates: Candidates,
-    structure: Structure,
-) -> tuple[Floats, Floats]:
+def weak_start(measured: Measured, candidates: Candidates, structure: Structure) -> tuple[Floats, Floats]:
     """The parameters (p,) of `structure` by the weak form and their standard deviations (p,), with the least noise bias."""
-    regression = WeakRegression.of(records, motions, candidates, structure)
+    regression = WeakRegression.of(measured, candidates, structure)
     found = regression.least_biased(lambda quadratic: quadratic.solve(range(len(regression.names))))
     if found is None:
         raise IdentificationError(
@@ -306,10 +296,7 @@ def weak_start(
 
 
 def _screen_mass_by_mass(
-    records: Sequence[Record],
-    motions: Sequence[MeasuredDisplacements],
-    candidates: Candidates,
-    progress: Progress = silent,
+    measured: Measured, candidates: Candidates, progress: Progress
 ) -> tuple[frozenset[str], frozenset[str]]:
     """The candidates on links with one that is significant in the equation of a mass, and those significant among them.
 
@@ -323,21 +310,17 @@ def _screen_mass_by_mass(
     names: set[str] = set()
     for number, (mass, links) in enumerate(around.items()):
         first(ProgressReport(number / len(around), f"screening the links of {mass}"))
-        names |= _significant_at(number, records, motions, candidates.structure(links), candidates)
+        names |= _significant_at(number, measured, candidates.structure(links), candidates)
     near = candidates.on_links_of(names)
     structure, tested = candidates.structure(near), set()
     for number, mass in enumerate(around):
         second(ProgressReport(number / len(around), f"screening the links of {mass} again"))
-        tested |= _significant_at(number, records, motions, structure, candidates)
+        tested |= _significant_at(number, measured, structure, candidates)
     return near, frozenset(tested)
 
 
 def _significant_at(
-    number: int,
-    records: Sequence[Record],
-    motions: Sequence[MeasuredDisplacements],
-    structure: Structure,
-    candidates: Candidates,
+    number: int, measured: Measured, structure: Structure, candidates: Candidates
 ) -> set[str]:
     """The names of the candidates that are significant in the equation of the mass of this number in a structure.
 
@@ -345,7 +328,7 @@ def _significant_at(
     together resemble another one, and elimination where the noise makes hundreds of columns dependent, so that it ends early
     with most of them. It does not count then.
     """
-    regression = WeakRegression.of(records, motions, candidates, structure, (number,))
+    regression = WeakRegression.of(measured, candidates, structure, (number,))
     added, left = regression.added(_FIRST_LIMIT), regression.significant(_FIRST_LIMIT)
     chosen = {*added, *(left if len(left) <= _MOST_LEFT * len(added) + _FEW else ())}
     return {regression.names[k] for k in chosen} & candidates.by_name.keys()
@@ -408,36 +391,27 @@ def _connected(regression: WeakRegression, significant: list[int]) -> list[int]:
     return chosen
 
 
-def most_significant_tree(
-    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
-) -> frozenset[str]:
+def most_significant_tree(measured: Measured, candidates: Candidates) -> frozenset[str]:
     """All candidates on the links of the tree that joins every mass to the ground with the largest |z|.
 
     The |z| of a link is that of its most significant elastic term. Empty if the significant links do not reach every mass.
     """
-    return candidates.on_pairs(_tree(records, motions, candidates, {}))
+    return candidates.on_pairs(_tree(measured, candidates, {}))
 
 
-def skeleton(
-    records: Sequence[Record], motions: Sequence[MeasuredDisplacements], candidates: Candidates
-) -> frozenset[int]:
+def skeleton(measured: Measured, candidates: Candidates) -> frozenset[int]:
     """The numbers of the pairs with stated links, and of those of the tree of the most significant links beside them.
 
     Only the former if the significant links do not reach every mass.
     """
     stated = {number: _STATED for number, pair in enumerate(candidates.pairs) if pair.stated}
-    return frozenset(stated) | _tree(records, motions, candidates, stated)
+    return frozenset(stated) | _tree(measured, candidates, stated)
 
 
-def _tree(
-    records: Sequence[Record],
-    motions: Sequence[MeasuredDisplacements],
-    candidates: Candidates,
-    stated: Mapping[int, float],
-) -> frozenset[int]:
+def _tree(measured: Measured, candidates: Candidates, stated: Mapping[int, float]) -> frozenset[int]:
     """The numbers of the pairs of the tree with the largest |z|; those of the `stated` are given by number."""
     z = dict(stated)
-    regression = WeakRegression.of(records, motions, candidates, candidates.full_structure)
+    regression = WeakRegression.of(measured, candidates, candidates.full_structure)
     significant = regression.significant(_LIMIT)
     found = regression.least_biased(lambda quadratic: quadratic.solve(significant))
     scores = () if found is None else np.abs(found[1].z).tolist()

@@ -13,18 +13,18 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates, CandidateTerm
-from linkwise.discovery.screen import most_significant_tree, screen, screen_links, weak_start
+from linkwise.discovery.screen import Measured, most_significant_tree, screen, screen_links, weak_start
 from linkwise.discovery.term_parameters import MotionRange, first_values, motion_ranges
 from linkwise.errors import IdentificationError
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, silent
+from linkwise.progress import Progress
 from linkwise.records.joining import common_samples
 from linkwise.records.record import Record
 from linkwise.signals.gaps import short_gaps_bridged
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import channel_motion
-from linkwise.weak.displacements import MeasuredDisplacements, read_densely, with_displacements
+from linkwise.weak.displacements import read_densely, with_displacements
 from linkwise.weak.estimate import weak_search
 
 # samples in which a term is not zero: noise alone gives a few beyond the range of the motion
@@ -39,24 +39,22 @@ _DRIFT = (0, 0, 2)  # the degree of what a force may have of the drift: noise th
 _POWERS = 3  # of the elongation, as in the laws of most links
 
 
-def inactive_terms(
-    motions: Sequence[MeasuredDisplacements], rates: Sequence[float], candidates: Candidates
-) -> tuple[str, ...]:
-    """The names of candidates that were zero throughout `motions`, sampled at `rates` in Hz, but for a few samples.
+def _inactive_terms(measured: Measured, candidates: Candidates) -> tuple[str, ...]:
+    """The names of candidates that were zero throughout the motion, but for a few samples.
 
     A stop that no motion reached is such a term; no record of these determines it. A smooth one is zero at isolated points.
     """
 
     def active(entry: CandidateTerm) -> int:
         count = 0
-        for motion, rate in zip(motions, rates, strict=True):
+        for record, motion in measured:
             ends = candidates.rows(entry.pair)
             d = np.subtract(*motion.displacements[ends])
             missing = np.zeros(len(d), dtype=bool)
             if motion.missing is not None:
                 for end in (end for end in ends if end < len(motion.missing)):
                     missing |= motion.missing[end]
-            force = np.broadcast_to(entry.term.law.force(d, np.gradient(d) * rate, {}), d.shape)
+            force = np.broadcast_to(entry.term.law.force(d, np.gradient(d) * record.rate, {}), d.shape)
             count += int(np.count_nonzero(force[~missing]))
         return count
 
@@ -85,9 +83,8 @@ def tree_of_forces(records: Sequence[Record], candidates: Candidates) -> frozens
     supports = [end for end in (GROUND, BASE) if any(end in pair.between for pair in candidates.pairs)]
     motions = [_Motions.of(record, candidates, supports) for record in records]
     number = {end: place for place, end in enumerate([*names, *supports])}
-    pairs = {
-        frozenset(number[end] for end in pair.between): place for place, pair in enumerate(candidates.pairs)
-    }
+    every = enumerate(candidates.pairs)
+    pairs = {frozenset(number[end] for end in pair.between): place for place, pair in every}
     parents = _parents(motions, len(names), frozenset(pairs))
     chosen = {pairs[frozenset(ends)] for ends in parents.items()}
     return candidates.on_pairs(chosen)
@@ -174,9 +171,8 @@ def _parents(motions: Sequence[_Motions], masses: int, allowed: frozenset[frozen
                     parts = [motion.unexplained(mass, end, force) for motion, force in pairs]
                     left, whole = np.sum(parts, axis=0)
                     ratios[mass, end] = left / max(whole, np.finfo(float).tiny)
-        possible = [
-            pair for pair in ratios if pair[0] not in parents and pair[0] not in _way(pair[1], parents)
-        ]
+        left_over = [pair for pair in ratios if pair[0] not in parents]
+        possible = [pair for pair in left_over if pair[0] not in _way(pair[1], parents)]
         if not possible:
             return {}
         mass, end = min(possible, key=lambda pair: ratios[pair])
@@ -198,14 +194,13 @@ def _way(place: int, parents: dict[int, int]) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class ScreenedRecords:
-    """The screen of some `records`, which have displacements of all masses, and the `first` subset that a search starts from.
+    """The screen of records `measured`, with displacements of all masses, and the `first` subset that a search starts from.
 
     Beside hosts there are no displacements. `integrated` says whether some displacement was not measured; `tested` are the
     names of the candidates that the likelihood is to test, and `remarks` sentences on those that it is not.
     """
 
-    records: Sequence[Record]
-    motions: Sequence[MeasuredDisplacements]
+    measured: Measured
     ranges: Sequence[MotionRange]
     candidates: Candidates
     integrated: bool
@@ -214,16 +209,14 @@ class ScreenedRecords:
     remarks: tuple[str, ...]
 
     @classmethod
-    def of(
-        cls, records: Sequence[Record], candidates: Candidates, progress: Progress = silent
-    ) -> ScreenedRecords:
+    def of(cls, records: Sequence[Record], candidates: Candidates, progress: Progress) -> ScreenedRecords:
         """Screen what the records show of the candidates, less those that were never active.
 
         Short gaps are bridged where there are not enough windows without one.
         """
         if candidates.hosts:
             first = screen_links(records[0], candidates)
-            return cls(records, (), (), candidates, False, frozenset(candidates.by_name), first, ())
+            return cls((), (), candidates, False, frozenset(candidates.by_name), first, ())
         records = [common_samples(record) or record for record in records]
         try:
             return cls._of_masses(records, candidates, progress)
@@ -242,21 +235,16 @@ class ScreenedRecords:
         whole, candidates = candidates, candidates.without_signals
         displaced = [with_displacements(record, candidates.masses) for record in records]
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
-        read = [read_densely(record, candidates.full_structure) for record in displaced]
-        displaced, motions = [record for record, _ in read], [motion for _, motion in read]
-        rates = [record.rate for record in displaced]
-        ranges = motion_ranges(motions, rates, candidates)
+        measured = [read_densely(record, candidates.full_structure) for record in displaced]
+        ranges = motion_ranges(measured, candidates)
         candidates = first_values(candidates, ranges)
-        inactive = inactive_terms(motions, rates, candidates)
+        inactive = _inactive_terms(measured, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
-        first, tested = screen(displaced, motions, candidates, progress)
+        first, tested = screen(measured, candidates, progress)
         tested |= candidates.always_tested
         if integrated:
-            first = (
-                tree_of_forces(records, candidates)
-                or most_significant_tree(displaced, motions, candidates)
-                or first
-            )
+            tree = tree_of_forces(records, candidates) or most_significant_tree(measured, candidates)
+            first = tree or first
             # a constant force may only shift elongations that were not measured, so that the equations are singular
             first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
         remarks = []
@@ -275,7 +263,7 @@ class ScreenedRecords:
         if len(whole.terms) > len(candidates.terms):  # whose signals the weak form does not take
             candidates = replace(candidates, terms=whole.terms)
             tested |= {entry.name for entry in candidates.entries if entry.term.law.signals}
-        return cls(displaced, motions, ranges, candidates, integrated, tested, first, tuple(remarks))
+        return cls(measured, ranges, candidates, integrated, tested, first, tuple(remarks))
 
     def weak_values(self, structure: Structure, known: Mapping[str, float]) -> tuple[Floats, Floats]:
         """The parameters (p,) of `structure` by the weak form, and their standard deviations (p,).
@@ -288,6 +276,7 @@ class ScreenedRecords:
             for key, value in link.coefficients.items()
         )
         if not any(inside):
-            return weak_start(self.records, self.motions, self.candidates, structure)
-        fit = weak_search(self.records[0], structure, self.motions[0], known)[1]
+            return weak_start(self.measured, self.candidates, structure)
+        record, motion = self.measured[0]
+        fit = weak_search(record, structure, motion, known)[1]
         return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))

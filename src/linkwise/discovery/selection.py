@@ -25,7 +25,7 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 
 #: Start values (p,) of the parameters of a structure, and their standard deviations (p,) where they are known.
-Start = Callable[[Structure], tuple[Floats, Floats | None]]
+Start = tuple[Floats, Floats | None]
 
 _STEPS = 40  # of a fit whose laws may still be wrong; right ones take a quarter of it
 _TIGHT = 1e-4  # q up to which the local quadratic model is exact; a looser one only ranks the next terms
@@ -134,10 +134,8 @@ class Selection:
             found = [k for k in ends if ends[k] in of_links]
             forces = self.candidates.forces([self.entries[k] for k in found], self.structure)
             _, units = candidate_forces(optimum, misfit, forces)
-        ratios = units * [of_links[ends[k]] for k in found]
-        return {
-            k: 1.0 / ratio if ratio > 0.0 else np.inf for k, ratio in zip(found, ratios.tolist(), strict=True)
-        }
+        ratios = (units * [of_links[ends[k]] for k in found]).tolist()
+        return {k: 1.0 / ratio if ratio > 0.0 else np.inf for k, ratio in zip(found, ratios, strict=True)}
 
     def link_motions(self) -> dict[str, tuple[Floats, Floats]]:
         """Elongations and rates of each link along the fitted motion, at the ends of the steps of the flow, in m and m/s."""
@@ -198,7 +196,7 @@ class TermSearch:
     records: Sequence[Record]
     candidates: Candidates
     tested: frozenset[str]
-    start: Start
+    start: Callable[[Structure], Start]
     progress: Progress
     sensors: LikelihoodOptions
     restarts: bool = False
@@ -212,7 +210,7 @@ class TermSearch:
         names = [parameter.name for parameter in structure.parameters]
         known = dict(zip(names, zip(values, values if spread is None else spread, strict=True), strict=True))
 
-        def start(trial: Structure) -> tuple[Floats, Floats | None]:
+        def start(trial: Structure) -> Start:
             own = [(p.name, (p.start or 0.0, abs(p.start or 0.0))) for p in trial.parameters]
             begun, deviations = np.array([known.get(name, pair) for name, pair in own]).T
             return begun, None if spread is None else deviations
@@ -223,17 +221,13 @@ class TermSearch:
         self, structure: Structure, *, ceiling: float = _CEILING, steps: int = _STEPS
     ) -> LikelihoodFit:
         """A fit from the start that the search has for `structure`, as tight as its laws allow."""
-        theta, spread = self.start(structure)
-        options = replace(
-            self.sensors, progress=self.progress, model_error=False, ceiling=ceiling, steps=steps
-        )
+        sensors, (theta, spread) = self.sensors, self.start(structure)
+        options = replace(sensors, progress=self.progress, model_error=False, ceiling=ceiling, steps=steps)
         return likelihood_fit(self.records, structure, theta, spread=spread, options=options)
 
-    def fit(
-        self, structure: Structure, theta: Floats, spread: Floats | None, options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        """A fit from `theta`, or one from states that are computed again where that fails and they follow from the laws."""
-        fitted = partial(likelihood_fit, self.records, structure)
+    def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
+        """A fit from `start`, or one from states that are computed again where that fails and they follow from the laws."""
+        fitted, (theta, spread) = partial(likelihood_fit, self.records, structure), start
         fit = fitted(theta, spread=spread, options=options)
         stopped = fit.status is AnnealingStatus.INTERRUPTED
         if not self.restarts or stopped or leaves_only_noise(fit):
@@ -270,14 +264,12 @@ class Rounds:
     def options(self, number: int, before: LikelihoodFit | None) -> LikelihoodOptions:
         """Those of the fit in round `number`, from the states of the fit `before`."""
         nodes = self.search.sensors.nodes if before is None else before.optimum.point.nodes
-        return replace(
-            self.search.sensors, progress=round_progress(self.search.progress, number), nodes=nodes
-        )
+        progress = round_progress(self.search.progress, number)
+        return replace(self.search.sensors, progress=progress, nodes=nodes)
 
-    def fit(
-        self, structure: Structure, theta: Floats, spread: Floats | None, options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        """The fit of a structure from `theta` (p,)."""
+    def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
+        """The fit of a structure from `start`."""
+        theta, spread = start
         return likelihood_fit(self.search.records, structure, theta, spread=spread, options=options)
 
     def model(self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]) -> QuadraticModel:
@@ -307,12 +299,12 @@ class Rounds:
         """
         candidates, selections = self.search.candidates, list[Selection]()
         structure, first = candidates.structure(chosen), known or before
-        theta, spread = self.search.start(structure) if first is None else (first.values, None)
+        start = self.search.start(structure) if first is None else (first.values, None)
         visited = {chosen}
         for count in range(number, number + self.most):
             try:
                 options = self.options(count, before)
-                fit = known or self.fit(structure, theta, spread, options)
+                fit = known or self.fit(structure, start, options)
                 options.progress(ProgressReport(1.0, f"testing {len(self.search.tested)} candidates"))
                 quadratic = self.model(fit, structure, chosen)
                 after = self.changed(quadratic, list(range(len(structure.parameters))), fit)
@@ -326,7 +318,7 @@ class Rounds:
                 break
             visited.add(names)
             chosen, structure = names, candidates.structure(names)
-            theta, spread = starts_of(quadratic, after, structure, fit)
+            start = starts_of(quadratic, after, structure, fit)
             known, before = None, fit
         return selections, None
 
@@ -338,10 +330,8 @@ class ExactRounds(Rounds):
     def options(self, number: int, before: LikelihoodFit | None) -> LikelihoodOptions:
         return replace(super().options(number, before), model_error=False, ceiling=_CEILING, steps=_STEPS)
 
-    def fit(
-        self, structure: Structure, theta: Floats, spread: Floats | None, options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        return self.search.fit(structure, theta, spread, options)
+    def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
+        return self.search.fit(structure, start, options)
 
     def changed(self, quadratic: QuadraticModel, inside: list[int], fit: LikelihoodFit) -> list[int]:
         """Where the model only ranks the next terms, single moves first."""
@@ -397,7 +387,7 @@ def _fit_of_stated_links(rounds: ExactRounds) -> LikelihoodFit | None:
         return None
     try:
         structure = candidates.structure(())
-        return rounds.fit(structure, *rounds.search.start(structure), rounds.options(1, None))
+        return rounds.fit(structure, rounds.search.start(structure), rounds.options(1, None))
     # a mass without a link, or laws with which the motion runs away
     except (IdentificationError, np.linalg.LinAlgError):
         return None

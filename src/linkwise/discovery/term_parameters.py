@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.discovery.candidates import Candidates
+from linkwise.discovery.screen import Measured
 from linkwise.discovery.selection import Selection, TermSearch, best_of, select_structure
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.units import base_exponents
-from linkwise.weak.displacements import MeasuredDisplacements
 
 # of the largest elongation, or rate, one after another until a fit leaves no more than noise
 _FRACTIONS = (0.2, 0.6, 0.03)
@@ -55,20 +55,18 @@ class MotionRange:
         return float(f"{_FRACTIONS[attempt] * scale:.3g}")  # of three digits, which laws and figures show
 
 
-def motion_ranges(
-    motions: Sequence[MeasuredDisplacements], rates: Sequence[float], candidates: Candidates
-) -> list[MotionRange]:
+def motion_ranges(measured: Measured, candidates: Candidates) -> list[MotionRange]:
     """The largest elongations and rates of every pair, rates by differences over a fraction of the fastest period.
 
-    Samples were taken at `rates` in Hz. None where no term has parameters.
+    None where no term has parameters.
     """
     ranges = []
     for pair in range(len(candidates.pairs)) if any(term.parameters for term in candidates.terms) else ():
         elongation = rate = 0.0
-        for motion, sampled in zip(motions, rates, strict=True):
+        for record, motion in measured:
             d = np.subtract(*motion.displacements[candidates.rows(pair)])
-            lag = max(1, min(int(sampled / motion.bandwidth / _PER_PERIOD), len(d) // 2))
-            change = (d[lag:] - d[:-lag]) * (sampled / lag)
+            lag = max(1, min(int(record.rate / motion.bandwidth / _PER_PERIOD), len(d) // 2))
+            change = (d[lag:] - d[:-lag]) * (record.rate / lag)
             elongation = max(elongation, float(np.percentile(np.abs(d - np.median(d)), _PEAK)))
             rate = max(rate, float(np.percentile(np.abs(change), _PEAK)))
         ranges.append(MotionRange(elongation, rate))
@@ -80,12 +78,10 @@ def first_values(candidates: Candidates, ranges: Sequence[MotionRange], attempt:
 
     Raises IdentificationError for a parameter whose size the motion does not determine.
     """
+    opened = [(entry, ranges[entry.pair]) for entry in candidates.entries if entry.offered.parameters]
     values = {
-        entry.name: {
-            name: ranges[entry.pair].value(entry.offered, name, attempt) for name in entry.offered.parameters
-        }
-        for entry in candidates.entries
-        if entry.offered.parameters
+        entry.name: {name: motion.value(entry.offered, name, attempt) for name in entry.offered.parameters}
+        for entry, motion in opened
     }
     return replace(candidates, values=values)
 

@@ -177,9 +177,7 @@ def link_with_memory(name: str, between: tuple[str, str], law: str, reserved: Co
     state = next(iter(named.states))
     coefficients = Law.parse(text, named.states).coefficients
     renamed = {old: f"{old}_{state}" for old in coefficients if old in reserved}
-    states = {
-        key: replace(value, rate=_with_names(value.rate, renamed)) for key, value in named.states.items()
-    }
+    states = {key: replace(own, rate=_with_names(own.rate, renamed)) for key, own in named.states.items()}
     return Link(
         name,
         between,
@@ -428,9 +426,8 @@ def _require_independent(terms: Sequence[Term]) -> None:
     rng = np.random.default_rng(0)
     d, v = rng.choice([-1.0, 1.0], (2, _SAMPLES)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, _SAMPLES))
     small = np.maximum(np.abs(d), np.abs(v)) < 1.0
-    values = np.array(
-        [np.broadcast_to(term.law.force(d, v, _random_signals(term)), d.shape) for term in terms]
-    )
+    forces = (term.law.force(d, v, _random_signals(term)) for term in terms)
+    values = np.array([np.broadcast_to(force, d.shape) for force in forces])
     for term, column in zip(terms, values, strict=True):
         if np.isnan(column[small]).any():
             raise IdentificationError(
