@@ -32,7 +32,7 @@ from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.equations import WeakEquations, weak_equations
 from linkwise.weak.fit import dense_blocks, normal_blocks, residual_power
-from linkwise.weak.scatter import SlopeStatistics, score_blocks
+from linkwise.weak.scatter import NoisyPatch, score_blocks
 
 #: Records with the displacements of all masses.
 Measured = Sequence[tuple[Record, MeasuredDisplacements]]
@@ -97,8 +97,8 @@ class WeakRegression:
             ]
         scatter = np.zeros((len(numbers), len(numbers)))
         for system, weight in zip(systems, weights, strict=True):
-            slopes = [(patch, SlopeStatistics.along(patch, system, values)) for patch in system.patches]
-            scatter += system.motion.density * dense_blocks(score_blocks(slopes, weight, system), numbers)
+            noisy = [NoisyPatch.of(patch, system, values) for patch in system.patches]
+            scatter += system.motion.density * dense_blocks(score_blocks(noisy, weight), numbers)
         names = tuple(parameters[number] for number in numbers)
         return cls(candidates, systems, weights, names, numbers, scatter)
 

@@ -36,7 +36,7 @@ from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.fit import WeakFit, normal_equations, residual_power, weak_fit, with_priors
 from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, judgement
 from linkwise.weak.layout import structure_layout
-from linkwise.weak.scatter import SlopeStatistics, noise_power
+from linkwise.weak.scatter import NoisyPatch
 from linkwise.weak.weak_form import weak_law
 from linkwise.weak.window import ORDER, Window, smoothed_motion
 
@@ -231,13 +231,12 @@ def record_misfit(record: Record, structure: Structure) -> float:
     equations, fit, _ = weak_search(record, structure, read_displacements(record, structure))
     misfit = 0.0
     for patch in equations.patches:
-        statistics = SlopeStatistics.along(patch, equations, fit.values)
+        noisy = NoisyPatch.of(patch, equations, fit.values)
         windows = equations.points[equations.inside]
-        power = noise_power(patch, statistics, equations)
         first = len(patch.layout.kernel) - len(patch.layout.masses) - len(patch.layout.forced)
-        inertia = patch.rows[first : first + len(patch.layout.masses)] * statistics.masses[:, None]
+        inertia = patch.rows[first : first + len(patch.layout.masses)] * noisy.masses[:, None]
         recorded = np.maximum(np.mean(inertia**2, axis=1, keepdims=True), np.finfo(float).tiny)
-        terms = patch.residual(fit.values)[:, windows] ** 2 / power + np.log(power / recorded)
+        terms = patch.residual(fit.values)[:, windows] ** 2 / noisy.power + np.log(noisy.power / recorded)
         misfit += equations.thinning * float(np.sum(terms @ patch.valid[windows]))
     return _SHARED * misfit
 

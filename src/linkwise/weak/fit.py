@@ -26,7 +26,7 @@ from linkwise.weak.displacements import source_names
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.layout import StructureLayout
 from linkwise.weak.patch import Patch
-from linkwise.weak.scatter import FLOOR, SlopeStatistics, residual_excess, sandwich, score_blocks
+from linkwise.weak.scatter import FLOOR, NoisyPatch, residual_excess, sandwich, score_blocks
 
 _DENSE = 300  # parameters up to which matrices are dense
 _ROUNDS = 3  # of reweighting the masses: the second changes weights by per cents, the third by far less
@@ -98,9 +98,9 @@ def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
         normal, right = normal_equations(patches, weights, len(lower))
         values, free = _solve_bounded(normal, right, lower, upper, system.parameters)
         next_weights = [1.0 / residual_power(patch, values) for patch in patches]
-    noisy = [(patch, SlopeStatistics.along(patch, system, values)) for patch in patches]
-    excess = residual_excess(noisy, values, system)
-    scatter = assemble_blocks(score_blocks(noisy, weights, system), len(values))
+    noisy = [NoisyPatch.of(patch, system, values) for patch in patches]
+    excess = residual_excess(noisy, values)
+    scatter = assemble_blocks(score_blocks(noisy, weights), len(values))
     noise = system.motion.density * max(excess, 1.0)
     covariance = noise * _covariance(normal, scatter, free, system)
     biased, _ = normal_equations(patches, weights, len(lower), bias=1.0)

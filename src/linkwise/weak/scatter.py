@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement, pairwise, product
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import VARIABLES, Law
 from linkwise.weak.equations import WeakEquations
@@ -38,27 +38,33 @@ _STEP = 1e-30  # e, for matrices of order 1
 
 
 @dataclass(frozen=True, eq=False)
-class SlopeStatistics:
-    """Means and mean squares over noise of the slopes of a patch's laws with respect to d (N/m) and v (N s/m).
+class NoisyPatch:
+    """The equations of a patch, with the slopes of its laws by d (N/m) and v (N s/m), over noise along the smoothed motion.
 
     Each is the mean over two points, the smoothed motion plus and minus the standard deviation of the noise over sqrt(2),
     which is correct to the fourth power of the noise.
 
     Attributes
     ----------
+    patch : Patch
+        The equations.
+    system : WeakEquations
+        All equations of the record, at P `points` of which slopes are taken.
     masses : array of shape (m,)
         Masses in kg.
     mean, square : array of shape (2, l, P)
         Means and mean squares of the slopes of the links.
     """
 
+    patch: Patch
+    system: WeakEquations
     masses: Floats
     mean: Floats
     square: Floats
 
     @classmethod
-    def along(cls, patch: Patch, system: WeakEquations, values: Floats) -> SlopeStatistics:
-        """Statistics along the smoothed motion, at the P `points` of the equations of a record, with parameters (p,)."""
+    def of(cls, patch: Patch, system: WeakEquations, values: Floats) -> NoisyPatch:
+        """The patch with the slopes of its laws at the parameters `values` (p,)."""
         layout, windows = patch.layout, system.points
         deviation = np.sqrt(0.5 * system.context.floored_elongation_variance[layout.links])
         mean, square = np.empty((2, 2, len(layout.links), len(windows)))
@@ -68,12 +74,48 @@ class SlopeStatistics:
             offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
             coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
             d, v = system.d[links, at][:, None] + offsets, system.v[links, at][:, None]
-            for by, (low, high) in enumerate(
-                slope.transpose(1, 0, 2) for slope in program(d, v, *coefficients)
-            ):
+            slopes = program(d, v, *coefficients)
+            for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
                 mean[by, rows] = 0.5 * (low + high)
                 square[by, rows] = 0.5 * (low**2 + high**2)
-        return cls(layout.inertia.at(values), mean, square)
+        return cls(patch, system, layout.inertia.at(values), mean, square)
+
+    @cached_property
+    def paths(self) -> NoisePaths:
+        """The ways by which noise of channels enters the equations."""
+        layout, weights = self.patch.layout, self.system.motion.source_weights
+        return layout.paths_of_nodes if weights is None else layout.noise_paths(weights)
+
+    def under_kernels(self, passed: Floats, inertia: Floats, slopes: Floats) -> list[Floats]:
+        """What noise is weighted by under each kernel, (w, P) each; none under the last of an eliminated state.
+
+        It passes through links with `slopes` (2, l, P) as `passed` (w, l) says, and is in the displacements of masses by
+        `inertia` (w,). Inner links act under phi in place of the state.
+        """
+        inner = self.patch.layout.inner
+        stiffness, damping = (passed * ~inner) @ slopes
+        weights = [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
+        if len(self.system.window.kernels) > INNER:
+            stiffness, damping = (passed * inner) @ slopes
+            weights += [stiffness, -damping]
+        return weights
+
+    @cached_property
+    def power(self) -> Floats:
+        """(m, I) mean squares of the residuals that noise explains, at the points of `system` that are `inside`."""
+        system, paths, masses = self.system, self.paths, np.arange(len(self.masses))
+        gram, variance = system.window.kernels @ system.window.kernels.T, system.motion.floored_variance
+        mean, square = self.mean[..., system.inside], self.square[..., system.inside]
+        of_mass = (paths.equation == masses[:, None]) * variance[paths.source]
+        curved = np.tensordot(gram.diagonal()[[PHI, PHI_1]], square - mean**2, 1)
+        weights = self.under_kernels(paths.passed, paths.inertia * self.masses[paths.equation], mean)
+        power = np.zeros_like(weights[PHI])
+        every = combinations_with_replacement(range(len(weights)), 2)
+        for first, second in _CORRELATED[:-1] if len(gram) == INNER else every:
+            share = gram[first, second] if first == second else 2.0 * gram[first, second]
+            power += share * (weights[first] * weights[second])
+        floor = FLOOR * self.patch.largest()[:, None] / system.windows + np.finfo(float).tiny
+        return np.asarray(of_mass @ power + (of_mass @ paths.passed**2) @ curved + floor)
 
 
 @lru_cache(maxsize=512)
@@ -84,41 +126,18 @@ def _slopes(law: Law) -> tuple[Program, bool]:
     return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES), constant
 
 
-def residual_excess(
-    noisy: Sequence[tuple[Patch, SlopeStatistics]], values: Floats, system: WeakEquations
-) -> float:
+def residual_excess(noisy: Sequence[NoisyPatch], values: Floats) -> float:
     """Power of the residuals over the power expected from noise: 1 for laws and noise that fit."""
-    windows, total, count = system.points[system.inside], 0.0, 0.0
-    for patch, statistics in noisy:
-        residual, valid = patch.residual(values)[:, windows], patch.valid[windows]
-        total += float((residual**2 / noise_power(patch, statistics, system)).sum(axis=0) @ valid)
-        count += len(patch.masses) * float(valid.sum())
+    total, count = 0.0, 0.0
+    for own in noisy:
+        windows = own.system.points[own.system.inside]
+        residual, valid = own.patch.residual(values)[:, windows], own.patch.valid[windows]
+        total += float((residual**2 / own.power).sum(axis=0) @ valid)
+        count += len(own.masses) * float(valid.sum())
     return total / max(count, 1.0)
 
 
-def noise_power(patch: Patch, statistics: SlopeStatistics, system: WeakEquations) -> Floats:
-    """(m, I) mean squares of the residuals that noise explains, at the points of `system` that are `inside`."""
-    gram = system.window.kernels @ system.window.kernels.T
-    mean, square = (array[..., system.inside] for array in (statistics.mean, statistics.square))
-    paths, layout = _noise_paths(patch, system), patch.layout
-    of_mass = (paths.equation == np.arange(len(layout.masses))[:, None]) * system.motion.floored_variance[
-        paths.source
-    ]
-    curved = np.tensordot(gram.diagonal()[[PHI, PHI_1]], square - mean**2, 1)
-    inertia = paths.inertia * statistics.masses[paths.equation]
-    weights = _under_kernels(paths.passed, inertia, mean, layout.inner, len(gram))
-    power = np.zeros_like(weights[PHI])
-    every = combinations_with_replacement(range(len(weights)), 2)
-    for first, second in _CORRELATED[:-1] if len(gram) == INNER else every:
-        share = gram[first, second] if first == second else 2.0 * gram[first, second]
-        power += share * (weights[first] * weights[second])
-    floor = FLOOR * patch.largest()[:, None] / system.windows + np.finfo(float).tiny
-    return np.asarray(of_mass @ power + (of_mass @ paths.passed**2) @ curved + floor)
-
-
-def score_blocks(
-    noisy: Sequence[tuple[Patch, SlopeStatistics]], weights: Sequence[Floats], system: WeakEquations
-) -> Iterator[tuple[Indices, Floats]]:
+def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iterator[tuple[Indices, Floats]]:
     """Covariance of the normal equations due to noise, in blocks, for patches whose masses have `weights` (m,).
 
     Yields
@@ -128,21 +147,22 @@ def score_blocks(
     covariance : array of shape (s, s)
         Their block.
     """
-    count = len(system.motion.floored_variance)
-    of_patches = [np.bincount(_noise_paths(patch, system).source, minlength=count) for patch, _ in noisy]
+    count = len(noisy[0].system.motion.floored_variance)
+    of_patches = [np.bincount(own.paths.source, minlength=count) for own in noisy]
     equations = np.sum(of_patches, axis=0, dtype=int)
     pending = np.count_nonzero(of_patches, axis=0)
     across = pending > 1
     shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
-    for (patch, statistics), weight, present in zip(noisy, weights, of_patches, strict=True):
+    for own, weight, present in zip(noisy, weights, of_patches, strict=True):
+        patch, system = own.patch, own.system
         parameters = patch.layout.free_parameters
         sums = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
-        total = _quadratic_noise(patch, statistics, weight, system)
-        alone = _alone(patch, system, equations)
-        for terms, of_noise in _joint_sums(patch, statistics, weight, sums, system, alone):
+        total = _quadratic_noise(own, weight)
+        alone = _alone(own, equations)
+        for terms, of_noise in _joint_sums(own, weight, sums, alone):
             total[terms[:, None], terms] += of_noise @ of_noise.T
         others = np.setdiff1d(np.flatnonzero(present), alone.source)
-        for channel, terms, of_noise in _channel_sums(patch, statistics, weight, sums, system, others):
+        for channel, terms, of_noise in _channel_sums(own, weight, sums, others):
             if across[channel]:
                 shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
             else:
@@ -154,63 +174,35 @@ def score_blocks(
             yield which, of_noise @ of_noise.T
 
 
-def _noise_paths(patch: Patch, system: WeakEquations) -> NoisePaths:
-    """The ways by which noise of channels enters the equations of a patch."""
-    weights = system.motion.source_weights
-    return patch.layout.paths_of_nodes if weights is None else patch.layout.noise_paths(weights)
-
-
-def _under_kernels(
-    passed: Floats, inertia: Floats, slopes: Floats, inner: Bools, kernels: int
-) -> list[Floats]:
-    """What noise is weighted by under each of so many kernels, (w, P) each; none under the last of an eliminated state.
-
-    It passes through links with `slopes` (2, l, P) as `passed` (w, l) says, and is in the displacements of masses by `inertia`
-    (w,). Links that are `inner` (l,) act under phi in place of the state.
-    """
-    stiffness, damping = (passed * ~inner) @ slopes
-    weights = [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
-    if kernels > INNER:
-        stiffness, damping = (passed * inner) @ slopes
-        weights += [stiffness, -damping]
-    return weights
-
-
-def _alone(patch: Patch, system: WeakEquations, equations: Indices) -> NoisePaths:
+def _alone(noisy: NoisyPatch, equations: Indices) -> NoisePaths:
     """Paths of noise that enters one of all equations, through links alone, where these are so many that they stand together.
 
     `equations` (C,) is in how many the noise of each channel is.
     """
-    paths = _noise_paths(patch, system)
+    paths, layout = noisy.paths, noisy.patch.layout
     alone = (equations[paths.source] == 1) & (paths.inertia == 0.0)
-    many = np.bincount(paths.equation[alone], minlength=len(patch.masses)) > _AS_TWO
-    many &= ~((patch.layout.link_incidence != 0.0) & patch.layout.inner).any(axis=1)
+    many = np.bincount(paths.equation[alone], minlength=len(noisy.masses)) > _AS_TWO
+    many &= ~((layout.link_incidence != 0.0) & layout.inner).any(axis=1)
     return paths.chosen(alone & many[paths.equation])
 
 
 def _joint_sums(
-    patch: Patch,
-    statistics: SlopeStatistics,
-    weight: Floats,
-    sums: Floats,
-    system: WeakEquations,
-    alone: NoisePaths,
+    noisy: NoisyPatch, weight: Floats, sums: Floats, alone: NoisePaths
 ) -> Iterator[tuple[Indices, Floats]]:
     """For each of two channels of variance 1 that have the noise of those `alone` in an equation: terms (s,), sums (s, P).
 
     The sums of every channel are s phi - d phi', s and d its stiffness and damping, so that all channels together have the
     products of two sums at each point: those of the Cholesky factor of the covariance of s and d.
     """
+    patch = noisy.patch
     for i in np.unique(alone.equation).tolist():
         own = alone.equation == i
         signs, passed = patch.signs[i, patch.layout.free_terms], alone.passed[own]
         terms, links = np.flatnonzero(signs), np.flatnonzero(passed.any(axis=0))
-        variance = system.motion.floored_variance[alone.source[own]]
-        stiffness, damping = passed[:, links] @ statistics.mean[:, links]
-        first = np.sqrt(variance @ stiffness**2)
-        shared = np.divide(
-            variance @ (stiffness * damping), first, out=np.zeros_like(first), where=first > 0.0
-        )
+        variance = noisy.system.motion.floored_variance[alone.source[own]]
+        stiffness, damping = passed[:, links] @ noisy.mean[:, links]
+        first, both = np.sqrt(variance @ stiffness**2), variance @ (stiffness * damping)
+        shared = np.divide(both, first, out=np.zeros_like(first), where=first > 0.0)
         second = np.sqrt(np.maximum(variance @ damping**2 - shared**2, 0.0))
         phi, phi_1 = sums[:PHI_2, terms] * (weight[i] * signs[terms])[:, None]
         yield terms, first * phi - shared * phi_1
@@ -218,20 +210,15 @@ def _joint_sums(
 
 
 def _channel_sums(
-    patch: Patch,
-    statistics: SlopeStatistics,
-    weight: Floats,
-    sums: Floats,
-    system: WeakEquations,
-    channels: Indices,
+    noisy: NoisyPatch, weight: Floats, sums: Floats, channels: Indices
 ) -> Iterator[tuple[int, Indices, Floats]]:
     """For each of the channels with noise in an equation: its number, the terms (s,) in these equations, and sums (s, P)."""
-    acting, kind_of_term = patch.layout.free_kinds
+    acting, kind_of_term = noisy.patch.layout.free_kinds
     acting = acting * weight
-    at_once = max(1, _AT_ONCE // max(len(acting) * statistics.mean.shape[2], 1))
+    at_once = max(1, _AT_ONCE // max(len(acting) * noisy.mean.shape[2], 1))
     for start in range(0, len(channels), at_once):
         some = channels[start : start + at_once]
-        weights, kind, channel = _channel_weights(patch, system, statistics, acting, some)
+        weights, kind, channel = _channel_weights(noisy, acting, some)
         pairs, terms = np.nonzero(kind[:, None] == kind_of_term)
         ends = np.flatnonzero(np.diff(channel[pairs], append=-1)) + 1
         for first, last in pairwise([0, *ends.tolist()]):
@@ -244,7 +231,7 @@ def _channel_sums(
 
 
 def _channel_weights(
-    patch: Patch, system: WeakEquations, statistics: SlopeStatistics, acting: Floats, channels: Indices
+    noisy: NoisyPatch, acting: Floats, channels: Indices
 ) -> tuple[list[Floats], Indices, Indices]:
     """What noise of channels, of variance 1, is weighted by in sums over windows, for all terms of one kind at once.
 
@@ -252,47 +239,41 @@ def _channel_weights(
     of pairs of a kind and a channel with noise in it, under each kernel, (c, P); and kind and channel (c,) of the pairs, those
     of a channel one after the other.
     """
-    paths, variance = _noise_paths(patch, system), system.motion.floored_variance
-    paths = paths.chosen(np.isin(paths.source, channels))
+    paths = noisy.paths.chosen(np.isin(noisy.paths.source, channels))
+    variance = noisy.system.motion.floored_variance
     by_path = acting[:, paths.equation] * np.sqrt(variance[paths.source])
     by_channel = np.zeros((len(channels), len(acting), len(paths.source)))
     by_channel[np.searchsorted(channels, paths.source), :, np.arange(len(paths.source))] = by_path.T
     place, kind = np.nonzero(by_channel.any(axis=2))
     through = by_channel[place, kind]
-    inertia = through @ (paths.inertia * statistics.masses[paths.equation])
-    passed, inner = through @ paths.passed, patch.layout.inner
-    weights = _under_kernels(passed, inertia, statistics.mean, inner, len(system.window.kernels))
-    return weights, kind, channels[place]
+    inertia = through @ (paths.inertia * noisy.masses[paths.equation])
+    return noisy.under_kernels(through @ paths.passed, inertia, noisy.mean), kind, channels[place]
 
 
-def _quadratic_noise(
-    patch: Patch, statistics: SlopeStatistics, weight: Floats, system: WeakEquations
-) -> Floats:
+def _quadratic_noise(noisy: NoisyPatch, weight: Floats) -> Floats:
     """(s, s) tr(Q Q) for the noise in each mass's own displacement, over all masses of a patch.
 
     Columns under phi see the noise of windows before and after alike, those under phi' with opposite signs: of these it is
     negative.
     """
-    layout, window = patch.layout, system.window
-    at = np.flatnonzero(system.points[system.inside] % system.context.slope_stride == 0)
+    patch, system, layout = noisy.patch, noisy.system, noisy.patch.layout
+    window, stride = system.window, system.context.slope_stride
+    at = np.flatnonzero(system.points[system.inside] % stride == 0)
     through = _own_noise(patch, system, layout.link_incidence, layout.readings)
-    weights = _under_kernels(
-        through, statistics.masses, statistics.mean[:, :, at], layout.inner, len(window.kernels)
-    )
+    weights = noisy.under_kernels(through, noisy.masses, noisy.mean[:, :, at])
     shape = weights[PHI].shape
     kernels = np.zeros((len(window.kernels), weights[PHI].size))
     kernels[: len(weights)] = np.reshape(weights, (len(weights), -1))
-    slopes = patch.slopes[:, system.points[at] // system.context.slope_stride]
+    slopes = patch.slopes[:, system.points[at] // stride]
     variance = system.motion.covariance(patch.masses, floored=True).diagonal()
-    amount = system.context.slope_stride * (weight * variance) ** 2
+    amount = stride * (weight * variance) ** 2
     acting = _own_noise(patch, system, patch.signs, layout.incidence)
     total, terms = np.zeros(patch.products.shape), layout.free_terms_by_kernel
     for row, column in _CORRELATED if len(kernels) == INNER else product(range(len(terms)), repeat=2):
         first, second = terms[row], terms[column]
         if len(first) and len(second):
-            correlation = (
-                ((window.cross_correlations[row, column].T @ kernels) * kernels).sum(axis=0).reshape(shape)
-            )
+            correlated = window.cross_correlations[row, column].T @ kernels
+            correlation = (correlated * kernels).sum(axis=0).reshape(shape)
             acts = acting[:, first, None] * acting[:, None, second]
             acts *= amount[:, None, None]
             sums = (slopes[first] * correlation[:, None]) @ slopes[second].T
@@ -340,9 +321,8 @@ def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Flo
     first, last = np.minimum(position[rows], position[columns]), np.maximum(position[rows], position[columns])
     block, inside = np.divmod(first, size)
     last_block, along = np.divmod(last, size)
-    values = np.where(
-        last_block == block, diagonal_blocks[block, inside, along], right_blocks[block, inside, along]
-    )
+    at = block, inside, along
+    values = np.where(last_block == block, diagonal_blocks[at], right_blocks[at])
     return np.asarray(-values.imag / step * scale[rows] * scale[columns])
 
 

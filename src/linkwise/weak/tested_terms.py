@@ -34,7 +34,7 @@ from linkwise.weak.fit import (
     significance,
 )
 from linkwise.weak.patch import Patch
-from linkwise.weak.scatter import SlopeStatistics, score_blocks
+from linkwise.weak.scatter import NoisyPatch, score_blocks
 
 _TERMS = ("d**2", "d**3", "v*abs(v)", "sign(v)")
 _COLLINEAR = 1e-6  # of its own moment: what is left of a term beside those of the laws
@@ -90,8 +90,7 @@ def _scores(
         return moments, right[numbers] - moments @ values[numbers]
 
     (moments, slope), (biased, biased_slope) = sums(0.0), sums(1.0)
-    statistics = SlopeStatistics.along(patch, system, values)
-    scatter = dense_blocks(score_blocks([(patch, statistics)], weights, system), numbers)
+    scatter = dense_blocks(score_blocks([NoisyPatch.of(patch, system, values)], weights), numbers)
     scale = 1.0 / np.sqrt(np.maximum(biased.diagonal(), np.finfo(float).tiny))
     moments, biased, scatter = (matrix * np.outer(scale, scale) for matrix in (moments, biased, scatter))
     beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=_COLLINEAR**2)[0]
