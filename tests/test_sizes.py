@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (11, 1846),
     "sindy": (10, 1210),
     "study": (12, 1718),
-    "weak": (13, 2181),
+    "weak": (13, 2140),
 }
 
 

@@ -151,9 +151,7 @@ def read_displacements(
     for row in np.flatnonzero(has_channel):
         ends[row] = record.channel(names[row])
     values = ends[: has_channel.sum()] if has_channel[: has_channel.sum()].all() else ends[:-1][has_channel]
-    stated = [
-        record.noise.get(name, np.nan) for name, present in zip(names, has_channel, strict=True) if present
-    ]
+    stated = [record.noise.get(name, np.nan) for name in names if name in record.channels]
     sigma, bands = noise_and_bandwidth(values.T, record.rate, stated)
     sigma = np.nan_to_num(sigma)
     highest = float(np.max(bands[: measured.sum()]))

@@ -110,7 +110,7 @@ class Elimination:
         link, expression = structure.links[self.link], self.relaxation.expression
         names = self.relaxation.coefficients
         given = {name: coefficient.value for name, coefficient in link.coefficients.items()} | dict(unknown)
-        values = [np.nan if (value := given[name]) is None else value for name in names]
+        values = np.array([given[name] for name in names], dtype=float).tolist()
         for name, value in zip(names, values, strict=True):
             if np.isnan(value):
                 raise IdentificationError(
@@ -185,9 +185,8 @@ def elements_of(structure: Structure, elimination: Elimination | None = None) ->
     node_of_state = {state: structure.size + number for number, state in enumerate(topology.states)}
     base = structure.size + len(topology.states)
     elements, of_states = [], []
-    for number, (link, column, based) in enumerate(
-        zip(structure.links, topology.columns, structure.base_incidence.tolist(), strict=True)
-    ):
+    every = zip(structure.links, topology.columns, structure.base_incidence.tolist(), strict=True)
+    for number, (link, column, based) in enumerate(every):
         reading = (*column, (base, based)) if based else column
         if not link.law.states:
             elements.append(Element(number, link.law, reading, column))
@@ -231,6 +230,5 @@ def _linear_parts(
 def _law(link: Link, expression: Expression) -> Law:
     """A law with those coefficients of a link that are in an expression."""
     names = set(symbols(expression))
-    return Law(
-        to_text(expression), expression, tuple(name for name in link.law.coefficients if name in names)
-    )
+    used = tuple(name for name in link.law.coefficients if name in names)
+    return Law(to_text(expression), expression, used)

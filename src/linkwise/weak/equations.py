@@ -251,15 +251,12 @@ def _patches(
             key = (valid.tobytes(), mass in layout.masses_with_parameters)
             by_windows.setdefault(key, (valid, []))[1].append(mass)
     _require_whole_windows([valid for valid, _ in by_windows.values()], context.window)
-    wanted = [
-        (valid, masses if only is None else [mass for mass in masses if mass in only])
-        for valid, masses in by_windows.values()
-    ]
-    return tuple(
-        context.patch(masses[first : first + _PATCH], valid)
-        for valid, masses in wanted
-        for first in range(0, len(masses), _PATCH)
-    )
+    patches: list[Patch] = []
+    for valid, masses in by_windows.values():
+        wanted = [mass for mass in masses if only is None or mass in only]
+        firsts = range(0, len(wanted), _PATCH)
+        patches += [context.patch(wanted[first : first + _PATCH], valid) for first in firsts]
+    return tuple(patches)
 
 
 def _missing(motion: MeasuredDisplacements, masses: list[int], force: Floats | None) -> Bools:

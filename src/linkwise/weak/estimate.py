@@ -113,11 +113,9 @@ class WeakForm(Estimator):
             if converged:
                 fit = _with_smoothing(record, structure, equations, fit)
             fit, contradicted = with_priors(fit, structure.parameters)
-            verdict, message = (
-                judgement(record, structure, equations, fit, contradicted)
-                if converged
-                else (Verdict.NOT_CONVERGED, _NOT_CONVERGED)
-            )
+            verdict, message = Verdict.NOT_CONVERGED, _NOT_CONVERGED
+            if converged:
+                verdict, message = judgement(record, structure, equations, fit, contradicted)
         return Estimate(
             method="weak",
             fit_verdicts=(verdict,),
@@ -329,11 +327,8 @@ def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floa
 def _link_force(identified: Structure, number: int, equations: WeakEquations) -> Floats:
     """(R,) the force in N of a link along the smoothed motion; NaN while a state that was eliminated is not known."""
     link, d, v = identified.links[number], equations.d[number], equations.v[number]
-    states = {
-        name: equations.states[row]
-        for row, (owner, name) in enumerate(identified.topology.states)
-        if owner == number
-    }
+    every = enumerate(identified.topology.states)
+    states = {name: equations.states[row] for row, (owner, name) in every if owner == number}
     elimination = equations.motion.elimination
     if elimination is not None and elimination.link == number:
         states[elimination.state] = _state(identified, elimination, equations)

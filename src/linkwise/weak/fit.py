@@ -114,9 +114,8 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
         motion = system.motion
         names = source_names(structure)
         ends = len(structure.places) if motion.elimination is not None else len(names) - 1
-        unmeasured = [
-            name for name, present in zip(names[:ends], motion.has_channel, strict=False) if not present
-        ]
+        channels = zip(names[:ends], motion.has_channel, strict=False)
+        unmeasured = [name for name, present in channels if not present]
         raise IdentificationError(
             f"the record has no information on {', '.join(uninformed)}: the weak form needs the displacement of a mass and of "
             f"all its neighbours; missing {', '.join(unmeasured) or 'x:base'}"

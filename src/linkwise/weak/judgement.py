@@ -131,10 +131,8 @@ def _has_outliers(record: Record, structure: Structure, motion: MeasuredDisplace
 def _limits(windows: float) -> tuple[float, float]:
     """Limits of the residual excess of right laws; neighbouring windows share their noise, so two count as one."""
     freedom = 0.5 * max(windows, 2.0)
-    low, high = (
-        float(scipy.special.gammaincinv(0.5 * freedom, chance)) * 2.0 / freedom
-        for chance in (_FALSE_ALARM, 1.0 - _FALSE_ALARM)
-    )
+    chances = [_FALSE_ALARM, 1.0 - _FALSE_ALARM]
+    low, high = (scipy.special.gammaincinv(0.5 * freedom, chances) * 2.0 / freedom).tolist()
     return min(low, 1.0 / LARGEST_EXCESS), max(high, LARGEST_EXCESS)
 
 

@@ -75,10 +75,9 @@ class StructureLayout:
         """The parameters by the coefficients that are in the a of an eliminated state."""
         if self.elimination is None:
             return {}
-        slots = {name: (self.elimination.link, name) for name in self.elimination.relaxation.coefficients}
-        return {
-            name: self.parameter_index[slot] for name, slot in slots.items() if slot in self.parameter_index
-        }
+        link, index = self.elimination.link, self.parameter_index
+        names = self.elimination.relaxation.coefficients
+        return {name: index[link, name] for name in names if (link, name) in index}
 
     def relaxation(self, values: Floats) -> tuple[float, dict[int, float]] | None:
         """The a of the eliminated state.
@@ -142,9 +141,8 @@ class StructureLayout:
         """Nodes whose equation has a law that needs a smoothed v."""
         groups = self.groups(range(len(self.elements)))
         rated = {number for group in groups if group.weak_law.needs_rate for number in group.links.tolist()}
-        return frozenset(
-            node for node, elements in enumerate(self.elements_at) if not rated.isdisjoint(elements)
-        )
+        every = enumerate(self.elements_at)
+        return frozenset(node for node, elements in every if not rated.isdisjoint(elements))
 
     @cached_property
     def nonlinear(self) -> frozenset[int]:
@@ -167,8 +165,7 @@ class StructureLayout:
             The given values, else the starts, else NaN.
         """
         parameters = self.structure.parameters
-        chosen = (given.get(parameter.name, parameter.start) for parameter in parameters)
-        return np.array([np.nan if value is None else value for value in chosen], dtype=float)
+        return np.array([given.get(parameter.name, parameter.start) for parameter in parameters], dtype=float)
 
     @cached_property
     def neighbourhoods(self) -> tuple[frozenset[int], ...]:
@@ -203,9 +200,8 @@ class StructureLayout:
         variance = motion.floored_variance if floored else motion.source_variance
         elements, nodes, weights = self._reading_entries
         if motion.source_weights is None:
-            return np.asarray(
-                np.bincount(elements, weights**2 * variance[nodes], len(self.elements)), dtype=float
-            )
+            weighted = weights**2 * variance[nodes]
+            return np.asarray(np.bincount(elements, weighted, len(self.elements)), dtype=float)
         of_nodes = np.zeros((len(self.elements), len(motion.source_weights)))
         of_nodes[elements, nodes] = weights
         return np.asarray((of_nodes @ motion.source_weights) ** 2 @ variance)
@@ -290,18 +286,16 @@ class StructureLayout:
                 parts.append((part, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
                 chosen.append(group.links)
-        states = [
-            (mass, number) for mass in masses if mass in self.eliminating for number in self.relaxed.values()
-        ]
+        near = [mass for mass in masses.tolist() if mass in self.eliminating]
+        states = [(mass, number) for mass in near for number in self.relaxed.values()]
         relaxed = np.array(states, dtype=int).reshape(-1, 1, 2).repeat(_KERNELS, 1).reshape(-1, 2)
         of_states = TermCoefficients(relaxed[:, 1], np.zeros(len(relaxed)))
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
         sizes = [*map(len, chosen), len(relaxed), len(masses), len(forced)]
         nodes, reading, acting = self._incidence(np.concatenate([*chosen, links]).tolist(), masses)
-        own = np.concatenate(
-            [relaxed[:, 0], masses, np.array(forced, dtype=int)]
-        )  # whose equation a term is in
+        # whose equation a term is in
+        own = np.concatenate([relaxed[:, 0], masses, np.array(forced, dtype=int)])
         displaced = (own[:, None] == nodes).astype(float)
         displaced[len(relaxed) + len(masses) :] = 0.0
         return PatchLayout(
@@ -354,9 +348,7 @@ class StructureLayout:
             for index, name in slots
         ]
         parameter = [self.parameter_index.get(slot, -1) for slot in slots]
-        return TermCoefficients(
-            np.array(parameter), np.array([np.nan if value is None else value for value in known])
-        )
+        return TermCoefficients(np.array(parameter), np.array(known, dtype=float))
 
 
 @lru_cache(maxsize=32)

@@ -238,9 +238,8 @@ class PatchContext:
             rate_slopes: Iterable[Floats | None] = repeat(None)
             if law.needs_rate:
                 v, passed = self._rates(d), float(np.linalg.norm(self.rate_window.slope))
-                deviation = np.where(
-                    noise > 0.0, passed * np.sqrt(noise), 1.0
-                )  # without noise slopes do not count
+                # without noise slopes do not count
+                deviation = np.where(noise > 0.0, passed * np.sqrt(noise), 1.0)
                 rate_slopes = law.rate_slopes(d, v, noise, deviation, inside)
             functions = law.evaluate(d, v, noise, inside)
             for h, factors, slope in zip(functions, law.factors, rate_slopes, strict=False):
@@ -279,9 +278,8 @@ class PatchContext:
             elif isinstance(first, float):
                 rows[terms.terms] = sign * first * self.window.kernels[kernel].sum()
             else:
-                rows[terms.terms] = self.window.filter(
-                    first, sign * self.window.kernels[kernel : kernel + 1]
-                )[0]
+                taps = sign * self.window.kernels[kernel : kernel + 1]
+                rows[terms.terms] = self.window.filter(first, taps)[0]
         forces = len(rows) - len(layout.forced)
         rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2 + behind, layout.masses]
         for row, mass in enumerate(layout.forced, start=forces):
@@ -445,12 +443,8 @@ def rate_bias(
     with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in kernels])
     with_both = np.stack([_correlated(kernel, -rate_filter) for kernel in with_rate])
     under = sorted({terms.part.kernel for terms, _ in rated})
-    coverage = {
-        kernel: window.coverage(
-            kernels[kernel] * np.concatenate([with_rate, with_both[under]]), valid, samples
-        )
-        for kernel in under
-    }
+    filters = np.concatenate([with_rate, with_both[under]])
+    coverage = {kernel: window.coverage(kernels[kernel] * filters, valid, samples) for kernel in under}
     for number, (first, by_rate) in enumerate(rated):
         rows = first.terms
         displaced = coverage[first.part.kernel][: len(kernels)]

@@ -95,18 +95,16 @@ def _scores(
     moments, biased, scatter = (matrix * np.outer(scale, scale) for matrix in (moments, biased, scatter))
     beside = np.linalg.lstsq(moments[:p, :p], moments[:p, p:], rcond=_COLLINEAR**2)[0]
     across = np.concatenate([-beside, np.eye(len(numbers) - p)])
-    left, bias, variance = (
-        np.einsum("ij,ij->j", across, matrix @ across) for matrix in (moments, biased - moments, scatter)
-    )
+    matrices = (moments, biased - moments, scatter)
+    left, bias, variance = (np.einsum("ij,ij->j", across, matrix @ across) for matrix in matrices)
     own, noise = moments.diagonal()[p:], scatter.diagonal()[p:]
     stands = (left > _COLLINEAR) & (own > 0.0) & (noise > 0.0)
     white = np.where(stands, left * noise, 0.0) / np.where(stands, own, 1.0)
     stands &= (variance > _CANCELLED * white) & (significance(left, bias, system.windows) > SIGNIFICANT)
     added = uncertain * (across.T @ (scale * (biased_slope - slope)))
     variance = excess * np.maximum(variance, white) + added**2
-    return numbers[p:], np.where(stands, across.T @ (scale * slope), 0.0) / np.sqrt(
-        np.where(stands, variance, 1.0)
-    )
+    scores = np.where(stands, across.T @ (scale * slope), 0.0)
+    return numbers[p:], scores / np.sqrt(np.where(stands, variance, 1.0))
 
 
 @lru_cache(maxsize=32)
@@ -121,11 +119,8 @@ def _with_terms(structure: Structure) -> tuple[Structure, dict[str, str]]:
 
 
 def _with_link_terms(link: Link, added: dict[str, str]) -> Link:
-    unknown = {
-        to_text(link.law.basis[name]).replace(" ", "")
-        for name in link.law.linear
-        if link.coefficients[name].value is None
-    }
+    free = (name for name in link.law.linear if link.coefficients[name].value is None)
+    unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
     new = {name: term for name, term in added.items() if term not in unknown}
     text = " + ".join([link.law.text, *(f"{name}*({term})" for name, term in new.items())])
     coefficients = {**link.coefficients, **{name: Coefficient.unknown() for name in new}}

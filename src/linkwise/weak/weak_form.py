@@ -129,12 +129,8 @@ class WeakLaw:
 
     @cached_property
     def _program(self) -> Program:
-        varying = [
-            function
-            for chain in self._derivatives
-            for _, function in chain
-            if not isinstance(function, Number)
-        ]
+        every = (function for chain in self._derivatives for _, function in chain)
+        varying = [function for function in every if not isinstance(function, Number)]
         return Program(varying, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
 
     def evaluate(
@@ -165,9 +161,8 @@ class WeakLaw:
 
     @cached_property
     def _rate_program(self) -> Program:
-        rated = [
-            chain[0][1] for part, chain in zip(self.parts, self._derivatives, strict=True) if part.needs_rate
-        ]
+        chains = zip(self.parts, self._derivatives, strict=True)
+        rated = [chain[0][1] for part, chain in chains if part.needs_rate]
         return Program(rated, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
 
     def rate_slopes(
