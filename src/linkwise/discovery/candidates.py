@@ -48,10 +48,6 @@ class Pair:
     between: tuple[str, str]
     stated: tuple[Link, ...] = ()
 
-    def turns(self, rotations: Collection[str]) -> bool:
-        """Whether an end is among the `rotations`, so that forces are moments."""
-        return not set(rotations).isdisjoint(self.between)
-
 
 @dataclass(frozen=True)
 class CandidateTerm:

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
 from linkwise.errors import IdentificationError
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 
@@ -142,24 +143,18 @@ def _check_length(records: Sequence[Record], candidates: Candidates) -> list[str
             f"the record is too short: {samples} samples over {masses} masses for {needed} candidates, which need at least "
             f"{_LEAST_SAMPLES} each; record {-(-_LEAST_SAMPLES * needed // masses)} samples or more, or offer fewer terms"
         )
-    if samples < _ENOUGH_SAMPLES * needed:
-        return [
-            f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
-        ]
-    return []
+    few = f"{samples} samples for {needed} candidates are few: weak terms will be missed; record for longer."
+    return [few] if samples < _ENOUGH_SAMPLES * needed else []
 
 
 def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
     """The power of the motion of each mass over that of the noise, in its best channel; 0 without one."""
     noise = channel_noise(record)
-    ratios = [
-        [
-            _power(record.channel(channel)) / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
-            for channel in record.motions_of(name)
-        ]
-        for name in names
-    ]
-    return [max(of_mass, default=0.0) for of_mass in ratios]
+
+    def ratio(channel: Channel) -> float:
+        return _power(record.channel(channel)) / noise[channel] ** 2 - 1.0 if noise[channel] > 0.0 else 0.0
+
+    return [max(map(ratio, record.motions_of(name)), default=0.0) for name in names]
 
 
 def _groups(names: Sequence[str], ratios: Floats, separate: float) -> list[tuple[list[str], float]]:

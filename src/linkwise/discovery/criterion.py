@@ -171,27 +171,26 @@ class QuadraticModel:
 
     def additions(self, chosen: Subset) -> Additions:
         """Every coefficient that is not `chosen`, added to the chosen ones alone."""
-        inside = np.asarray(chosen, dtype=np.intp)
-        others = np.setdiff1d(np.arange(len(self.g)), inside)
-        cross = self.h[np.ix_(inside, others)]
-        solved = inverse_of(self.h[np.ix_(inside, inside)]) @ np.column_stack([cross, self.g[inside]])
-        gradient = self.g[others] - cross.T @ solved[:, -1]
-        return self._added(inside, others, solved[:, :-1], gradient)
+        inside, others, _, projection, gradient = self._beside(chosen)
+        return self._added(inside, others, projection, gradient)
 
     def exchanges(self, chosen: Subset) -> list[Additions]:
         """Every coefficient that is not `chosen` in the place of each of the chosen ones, which differs by one rank."""
-        inside = np.asarray(chosen, dtype=np.intp)
-        others = np.setdiff1d(np.arange(len(self.g)), inside)
-        cross = self.h[np.ix_(inside, others)]
-        inverse = inverse_of(self.h[np.ix_(inside, inside)])
-        projection, values = inverse @ cross, inverse @ self.g[inside]
-        gradient = self.g[others] - cross.T @ values
+        inside, others, inverse, projection, gradient = self._beside(chosen)
+        values = inverse @ self.g[inside]
         return [
             self._added(
                 inside, others, projection - np.outer(column, row) / own, gradient + row * (value / own)
             )
             for column, row, own, value in zip(inverse.T, projection, inverse.diagonal(), values, strict=True)
         ]
+
+    def _beside(self, chosen: Subset) -> tuple[Indices, Indices, Floats, Floats, Floats]:
+        """The coefficients chosen (s,), others (r,), the inverse among the former, what they explain and leave of others."""
+        inside = np.asarray(chosen, dtype=np.intp)
+        others = np.setdiff1d(np.arange(len(self.g)), inside)
+        cross, inverse = self.h[np.ix_(inside, others)], inverse_of(self.h[np.ix_(inside, inside)])
+        return inside, others, inverse, inverse @ cross, self.g[others] - cross.T @ (inverse @ self.g[inside])
 
     def _added(self, inside: Indices, others: Indices, projection: Floats, gradient: Floats) -> Additions:
         """The others, of which the columns inside explain the `projection` (s, r) and leave the slopes `gradient` (r,)."""
@@ -215,11 +214,8 @@ class QuadraticModel:
         inside, penalty = np.asarray(chosen, dtype=np.intp), self.penalty
         numbers, _, z = self.additions(inside)
         gains = penalty.gains(numbers, z, inside)
-        moves = [
-            Move(None, number, gain)
-            for number, gain in zip(numbers.tolist(), gains.tolist(), strict=True)
-            if gain > -np.inf
-        ]
+        every = zip(numbers.tolist(), gains.tolist(), strict=True)
+        moves = [Move(None, number, gain) for number, gain in every if gain > -np.inf]
         exchanges = self.exchanges(inside) if swaps and len(moves) else []
         whole, own = penalty.total(inside), self.solve(inside).z
         for place in np.flatnonzero(penalty.pair[inside] >= 0).tolist():

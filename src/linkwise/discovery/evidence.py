@@ -144,6 +144,7 @@ def term_evidence(
     `added` (p,) to the parameters.
     """
     candidates, count = selection.candidates, len(selection.inside)
+    turning = {*candidates.rotations}
     single = (move for move in selection.neighbours if not move.exchanges)
     margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
     ambiguous = _ambiguous_masses(selection, collinear, in_proportion)
@@ -162,7 +163,7 @@ def term_evidence(
                 link=pair.name,
                 between=pair.between,
                 term=entry.written.text,
-                unit=entry.term.angular_unit if pair.turns(candidates.rotations) else entry.term.unit,
+                unit=entry.term.angular_unit if turning & {*pair.between} else entry.term.unit,
                 kept=kept,
                 identifiable=bool(np.isfinite(value)),
                 unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),

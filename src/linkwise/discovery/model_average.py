@@ -159,10 +159,9 @@ def model_average(selection: Selection, errors: Floats) -> ModelAverage:
     quadratic model: errors of the other models are as much larger.
     """
     quadratic, entries = selection.quadratic, selection.entries
+    every = _rises(selection).items()
     rises = {
-        subset: rise
-        for subset, rise in _rises(selection).items()
-        if rise >= CERTAIN or quadratic.determines(sorted(subset))
+        chosen: rise for chosen, rise in every if rise >= CERTAIN or quadratic.determines(sorted(chosen))
     }
     weights = np.exp(-0.5 * (np.array(list(rises.values())) - min(rises.values())))
     weights /= weights.sum()

@@ -538,10 +538,8 @@ def runner_up_changes(discovery: Discovery) -> list[str]:
 def runner_up_rows(discovery: Discovery) -> Rows:
     """The runners-up, best first."""
     changes = runner_up_changes(discovery)
-    return [
-        RUNNER_UP_HEAD,
-        *((change, rough(model.margin)) for change, model in zip(changes, discovery.runners_up, strict=True)),
-    ]
+    margins = (rough(model.margin) for model in discovery.runners_up)
+    return [RUNNER_UP_HEAD, *zip(changes, margins, strict=True)]
 
 
 def path_rows(discovery: Discovery) -> Rows:

@@ -222,15 +222,15 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
     if not (constants and tested):
         return ()
     errors: list[tuple[str, str]] = [("offset", shown[number]) for number in tested]
-    of_channels = np.eye(len(tested))
+    combined = np.eye(len(shown))[:, tested]
     units = [unit_in(selection.structure, where) for _, where in errors]
-    displacements = np.array([shown[number].kind == "x" for number in tested])
-    if np.count_nonzero(displacements) > 1 and len(set(compress(units, displacements))) == 1:
+    common = np.array([name.kind == "x" and number in tested for number, name in enumerate(shown)])
+    of_common = [*compress(units, common[tested])]
+    if len(of_common) > 1 and len(set(of_common)) == 1:
         errors.append(("common offset", "all displacements"))
-        of_channels = np.column_stack([of_channels, displacements])
-        units += [*compress(units, displacements)][:1]
+        combined, units = np.column_stack([combined, common]), [*units, of_common[0]]
     try:
-        local = _with_offsets(selection.fit.optimum, tested, of_channels)
+        local = _with_offsets(selection.fit.optimum, combined)
         names = [f"{kind} of {where}" for kind, where in errors]
         model = selection.quadratic_beside(local, [-1] * len(names), names)
     except np.linalg.LinAlgError:
@@ -244,25 +244,20 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-def _with_offsets(optimum: Optimum, channels: Sequence[int], combined: Floats) -> LocalQuadratic:
-    """The local model in the parameters and, after them, in sums of offsets of `channels`, as `combined` (c, e) says.
+def _with_offsets(optimum: Optimum, combined: Floats) -> LocalQuadratic:
+    """The local model in the parameters and, after them, in sums of the offsets of channels, as `combined` (C, e) says.
 
     Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
     """
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        errors = SensorErrors.of(optimum.segments, misfit)
-        kinds = zip(errors.channel.tolist(), errors.kind, strict=True)
-        numbers = [k for k, (channel, kind) in enumerate(kinds) if kind == "offset" and channel in channels]
-        offsets = SensorErrors(
-            errors.channel[numbers],
-            tuple(errors.kind[number] for number in numbers),
-            errors.source[numbers],
-            errors.values[:, numbers],
-        )
+        offsets = SensorErrors.of(optimum.segments, misfit).of_kind("offset")
         nothing, _ = candidate_forces(optimum, misfit, [])
         augmented = augmented_quadratic(optimum, misfit, nothing, offsets)
-    local = in_their_units(optimum, augmented, np.ones(len(numbers)))
+    local, combined = (
+        in_their_units(optimum, augmented, np.ones(len(offsets.kind))),
+        combined[offsets.channel],
+    )
     sums = block_diag(np.eye(len(local.slope) - len(combined)), combined)
     scatter = None if local.scatter is None else sums.T @ local.scatter @ sums
     return LocalQuadratic(sums.T @ local.curvature @ sums, sums.T @ local.slope, scatter)

@@ -208,14 +208,8 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     reversed_ = orientation.get(ends, link.between) != link.between
     for name, value, basis in terms:
         function = _reversed(basis) if reversed_ else basis
-        yield _ComparedTerm(
-            Name(link.name, name),
-            ends,
-            value,
-            function,
-            _samples(function),
-            name in with_parameters,
-        )
+        own, samples = Name(link.name, name), _samples(function)
+        yield _ComparedTerm(own, ends, value, function, samples, name in with_parameters)
 
 
 def _reversed(basis: Expression) -> Expression:
@@ -246,11 +240,8 @@ def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
 
 def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[str, ...]:
     """The names of the links that are between none of the pairs in `ends`; modes are none."""
-    return tuple(
-        link.name
-        for link in structure.links
-        if frozenset(link.between) not in ends and link.name not in structure.modes
-    )
+    mechanical = (link for link in structure.links if link.name not in structure.modes)
+    return tuple(link.name for link in mechanical if frozenset(link.between) not in ends)
 
 
 def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
@@ -266,14 +257,9 @@ def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTe
             f"{', '.join(truth.mass_names)}"
         )
     orientation = {frozenset(link.between): link.between for link in discovered.links}
-    ours, theirs = (
-        [
-            term
-            for link in structure.links
-            if link.name not in structure.modes
-            for term in _terms(link, orientation)
-            if term.value != 0.0
-        ]
-        for structure in (discovered, truth)
-    )
-    return ours, theirs
+
+    def terms(structure: Structure) -> list[_ComparedTerm]:
+        mechanical = (link for link in structure.links if link.name not in structure.modes)
+        return [term for link in mechanical for term in _terms(link, orientation) if term.value != 0.0]
+
+    return terms(discovered), terms(truth)

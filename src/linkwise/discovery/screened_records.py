@@ -270,12 +270,8 @@ class ScreenedRecords:
 
         By its search, from the `known` values, if a stated law is nonlinear in an unknown.
         """
-        inside = (
-            key in link.law.nonlinear and not value.known
-            for link in structure.links
-            for key, value in link.coefficients.items()
-        )
-        if not any(inside):
+        links = structure.links
+        if all(link.coefficients[name].known for link in links for name in link.law.nonlinear):
             return weak_start(self.measured, self.candidates, structure)
         record, motion = self.measured[0]
         fit = weak_search(record, structure, motion, known)[1]

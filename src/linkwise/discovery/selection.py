@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -211,8 +211,7 @@ class TermSearch:
         known = dict(zip(names, zip(values, values if spread is None else spread, strict=True), strict=True))
 
         def start(trial: Structure) -> Start:
-            own = [(p.name, (p.start or 0.0, abs(p.start or 0.0))) for p in trial.parameters]
-            begun, deviations = np.array([known.get(name, pair) for name, pair in own]).T
+            begun, deviations = _started(trial, known)
             return begun, None if spread is None else deviations
 
         return replace(self, start=start)
@@ -400,21 +399,22 @@ def starts_of(
 
     A mass that would not be positive stays as in the `fit` that the model is of.
     """
-    solution = quadratic.solve(chosen)
-    deviations = np.abs(solution.values / solution.z)
-    starts = dict(
-        zip([quadratic.names[k] for k in chosen], zip(solution.values, deviations, strict=True), strict=True)
-    )
-    for parameter in structure.parameters:  # those of terms have starts of their own
-        if parameter.start is not None:
-            starts.setdefault(parameter.name, (parameter.start, abs(parameter.start)))
-    theta, spread = np.array([starts[p.name] for p in structure.parameters]).T
+    values, z = quadratic.solve(chosen)
+    pairs = zip(values, np.abs(values / z), strict=True)
+    theta, spread = _started(structure, dict(zip((quadratic.names[k] for k in chosen), pairs, strict=True)))
     fitted = dict(zip(quadratic.names, fit.values, strict=False))  # its parameters come first
     masses = {f"{mass.name}.mass" for mass in structure.masses}
     for number, parameter in enumerate(structure.parameters):
         if parameter.name in masses and theta[number] <= 0.0:
             theta[number] = fitted[parameter.name]
     return theta, spread
+
+
+def _started(structure: Structure, known: Mapping[str, tuple[float, float]]) -> tuple[Floats, Floats]:
+    """Values and deviations (p,) of parameters, those that are `known` by name; others, of terms, have starts of their own."""
+    own = [(p.name, (p.start or 0.0, abs(p.start or 0.0))) for p in structure.parameters]
+    values, deviations = np.array([known.get(name, pair) for name, pair in own]).T
+    return values, deviations
 
 
 def round_progress(progress: Progress, number: int) -> Progress:

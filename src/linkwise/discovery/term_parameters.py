@@ -131,21 +131,16 @@ def _freed(search: TermSearch, selection: Selection) -> tuple[TermSearch, Select
         free = search.candidates.free | {strongest}
         freed = _with_free(search, free).starting_at(selection.structure, selection.fit.values, deviations)
         for others in (left, {strongest}):
-            fitted = _attempted(freed, selection.chosen - (left - others))
-            if fitted is not None and fitted.interrupted:
+            try:
+                fitted = select_structure(freed, selection.chosen - (left - others))
+            except IdentificationError:  # the records do not determine all its parameters
+                continue
+            if fitted.interrupted:
                 return freed, fitted
-            if fitted is not None and _explains_as_much(fitted, selection):
+            if _explains_as_much(fitted, selection):
                 search, selection = freed, fitted
                 break
     return search, selection
-
-
-def _attempted(search: TermSearch, chosen: frozenset[str]) -> Selection | None:
-    """The subset searched from `chosen`; None if the records do not determine all its parameters."""
-    try:
-        return select_structure(search, chosen)
-    except IdentificationError:
-        return None
 
 
 def _explains_as_much(trial: Selection, selection: Selection) -> bool:
