@@ -143,10 +143,8 @@ class Candidates:
     def forces(self, entries: Iterable[CandidateTerm], structure: Structure) -> list[CandidateForce]:
         """The forces of some candidates per unit of their coefficients, in a structure."""
         index = structure.topology.index
-        ends = [(entry, self.pairs[entry.pair].between) for entry in entries]
-        return [
-            CandidateForce(index[first], index[second], entry.term.law) for entry, (first, second) in ends
-        ]
+        ends = [(entry.term.law, *self.pairs[entry.pair].between) for entry in entries]
+        return [CandidateForce(index[first], index[second], law) for law, first, second in ends]
 
     @property
     def always_tested(self) -> frozenset[str]:
@@ -264,11 +262,8 @@ def candidates_for(
     grounded = not base or f"x:{BASE}" in base  # else the motion is known relative to the base alone
     if hosts and base:
         raise IdentificationError("a moving base beside a host is not supported in discovery")
-    signals = {
-        channel.place: records[0].unit(channel).replace("?", "")
-        for channel in records[0].channels
-        if channel.kind == "signal" and not hosts
-    }
+    shown = () if hosts else [channel for channel in records[0].channels if channel.kind == "signal"]
+    signals = {channel.place: records[0].unit(channel).replace("?", "") for channel in shown}
     offered = parse_terms(with_signals(terms, signals), signals)
     parameters = [name for term in offered for name in term.parameters]
     if hosts and parameters:

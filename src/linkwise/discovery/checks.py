@@ -160,12 +160,9 @@ def _signal_to_noise(record: Record, names: Sequence[str]) -> list[float]:
 def _groups(names: Sequence[str], ratios: Floats, separate: float) -> list[tuple[list[str], float]]:
     """Groups of masses of which not all pairs have a ratio (n, n) from `separate` on; with each the least of its ratios."""
     count, label = connected_components(ratios < separate, directed=False)
-    groups = [np.flatnonzero(label == number).tolist() for number in range(count)]
-    return [
-        ([names[member] for member in group], float(ratios[np.ix_(group, group)].min()))
-        for group in groups
-        if len(group) > 1
-    ]
+    groups = (np.flatnonzero(label == number).tolist() for number in range(count))
+    several = [group for group in groups if len(group) > 1]
+    return [([names[k] for k in group], float(ratios[np.ix_(group, group)].min())) for group in several]
 
 
 def _separations(record: Record, names: Sequence[str]) -> Floats:

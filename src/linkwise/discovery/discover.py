@@ -148,12 +148,11 @@ def discover(
         delays=beside_clocks(chosen.delays, clocks, records[0]),
     )
     _require_force_scale(records, candidates.full_structure, errors)
+    lines = frequencies_by_channel(chosen.harmonics)
     sensors = LikelihoodOptions(
         **errors,
         clocks=clocks,
-        harmonics=harmonic_forces(
-            frequencies_by_channel(chosen.harmonics), records[0], candidates.full_structure
-        ),
+        harmonics=harmonic_forces(lines, records[0], candidates.full_structure),
         random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
     )
     if candidates.memory and (sensors.random or sensors.delays or {"delay", "clock"} & set(chosen.admit)):

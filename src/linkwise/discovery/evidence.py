@@ -93,12 +93,8 @@ class DroppedTerms:
 def widened(estimate: Estimate, covariance: Floats) -> Estimate:
     """The estimate with a `covariance` (p, p) more for terms that it lacks, which a profile would not allow for."""
     before = 0.0 if estimate.for_dropped_terms is None else estimate.for_dropped_terms
-    return replace(
-        estimate,
-        covariance=estimate.covariance + covariance,
-        for_dropped_terms=before + covariance,
-        profile=None,
-    )
+    both, before = estimate.covariance + covariance, before + covariance
+    return replace(estimate, covariance=both, for_dropped_terms=before, profile=None)
 
 
 def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Floats) -> tuple[str, ...]:
@@ -189,11 +185,8 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     for k, entry in selection.entries.items():
         if k < len(selection.inside) and entry.offered.is_damping:
             damping.setdefault(entry.pair, []).append(k)
-    opposed = {
-        pair: terms
-        for pair, terms in damping.items()
-        if len(terms) > 1 and min(solution.z[terms]) < -_NEGATIVE
-    }
+    several = {pair: terms for pair, terms in damping.items() if len(terms) > 1}
+    opposed = {pair: terms for pair, terms in several.items() if min(solution.z[terms]) < -_NEGATIVE}
     if not opposed:
         return ()
     motion = selection.link_motions()
@@ -203,10 +196,8 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     for pair, terms in opposed.items():
         d, v = (part.ravel() for part in motion[links[frozenset(pairs[pair].between)]])
         laws = [selection.entries[k].term.law for k in terms]
-        forces, at_half = (
-            np.stack([np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws])
-            for rate in (v, 0.5 * v)
-        )
+        along = [[np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws] for rate in (v, 0.5 * v)]
+        forces, at_half = np.array(along)
         power = v * forces
         error = np.sqrt(np.einsum("it,ij,jt->t", power, covariance[np.ix_(terms, terms)], power))
         given = solution.values[terms] @ power < -_NEGATIVE * error
@@ -231,11 +222,10 @@ def _ambiguous_masses(
         for mass, neighbour in (link.between, link.between[::-1]):
             neighbours.setdefault(mass, set()).add(neighbour)
     supports = {GROUND, BASE}
-    spread = {
-        mass
-        for mass, others in neighbours.items()
-        if len(others & set(collinear)) > 1 or (others & supports and others & set(in_proportion))
-    }
+    alike, proportional = set(collinear), set(in_proportion)
+    every = neighbours.items()
+    spread = {mass for mass, others in every if len(others & alike) > 1}
+    spread |= {mass for mass, others in every if others & supports and others & proportional}
     return frozenset(collinear) | (spread - supports)
 
 

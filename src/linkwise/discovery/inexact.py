@@ -198,9 +198,8 @@ class InexactRounds(Rounds):
     def options(self, number: int, before: LikelihoodFit | None) -> LikelihoodOptions:
         options = replace(super().options(number, before), relaxation=self.relaxation, coloured_noise=False)
         if self.tight is not None:
-            options = replace(
-                options, relaxation=_LOOSER * self.tight, tightest=self.tight, model_error=False
-            )
+            looser = _LOOSER * self.tight
+            options = replace(options, relaxation=looser, tightest=self.tight, model_error=False)
         return replace(options, progress=partial(self._counted, options.progress))
 
     def _counted(self, progress: Progress, report: ProgressReport, /) -> None:

@@ -160,9 +160,7 @@ def model_average(selection: Selection, errors: Floats) -> ModelAverage:
     """
     quadratic, entries = selection.quadratic, selection.entries
     every = _rises(selection).items()
-    rises = {
-        chosen: rise for chosen, rise in every if rise >= CERTAIN or quadratic.determines(sorted(chosen))
-    }
+    rises = {own: rise for own, rise in every if rise >= CERTAIN or quadratic.determines(sorted(own))}
     weights = np.exp(-0.5 * (np.array(list(rises.values())) - min(rises.values())))
     weights /= weights.sum()
     contained = np.zeros((len(rises), len(quadratic.names)))

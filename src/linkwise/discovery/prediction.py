@@ -99,25 +99,23 @@ def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockPar
     None where the records are too short for blocks, or random forces act.
     """
     optimum = selection.fit.optimum
-    segments, p = optimum.segments, len(selection.inside)
+    segments, scales, loss, p = optimum.segments, optimum.scales, optimum.loss, len(selection.inside)
     if segments.count < FEWEST * _BLOCKS or selection.fit.random_forces:
         return None
     forces = selection.candidates.forces([selection.entries[k] for k in added], selection.structure)
     with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):  # a term may be infinite somewhere
-        misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+        misfit = evaluate(segments, optimum.point, scales, loss)
         tested, _ = candidate_forces(optimum, misfit, forces)
-        scores = block_scores(
-            segments, misfit, optimum.scales, optimum.loss, optimum.q, _BLOCKS, candidates=tested
-        )
+        scores = block_scores(segments, misfit, scales, loss, optimum.q, _BLOCKS, candidates=tested)
     if scores is None:
         return None
     values = np.zeros(scores.scores.shape[1])
-    values[:p] = optimum.point.theta / optimum.scales.theta[:p]
+    values[:p] = optimum.point.theta / scales.theta[:p]
     scale = optimum.noise**2 * selection.quadratic.overdispersion
     numbers = {k: place for place, k in enumerate((*range(p), *added))}
     slope, curvature = np.zeros_like(scores.scores[0]), np.zeros_like(scores.information[0])
     if segments.prior is not None:
-        add_prior(curvature, slope, segments.prior, misfit.point, optimum.scales)
+        add_prior(curvature, slope, segments.prior, misfit.point, scales)
     slopes, curvatures = (
         np.concatenate([[parts[0] - known], parts[1:]])  # the first block has what is known beforehand
         for parts, known in ((scores.scores, slope), (scores.information, curvature))

@@ -378,9 +378,8 @@ def discovery_text(discovery: Discovery) -> str:
     if len(doubtful) > 1:
         more = len(doubtful) - 1 - _DOUBTFUL
         tail = [f"  ... and {more} more"] if more > 0 else []
-        blocks.append(
-            "\n".join([doubtful_title(discovery), *align_columns(doubtful[: _DOUBTFUL + 1]), *tail])
-        )
+        shown = [doubtful_title(discovery), *align_columns(doubtful[: _DOUBTFUL + 1]), *tail]
+        blocks.append("\n".join(shown))
     if discovery.runners_up:
         rows = runner_up_rows(discovery)[: _RUNNERS_UP + 1]
         blocks.append("\n".join(["the next best models", *align_columns(rows)]))
@@ -402,10 +401,9 @@ def headline(discovery: Discovery) -> tuple[str, ...]:
         if coefficient.name.key not in link.link.law.nonlinear
     )
     trust = discovery.grade.trust
-    if admit_intervals(discovery.verdicts) and discovery.in_doubt:
-        trust += (
-            f", but for {_count(len(discovery.in_doubt), 'link')} in doubt: {', '.join(discovery.in_doubt)}"
-        )
+    doubtful = discovery.in_doubt
+    if admit_intervals(discovery.verdicts) and doubtful:
+        trust += f", but for {_count(len(doubtful), 'link')} in doubt: {', '.join(doubtful)}"
     value = estimate.chi_square_per_sample
     chi_square = "" if value is None else f", chi-square {format_chi_square(value)}"
     of_search = (verdict.value for verdict in discovery.verdicts if verdict not in estimate.verdicts)
@@ -603,8 +601,6 @@ def memory_sentence(evidence: MemoryEvidence) -> str:
 
 def memory_rows(memory: Sequence[MemoryEvidence]) -> Rows:
     """By how much the criterion rises without memory, with it in another link, and with another law."""
-    margins = [(law.link, law.law, law.over_none, law.over_links, law.over_laws) for law in memory]
-    return [
-        MEMORY_HEAD,
-        *((link, law, *(rough(value, "none tried") for value in over)) for link, law, *over in margins),
-    ]
+    margins = [(law.over_none, law.over_links, law.over_laws) for law in memory]
+    shown = [[rough(value, "none tried") for value in over] for over in margins]
+    return [MEMORY_HEAD, *((law.link, law.law, *over) for law, over in zip(memory, shown, strict=True))]

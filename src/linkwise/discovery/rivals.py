@@ -254,10 +254,8 @@ def _with_offsets(optimum: Optimum, combined: Floats) -> LocalQuadratic:
         offsets = SensorErrors.of(optimum.segments, misfit).of_kind("offset")
         nothing, _ = candidate_forces(optimum, misfit, [])
         augmented = augmented_quadratic(optimum, misfit, nothing, offsets)
-    local, combined = (
-        in_their_units(optimum, augmented, np.ones(len(offsets.kind))),
-        combined[offsets.channel],
-    )
+    local = in_their_units(optimum, augmented, np.ones(len(offsets.kind)))
+    combined = combined[offsets.channel]
     sums = block_diag(np.eye(len(local.slope) - len(combined)), combined)
     scatter = None if local.scatter is None else sums.T @ local.scatter @ sums
     return LocalQuadratic(sums.T @ local.curvature @ sums, sums.T @ local.slope, scatter)

@@ -197,10 +197,9 @@ def _terms(link: Link, orientation: dict[frozenset[str], tuple[str, str]]) -> It
     """The terms of a link, written for the order of its ends that `orientation` gives."""
     numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
     nonlinear = {name: numbers[name] for name in link.law.nonlinear}
-    terms = [
-        (name, link.values[name], substitute(link.law.basis[name], nonlinear)) for name in link.law.linear
-    ]
-    with_parameters = {name for name in link.law.linear if symbols(link.law.basis[name]) & nonlinear.keys()}
+    bases = link.law.basis
+    terms = [(name, link.values[name], substitute(bases[name], nonlinear)) for name in link.law.linear]
+    with_parameters = {name for name in link.law.linear if symbols(bases[name]) & nonlinear.keys()}
     remainder = substitute(link.law.remainder, numbers)
     parts = remainder.parts if isinstance(remainder, Sum) else (remainder,)
     terms += [(to_text(part), 1.0, part) for part in parts if part != Number(0.0)]

@@ -92,9 +92,7 @@ class WeakRegression:
         weights = [[1.0 / patch.largest() for patch in system.patches] for system in systems]
         for _ in range(_REWEIGHTINGS):
             values[numbers] = _solve_with_ridge(*_normal_equations(systems, weights, numbers, 1.0))
-            weights = [
-                [1.0 / residual_power(patch, values) for patch in system.patches] for system in systems
-            ]
+            weights = [[1.0 / residual_power(own, values) for own in system.patches] for system in systems]
         scatter = np.zeros((len(numbers), len(numbers)))
         for system, weight in zip(systems, weights, strict=True):
             noisy = [NoisyPatch.of(patch, system, values) for patch in system.patches]

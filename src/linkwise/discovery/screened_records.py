@@ -128,10 +128,8 @@ class _Motions:
         force = forces[mass]
         length = _window(force, self.rate)
         count = len(force) // length
-        d, v, force = (
-            signal[: count * length].reshape(count, length)
-            for signal in (self.x[mass] - self.x[end], self.v[mass] - self.v[end], force)
-        )
+        x, rate = self.x[mass] - self.x[end], self.v[mass] - self.v[end]
+        d, v, force = (part[: count * length].reshape(count, length) for part in (x, rate, force))
         time = np.linspace(-1.0, 1.0, length)
         order = int(max(self.order[mass], self.order[end]))
         drift = np.polynomial.legendre.legvander(time, _DRIFT[order])
