@@ -139,22 +139,7 @@ def discover(
     ]
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
-    clocks = ratios_by_channel(chosen.clocks)
-    errors = errors_to_find(
-        records,
-        offsets=chosen.offsets,
-        gains=chosen.gains,
-        calibration=chosen.calibration,
-        delays=beside_clocks(chosen.delays, clocks, records[0]),
-    )
-    _require_force_scale(records, candidates.full_structure, errors)
-    lines = frequencies_by_channel(chosen.harmonics)
-    sensors = LikelihoodOptions(
-        **errors,
-        clocks=clocks,
-        harmonics=harmonic_forces(lines, records[0], candidates.full_structure),
-        random=random_forces(chosen.ambient, chosen.input_noise, records[0], candidates.full_structure),
-    )
+    sensors = _sensors(chosen, records, candidates.full_structure)
     if candidates.memory and (sensors.random or sensors.delays or {"delay", "clock"} & set(chosen.admit)):
         raise IdentificationError(
             f"laws with memory cannot be found together with random forces, noise of inputs or delays: leave out either "
@@ -177,6 +162,26 @@ def discover(
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
+
+
+def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:
+    """The errors of sensors, and the forces that no channel shows, which every fit of a search finds."""
+    clocks = ratios_by_channel(chosen.clocks)
+    errors = errors_to_find(
+        records,
+        offsets=chosen.offsets,
+        gains=chosen.gains,
+        calibration=chosen.calibration,
+        delays=beside_clocks(chosen.delays, clocks, records[0]),
+    )
+    _require_force_scale(records, structure, errors)
+    lines = frequencies_by_channel(chosen.harmonics)
+    return LikelihoodOptions(
+        **errors,
+        clocks=clocks,
+        harmonics=harmonic_forces(lines, records[0], structure),
+        random=random_forces(chosen.ambient, chosen.input_noise, records[0], structure),
+    )
 
 
 def _require_force_scale(records: Sequence[Record], structure: Structure, errors: Mapping[str, Any]) -> None:

@@ -10,12 +10,13 @@ without memory.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty
 from linkwise.discovery.model_average import MemoryEvidence
 from linkwise.discovery.rivals import link_rates
@@ -291,7 +292,7 @@ def _evidence(
         and fitted.fit.status is not AnnealingStatus.STUCK
     }
     none = [_criterion(selection.structure, selection.fit, noise, penalty)]
-    for rival in (_with_forms(own, search), _with_friction(own, chosen, search)):
+    for rival in _in_place_of_memory(search.candidates, own.pair, chosen):
         fit = _fit_without_memory(own, rival, chosen, search)
         if fit is not None:
             none.append(_criterion(chosen.structure, fit, noise, penalty))
@@ -318,22 +319,16 @@ def _evidence(
     )
 
 
-def _with_forms(own: _Hypothesis, search: TermSearch) -> Link:
-    """The link with usual forms of d and v that were not offered."""
-    pair = search.candidates.pairs[own.pair]
-    offered = {term.text for term in search.candidates.terms}
-    summands = {f"g{number}": form for number, form in enumerate(_FORMS) if form not in offered}
-    text = " + ".join(f"{name}*({form})" for name, form in summands.items()) or "0"
-    return Link(pair.name, pair.between, Law.parse(text), dict.fromkeys(summands, Coefficient.unknown()))
-
-
-def _with_friction(own: _Hypothesis, chosen: Selection, search: TermSearch) -> Link:
-    """The link with friction that saturates at an unknown rate."""
-    pair = search.candidates.pairs[own.pair]
+def _in_place_of_memory(candidates: Candidates, number: int, chosen: Selection) -> Iterator[Link]:
+    """A link with usual forms of d and v that were not offered, and one with friction that saturates at an unknown rate."""
+    pair, offered = candidates.pairs[number], {term.text for term in candidates.terms}
+    summands = {f"g{k}": form for k, form in enumerate(_FORMS) if form not in offered}
+    forms = Law.parse(" + ".join(f"{name}*({form})" for name, form in summands.items()) or "0")
+    yield Link(pair.name, pair.between, forms, dict.fromkeys(summands, Coefficient.unknown()))
     rate = link_rates(chosen)[pair.name]
     saturating = Coefficient.unknown(_SATURATING * rate, lower=_SHARPEST * rate, upper=rate)
-    coefficients = {"g": Coefficient.unknown(), "v_g": saturating}
-    return Link(pair.name, pair.between, Law.parse("g*tanh(v/v_g)"), coefficients)
+    friction = {"g": Coefficient.unknown(), "v_g": saturating}
+    yield Link(pair.name, pair.between, Law.parse("g*tanh(v/v_g)"), friction)
 
 
 def _fit_without_memory(

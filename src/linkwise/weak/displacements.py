@@ -91,7 +91,7 @@ class MeasuredDisplacements:
         return np.maximum(self.source_variance, _QUADRATURE_ERROR**2 * self.source_power)
 
     def covariance(self, nodes: Indices, *, floored: bool = False) -> Floats:
-        """(c, c) covariance of the noise in the displacements of c nodes."""
+        """(c, c) covariance in m^2 of the noise in the displacements of c nodes."""
         variance = self.floored_variance if floored else self.source_variance
         if self.source_weights is None:
             return np.diag(variance[nodes])
@@ -108,27 +108,10 @@ def source_names(structure: Structure) -> list[str]:
 def read_displacements(
     record: Record, structure: Structure, *, eliminate: bool = False
 ) -> MeasuredDisplacements:
-    """Displacements of the masses of a structure in a record.
+    """Displacements of the masses and modes of a structure in a record, and states; stated noise is used, the rest estimated.
 
-    Parameters
-    ----------
-    record : Record
-        The record. Noise that it states is used; the rest is estimated.
-    structure : Structure
-        The structure.
-    eliminate : bool, optional
-        Whether a state that the record does not show is eliminated.
-
-    Returns
-    -------
-    MeasuredDisplacements
-        The displacements and their noise.
-
-    Raises
-    ------
-    IdentificationError
-        If no mass has a displacement channel, those of a host do not tell its modes, or a state that is not measured cannot
-        be eliminated.
+    A state that the record does not show is eliminated if `eliminate` says so. Raises IdentificationError if no mass has a
+    displacement channel, those of a host do not determine its modes, or a state that is not measured cannot be eliminated.
     """
     names = source_names(structure)
     has_channel = np.array([name in record.channels for name in names])
@@ -181,26 +164,9 @@ def read_displacements(
 
 
 def read_densely(record: Record, structure: Structure) -> tuple[Record, MeasuredDisplacements]:
-    """Displacements of masses, with samples between those of a record that has few in a period of the fastest motion.
+    """A record and its displacements, with samples in between where it has few in a period of the fastest motion.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure.
-
-    Returns
-    -------
-    record : Record
-        The record, made denser where it must be.
-    motion : MeasuredDisplacements
-        Its displacements and their noise.
-
-    Raises
-    ------
-    IdentificationError
-        As `read_displacements`.
+    Raises IdentificationError as `read_displacements`.
     """
     dense, density = denser(record)
     motion = read_displacements(dense, structure)

@@ -86,26 +86,9 @@ class Elimination:
     def relaxation_at(
         self, structure: Structure, unknown: Mapping[str, float]
     ) -> tuple[float, dict[str, float]]:
-        """The value of a.
+        """The value of a in 1/s, and its derivatives by the coefficients in it, with values of `unknown` ones, NaN for none.
 
-        Parameters
-        ----------
-        structure : Structure
-            The structure of the link.
-        unknown : mapping of str to float
-            Values of the unknown coefficients in a; NaN where there is none.
-
-        Returns
-        -------
-        value : float
-            a in 1/s.
-        slopes : dict of str to float
-            Its derivatives with respect to the coefficients in it.
-
-        Raises
-        ------
-        IdentificationError
-            If one of these has no value.
+        Raises IdentificationError if one of these has no value.
         """
         link, expression = structure.links[self.link], self.relaxation.expression
         names = self.relaxation.coefficients
@@ -123,26 +106,9 @@ class Elimination:
 
 
 def elimination_of(structure: Structure, hidden: Sequence[str]) -> Elimination | None:
-    """What eliminates the state that a record does not show.
+    """What eliminates the state whose channel a record does not have, by `hidden` channels; None where all are measured.
 
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    hidden : sequence of str
-        The channels of states that the record does not have.
-
-    Returns
-    -------
-    Elimination or None
-        None where all states are measured.
-
-    Raises
-    ------
-    StructureError
-        If a state does not enter its law and the rates linearly.
-    IdentificationError
-        If there are several.
+    Raises StructureError if a state does not enter its law and the rates linearly, IdentificationError if there are several.
     """
     if not hidden:
         return None
@@ -162,24 +128,9 @@ def elimination_of(structure: Structure, hidden: Sequence[str]) -> Elimination |
 
 
 def elements_of(structure: Structure, elimination: Elimination | None = None) -> tuple[Element, ...]:
-    """What acts in the weak equations of a structure.
+    """What acts in the weak equations of a structure: an element for each link, in their order, and then those of states.
 
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    elimination : Elimination, optional
-        The state that the record does not show.
-
-    Returns
-    -------
-    tuple of Element
-        One for each link, in their order, and after them those of states.
-
-    Raises
-    ------
-    StructureError
-        If a state does not enter its law and the rates linearly.
+    Raises StructureError if a state does not enter its law and the rates linearly.
     """
     topology = structure.topology
     node_of_state = {state: structure.size + number for number, state in enumerate(topology.states)}

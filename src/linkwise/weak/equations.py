@@ -290,19 +290,9 @@ def _require_whole_windows(valid: list[Floats], window: Window) -> None:
 
 
 def weak_residual(equations: WeakEquations, values: Floats) -> Floats:
-    """Residuals of the weak equations as forces.
+    """(R, n) residuals in N of the weak equations with parameters `values` (p,).
 
-    Parameters
-    ----------
-    equations : WeakEquations
-        The equations.
-    values : array of shape (p,)
-        The parameters.
-
-    Returns
-    -------
-    array of shape (R, n)
-        Residuals in N; NaN for masses without an equation and windows with missing samples.
+    They are NaN for masses without an equation and windows with missing samples.
     """
     residual = np.full(equations.acceleration.T.shape, np.nan)
     area = np.abs(equations.window.kernels[PHI]).sum()

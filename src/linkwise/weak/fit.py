@@ -69,24 +69,9 @@ class WeakFit:
 
 
 def weak_fit(system: WeakEquations, structure: Structure) -> WeakFit:
-    """Least squares on weak equations.
+    """Least squares on the weak equations of a structure, within the bounds of its parameters.
 
-    Parameters
-    ----------
-    system : WeakEquations
-        The equations.
-    structure : Structure
-        The structure, for bounds and messages.
-
-    Returns
-    -------
-    WeakFit
-        The parameters and their covariance.
-
-    Raises
-    ------
-    IdentificationError
-        If a parameter is in no equation, nothing sets the scale of the forces, or terms are collinear.
+    Raises IdentificationError if a parameter is in no equation, nothing sets the scale of the forces, or terms are collinear.
     """
     _require_informed(system, structure)
     lower = np.array([parameter.lower for parameter in structure.parameters])
@@ -125,20 +110,7 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
 
 
 def residual_power(patch: Patch, values: Floats) -> Floats:
-    """Mean squares of the residuals.
-
-    Parameters
-    ----------
-    patch : Patch
-        The equations.
-    values : array of shape (p,)
-        The parameters.
-
-    Returns
-    -------
-    array of shape (m,)
-        Mean squares for each mass, at least those of rounding.
-    """
+    """(m,) mean squares of the residuals of each mass with parameters `values` (p,), at least those of rounding."""
     numbers = patch.numbers(values)
     signed = patch.signs * numbers
     sums = np.maximum(((signed @ patch.products) * signed).sum(axis=1), 0.0)
@@ -149,25 +121,10 @@ def residual_power(patch: Patch, values: Floats) -> Floats:
 def normal_equations(
     patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
 ) -> tuple[Floats | csc_array, Floats]:
-    """Normal equations H c = g of weighted least squares over all masses.
+    """Normal equations H c = g of least squares over all masses: H (p, p), dense or sparse, and g (p,).
 
-    Parameters
-    ----------
-    patches : sequence of Patch
-        The equations.
-    weights : sequence of array of shape (m,)
-        Weights of the masses of each patch.
-    count : int
-        Number of parameters p.
-    bias : float, optional
-        Share of the noise bias that is left in: with 1, H is never indefinite but the values are biased towards zero.
-
-    Returns
-    -------
-    matrix : array or sparse array of shape (p, p)
-        H.
-    right : array of shape (p,)
-        g.
+    The masses of each patch have `weights` (m,). The share `bias` of the noise bias is left in: with 1, H is never indefinite
+    but the values are biased towards zero.
     """
     blocks, g = normal_blocks(patches, weights, count, bias=bias)
     return assemble_blocks(blocks, count), g
@@ -176,20 +133,7 @@ def normal_equations(
 def normal_blocks(
     patches: Sequence[Patch], weights: Sequence[Floats], count: int, *, bias: float = 0.0
 ) -> tuple[list[tuple[Indices, Floats]], Floats]:
-    """Normal equations in blocks, one for each patch.
-
-    Parameters
-    ----------
-    patches, weights, count, bias
-        As of `normal_equations`.
-
-    Returns
-    -------
-    blocks : list of (array of int, shape (s,); array of shape (s, s))
-        Indices and values of the blocks of H.
-    right : array of shape (p,)
-        g.
-    """
+    """The `normal_equations` in blocks, one for each patch: indices (s,) and values (s, s) of those of H, and g (p,)."""
     g = np.zeros(count)
     blocks = []
     for patch, weight in zip(patches, weights, strict=True):
@@ -202,19 +146,9 @@ def normal_blocks(
 
 
 def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Floats | csc_array:
-    """Sum of square blocks at their positions in a matrix.
+    """Sum of square blocks at their positions in a matrix (count, count), sparse above 300 rows.
 
-    Parameters
-    ----------
-    blocks : iterable of (array of int, shape (s,); array of shape (s, s))
-        Indices and values of each block; an index may be repeated within a block.
-    count : int
-        Size of the matrix.
-
-    Returns
-    -------
-    array or sparse array of shape (count, count)
-        The sum; sparse above 300 rows.
+    A block has indices (s,), of which some may be repeated, and values (s, s).
     """
     parts = [((count * which[:, None] + which).ravel(), block.ravel()) for which, block in blocks]
     positions, data = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -326,23 +260,9 @@ def _covariance(
 
 
 def significance(information: Floats, bias: Floats, windows: int) -> Floats:
-    """Information over the standard deviation of what noise adds to it.
+    """(s,) information over the standard deviation of what noise adds to it, the `bias` (s,).
 
     Both are sums of squares over windows, of which neighbours share their noise, so that two count as one.
-
-    Parameters
-    ----------
-    information : array of shape (s,)
-        Sums without what noise adds.
-    bias : array of shape (s,)
-        What noise adds.
-    windows : int
-        Number of windows.
-
-    Returns
-    -------
-    array of shape (s,)
-        The ratios.
     """
     bias = np.abs(bias)
     variance = (2.0 * bias**2 + 4.0 * np.abs(information) * bias) / (0.5 * windows)

@@ -80,22 +80,9 @@ class StructureLayout:
         return {name: index[link, name] for name in names if (link, name) in index}
 
     def relaxation(self, values: Floats) -> tuple[float, dict[int, float]] | None:
-        """The a of the eliminated state.
+        """The a of the eliminated state in 1/s and its derivatives by number of the parameter; None where there is none.
 
-        Parameters
-        ----------
-        values : array of shape (p,)
-            The parameters.
-
-        Returns
-        -------
-        tuple or None
-            a in 1/s and its derivatives by number of the parameter; None where no state is eliminated.
-
-        Raises
-        ------
-        IdentificationError
-            If a coefficient in it has no start.
+        Raises IdentificationError if a coefficient in it has no start.
         """
         if self.elimination is None:
             return None
@@ -152,18 +139,7 @@ class StructureLayout:
         return frozenset((*of_laws, *self.relaxed.values()))
 
     def values(self, given: Mapping[str, float]) -> Floats:
-        """Values of the parameters.
-
-        Parameters
-        ----------
-        given : mapping of str to float
-            Values by name.
-
-        Returns
-        -------
-        array of shape (p,)
-            The given values, else the starts, else NaN.
-        """
+        """(p,) values of the parameters: those given by name, else the starts, else NaN."""
         parameters = self.structure.parameters
         return np.array([given.get(parameter.name, parameter.start) for parameter in parameters], dtype=float)
 
@@ -183,20 +159,7 @@ class StructureLayout:
         return np.array(elements), np.array(nodes), np.array(weights)
 
     def elongation_variance(self, motion: MeasuredDisplacements, *, floored: bool = False) -> Floats:
-        """Variances of the noise in what elements read.
-
-        Parameters
-        ----------
-        motion : MeasuredDisplacements
-            Displacements of the nodes.
-        floored : bool, optional
-            Whether noise is at least the `floored_variance` of the motion.
-
-        Returns
-        -------
-        array of shape (E,)
-            The variances in m^2.
-        """
+        """(E,) variances in m^2 of the noise in what elements read, if `floored` at least those of quadrature errors."""
         variance = motion.floored_variance if floored else motion.source_variance
         elements, nodes, weights = self._reading_entries
         if motion.source_weights is None:
@@ -207,20 +170,7 @@ class StructureLayout:
         return np.asarray((of_nodes @ motion.source_weights) ** 2 @ variance)
 
     def elongations(self, displacements: Floats, elements: Iterable[int]) -> Floats:
-        """What elements read: elongations of links, and states.
-
-        Parameters
-        ----------
-        displacements : array of shape (k, N)
-            Displacements of the nodes, or what is linear in them.
-        elements : iterable of int
-            Indices of m elements.
-
-        Returns
-        -------
-        array of shape (m, N)
-            The elongations.
-        """
+        """(m, N) what m elements read, elongations or states, from displacements (k, N) of nodes or what is linear in them."""
         chosen = [self.elements[number].reading for number in elements]
         result = np.empty((len(chosen), displacements.shape[1]))
         for row, ((first, of_first), *others) in zip(result, chosen, strict=True):
@@ -230,18 +180,7 @@ class StructureLayout:
         return result
 
     def groups(self, elements: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
-        """Group elements by law.
-
-        Parameters
-        ----------
-        elements : sequence of int
-            Indices of the elements.
-
-        Yields
-        ------
-        WeakLawGroup
-            Elements that share a law.
-        """
+        """The elements of these numbers, grouped by law."""
         by_law: dict[tuple[Law, frozenset[str], bool], list[int]] = {}
         indices = np.array(elements, dtype=np.intp)
         for position, index in enumerate(indices.tolist()):
@@ -257,20 +196,7 @@ class StructureLayout:
             yield WeakLawGroup(weak, np.array(positions), indices[positions], coefficients)
 
     def layout(self, masses: Iterable[int], forced: Iterable[int]) -> PatchLayout:
-        """Layout of the equations of some masses; computed once for equal arguments.
-
-        Parameters
-        ----------
-        masses : iterable of int
-            The masses.
-        forced : iterable of int
-            Those of them with an applied force.
-
-        Returns
-        -------
-        PatchLayout
-            The layout.
-        """
+        """Layout of the equations of some masses, those `forced` with an applied force; computed once for equal arguments."""
         key = (tuple(masses), tuple(forced))
         if key not in self._layouts:
             self._layouts[key] = self._layout(np.array(key[0]), key[1])
@@ -353,20 +279,7 @@ class StructureLayout:
 
 @lru_cache(maxsize=32)
 def structure_layout(structure: Structure, elimination: Elimination | None = None) -> StructureLayout:
-    """Layout of a structure; the same object for equal structures.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    elimination : Elimination, optional
-        The state that the equations do not contain.
-
-    Returns
-    -------
-    StructureLayout
-        Its layout.
-    """
+    """Layout of a structure without the state of an elimination; the same object for equal arguments."""
     parameters = structure.parameters
     return StructureLayout(
         structure=structure,

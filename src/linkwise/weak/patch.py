@@ -75,48 +75,15 @@ class Patch:
         return float(self.valid.sum())
 
     def numbers(self, values: Floats) -> Floats:
-        """Coefficients of the terms.
-
-        Parameters
-        ----------
-        values : array of shape (p,)
-            The parameters.
-
-        Returns
-        -------
-        array of shape (q,)
-            The coefficients.
-        """
+        """(q,) coefficients of the terms with parameters `values` (p,)."""
         return np.append(values, 0.0)[self.layout.coefficients.parameter] + self.fixed
 
     def residual(self, values: Floats) -> Floats:
-        """Residuals of the equations.
-
-        Parameters
-        ----------
-        values : array of shape (p,)
-            The parameters.
-
-        Returns
-        -------
-        array of shape (m, R)
-            The residuals, in units of the rows.
-        """
+        """(m, R) residuals of the equations with parameters `values` (p,), in units of the rows."""
         return np.asarray((self.signs * self.numbers(values)) @ self.rows)
 
     def largest(self, numbers: Floats | float = 1.0) -> Floats:
-        """Sum of squares of the largest term of each mass.
-
-        Parameters
-        ----------
-        numbers : array of shape (q,) or float, optional
-            Coefficients of the terms.
-
-        Returns
-        -------
-        array of shape (m,)
-            The sums.
-        """
+        """(m,) sums of squares of the largest term of each mass, with coefficients `numbers` (q,) or 1."""
         return np.asarray(np.max(np.abs(self.signs) * self.products.diagonal() * np.square(numbers), axis=1))
 
 
@@ -164,20 +131,7 @@ class PatchContext:
         return self.structure_layout.elongation_variance(self.motion, floored=True)
 
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
-        """Equations of some masses.
-
-        Parameters
-        ----------
-        masses : sequence of int
-            Indices of the m masses.
-        valid : array of shape (R,)
-            Weights of the windows.
-
-        Returns
-        -------
-        Patch
-            The equations.
-        """
+        """The equations of m masses by number, in windows with weights `valid` (R,)."""
         layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
         change = self._change(layout)
         evaluated, slope = self._evaluated(layout)

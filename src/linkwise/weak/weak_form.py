@@ -282,34 +282,12 @@ class TermCoefficients:
     known: Floats
 
     def at(self, values: Floats) -> Floats:
-        """Numbers of the terms.
-
-        Parameters
-        ----------
-        values : array of shape (p,)
-            The parameters.
-
-        Returns
-        -------
-        array of shape (m,)
-            The numbers.
-        """
+        """(m,) numbers of the terms with parameters `values` (p,)."""
         return np.where(self.parameter < 0, self.known, values[self.parameter]) if len(values) else self.known
 
     @classmethod
     def joined(cls, parts: Iterable[TermCoefficients]) -> TermCoefficients:
-        """Concatenate coefficients.
-
-        Parameters
-        ----------
-        parts : iterable of TermCoefficients
-            The parts in order.
-
-        Returns
-        -------
-        TermCoefficients
-            All of them.
-        """
+        """The coefficients of all parts, in their order."""
         pairs = [(part.parameter, part.known) for part in parts]
         parameter, known = (np.concatenate(arrays) for arrays in zip(*pairs, strict=True))
         return cls(parameter, known)

@@ -51,20 +51,7 @@ class Window:
 
     @classmethod
     def of_deviation(cls, deviation: float, step: float) -> Window:
-        """Window of given width; neighbours are 1.6 standard deviations apart.
-
-        Parameters
-        ----------
-        deviation : float
-            Standard deviation of phi in samples.
-        step : float
-            Sampling interval in s.
-
-        Returns
-        -------
-        Window
-            The window.
-        """
+        """Window in which phi has a standard `deviation` in samples; neighbours are 1.6 of them apart."""
         return _window(ceil(deviation * sqrt(2 * ORDER + 3)), max(1, round(_DISTANCE * deviation)), step)
 
     @classmethod
@@ -92,18 +79,7 @@ class Window:
         return cls.of_deviation(min(max(rate / (2.0 * pi * highest), narrowest), _WIDEST), 1.0 / rate)
 
     def without(self, relaxation: float | None) -> Window:
-        """The test functions that eliminate a state.
-
-        Parameters
-        ----------
-        relaxation : float or None
-            The a of the state in 1/s; None for no state.
-
-        Returns
-        -------
-        Window
-            The windows.
-        """
+        """The test functions that eliminate a state with the a `relaxation` in 1/s; None for no state."""
         return _window(self.half, self.stride, self.step, relaxation)
 
     @property
@@ -117,18 +93,7 @@ class Window:
         return 2 * self.half + 1
 
     def rows(self, samples: int) -> int:
-        """Number of windows in a record.
-
-        Parameters
-        ----------
-        samples : int
-            Length of the record.
-
-        Returns
-        -------
-        int
-            Number of windows R.
-        """
+        """Number of windows R in a record of so many samples."""
         return max(0, (samples - self.length) // self.stride + 1)
 
     @cached_property
@@ -167,20 +132,7 @@ class Window:
         return np.asarray(first @ weighted / (self.half * self.step))[None]
 
     def filter(self, signals: Floats, kernels: Floats) -> Floats:
-        """Correlate signals with kernels at every window.
-
-        Parameters
-        ----------
-        signals : array of shape (S, N)
-            The signals.
-        kernels : array of shape (Q, length)
-            The kernels.
-
-        Returns
-        -------
-        array of shape (Q, S, R)
-            The sums over samples.
-        """
+        """(Q, S, R) sums of kernels (Q, length) times signals (S, N) over the samples of every window."""
         return _strided_filter(signals, kernels, self.stride)
 
     @cached_property
@@ -201,22 +153,7 @@ class Window:
         return self.half // self.stride
 
     def coverage(self, kernels: Floats, valid: Floats, samples: int) -> Floats:
-        """Sums of kernels over windows at every sample: the adjoint of `filter` for weights on windows.
-
-        Parameters
-        ----------
-        kernels : array of shape (Q, length)
-            The kernels.
-        valid : array of shape (R,)
-            Weights of the windows.
-        samples : int
-            Length N of the record.
-
-        Returns
-        -------
-        array of shape (Q, N)
-            The sums.
-        """
+        """(Q, N) sums of kernels (Q, length) at every sample over windows of weights `valid` (R,): the adjoint of `filter`."""
         reach = -(-self.length // self.stride)
         taps = np.zeros((len(kernels), reach * self.stride))
         taps[:, : self.length] = kernels
@@ -229,19 +166,9 @@ class Window:
         return covered[:, :samples]
 
     def adjoint_windows(self, windows: int, thinning: int) -> Indices:
-        """The window nearest to each point of `adjoint`.
+        """(P,) the window nearest to each point of `adjoint`, of R windows thinned by a stride.
 
-        Parameters
-        ----------
-        windows : int
-            Number of windows R.
-        thinning : int
-            Stride of the points in windows.
-
-        Returns
-        -------
-        array of int, shape (P,)
-            Every second of the thinned windows, then the others of them, then `half` times the first and the last.
+        Every second of the thinned windows, then the others of them, then `half` times the first and the last.
         """
         thinned = np.arange(0, windows, thinning)
         return np.concatenate([thinned[::2], thinned[1::2], np.repeat(thinned[[0, -1]], self.half)])
