@@ -44,8 +44,8 @@ class DataChecks:
 
     remarks: tuple[str, ...]
     at_rest: tuple[str, ...]
-    collinear: tuple[str, ...]
-    in_proportion: tuple[str, ...]
+    collinear: frozenset[str]
+    in_proportion: frozenset[str]
 
 
 def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
@@ -83,19 +83,17 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
             f"{_enumerate(group)} moved together, with differences {_level(ratio)}: a link to one of them may be found as a "
             "link to another. Excite them one at a time."
         )
-    in_proportion = [
-        (group, ratio)
-        for group, ratio in _groups(moving, deviations, _IN_PROPORTION)
-        if not any(set(group) <= set(equal) for equal, _ in together)
-    ]
+    alike = [set(group) for group, _ in together]
+    proportional = _groups(moving, deviations, _IN_PROPORTION)
+    in_proportion = [pair for pair in proportional if not any(own.issuperset(pair[0]) for own in alike)]
     for group, ratio in in_proportion:
         remarks.append(
             f"{_enumerate(group)} moved in proportion, as in one mode, with deviations {_level(ratio)}: other links may "
             "explain such motions as well. Excite more than one mode."
         )
-    collinear = dict.fromkeys(name for group, _ in (*together, *in_proportion) for name in group)
-    proportional = dict.fromkeys(name for group, _ in in_proportion for name in group)
-    return DataChecks(tuple(remarks), tuple(at_rest), tuple(collinear), tuple(proportional))
+    collinear = frozenset(name for group, _ in (*together, *in_proportion) for name in group)
+    only = frozenset(name for group, _ in in_proportion for name in group)
+    return DataChecks(tuple(remarks), tuple(at_rest), collinear, in_proportion=only)
 
 
 def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChecks:
@@ -116,7 +114,7 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
             f"No channel measures the motion of {_enumerate(missed)}: it follows from the modes and the other channels, and "
             "links there are determined less well."
         )
-    return DataChecks(tuple(remarks), (), (), ())
+    return DataChecks(tuple(remarks), (), frozenset(), frozenset())
 
 
 def _level(ratio: float) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.discovery.checks import DataChecks
 from linkwise.discovery.criterion import CERTAIN, Move, QuadraticModel, inverse_of
 from linkwise.discovery.model_average import PathPoint, RunnerUp
 from linkwise.discovery.prediction import BlockParabolas, Excess, block_parabolas
@@ -104,18 +105,15 @@ def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Float
     """
     added = np.maximum(dropped.covariance.diagonal(), 0.0)
     wider = np.sqrt(1.0 + np.where(alone > 0.0, added / np.where(alone > 0.0, alone, 1.0) ** 2, 0.0))
-    worst = [
-        number
-        for number in np.argsort(-wider).tolist()
-        if wider[number] > _MUCH_WIDER
-        and estimate.coefficient(estimate.parameters[number].name).standard_error is not None
-    ][:_NAMED]
+    names = [parameter.name for parameter in estimate.parameters]
+    widest = [k for k in np.argsort(-wider).tolist() if wider[k] > _MUCH_WIDER]
+    worst = [k for k in widest if estimate.coefficient(names[k]).standard_error is not None][:_NAMED]
     if not worst:
         return ()
+    mostly = [dropped.names[int(np.argmax(dropped.shares[k]))] for k in worst]
     effects = [
-        f"{estimate.parameters[number].name} ({wider[number]:.2g} times as wide, mostly by "
-        f"{dropped.names[int(np.argmax(dropped.shares[number]))]})"
-        for number in worst
+        f"{names[k]} ({wider[k]:.2g} times as wide, mostly by {term})"
+        for k, term in zip(worst, mostly, strict=True)
     ]
     return (
         "The intervals allow for terms that were dropped but could be there unseen; they are much wider for "
@@ -128,48 +126,46 @@ def term_evidence(
     added: Floats,
     *,
     trusted: bool,
-    collinear: Collection[str],
-    in_proportion: Collection[str],
+    checks: DataChecks,
     replaceable: Collection[int],
 ) -> tuple[TermEvidence, ...]:
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
-    Terms of links to `collinear` masses are not unambiguous, nor those of a mass whose links are spread over several of them,
-    or over the ground and one that moved `in_proportion` to another, nor terms that can be exchanged at little cost or are
-    `replaceable`, by number, by something else; without a `trusted` fit no term is. Terms that were dropped add the variances
-    `added` (p,) to the parameters.
+    Terms of links to masses that are collinear by the `checks` are not unambiguous, nor those of a mass whose links are spread
+    over several of them, or over the ground and one that moved in proportion to another, nor terms that can be exchanged at
+    little cost or are `replaceable`, by number, by something else; without a `trusted` fit no term is. Terms that were dropped
+    add the variances `added` (p,) to the parameters.
     """
     candidates, count = selection.candidates, len(selection.inside)
     turning = {*candidates.rotations}
     single = (move for move in selection.neighbours if not move.exchanges)
     margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
-    ambiguous = _ambiguous_masses(selection, collinear, in_proportion)
+    ambiguous = _ambiguous_masses(selection, checks)
     exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)} | set(replaceable)
     shares = selection.unit_shares if trusted else {}
     terms = []
-    for k, (value, z) in selection.coefficients.items():
-        if (entry := selection.entries.get(k)) is not None:
-            pair, kept = candidates.pairs[entry.pair], k < count
-            error = abs(value / z) if z else np.inf
-            if kept:
-                error = float(np.sqrt(error**2 + added[k]))
-            share = 0.0 if kept else shares.get(k, 0.0)
-            term = TermEvidence(
-                name=entry.name,
-                link=pair.name,
-                between=pair.between,
-                term=entry.written.text,
-                unit=entry.term.angular_unit if turning & {*pair.between} else entry.term.unit,
-                kept=kept,
-                identifiable=bool(np.isfinite(value)),
-                unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),
-                value=value,
-                standard_error=error,
-                z=z,
-                margin=margins.get(k, np.inf),
-                possible_share=(abs(value) + NORMAL_95 * error) * share,
-            )
-            terms.append(term)
+    for k, entry in selection.entries.items():
+        pair, kept, (value, z) = candidates.pairs[entry.pair], k < count, selection.coefficients[k]
+        error = abs(value / z) if z else np.inf
+        if kept:
+            error = float(np.sqrt(error**2 + added[k]))
+        share = 0.0 if kept else shares.get(k, 0.0)
+        term = TermEvidence(
+            name=entry.name,
+            link=pair.name,
+            between=pair.between,
+            term=entry.written.text,
+            unit=entry.term.angular_unit if turning & {*pair.between} else entry.term.unit,
+            kept=kept,
+            identifiable=bool(np.isfinite(value)),
+            unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),
+            value=value,
+            standard_error=error,
+            z=z,
+            margin=margins.get(k, np.inf),
+            possible_share=(abs(value) + NORMAL_95 * error) * share,
+        )
+        terms.append(term)
     return tuple(sorted(terms, key=lambda term: (not term.kept, -term.margin if term.kept else term.margin)))
 
 
@@ -209,12 +205,10 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     return tuple(feeding)
 
 
-def _ambiguous_masses(
-    selection: Selection, collinear: Collection[str], in_proportion: Collection[str]
-) -> frozenset[str]:
-    """The `collinear` masses, and those that were found linked to several of them: what such links share may be wrong.
+def _ambiguous_masses(selection: Selection, checks: DataChecks) -> frozenset[str]:
+    """The collinear masses, and those that were found linked to several of them: what such links share may be wrong.
 
-    A mass that moved `in_proportion` to another moved as that one and the ground together do, so that a link to the ground may
+    A mass that moved in proportion to another moved as that one and the ground together do, so that a link to the ground may
     make up for a wrong share as well.
     """
     neighbours: dict[str, set[str]] = {}
@@ -222,11 +216,10 @@ def _ambiguous_masses(
         for mass, neighbour in (link.between, link.between[::-1]):
             neighbours.setdefault(mass, set()).add(neighbour)
     supports = {GROUND, BASE}
-    alike, proportional = set(collinear), set(in_proportion)
     every = neighbours.items()
-    spread = {mass for mass, others in every if len(others & alike) > 1}
-    spread |= {mass for mass, others in every if others & supports and others & proportional}
-    return frozenset(collinear) | (spread - supports)
+    spread = {mass for mass, others in every if len(others & checks.collinear) > 1}
+    spread |= {mass for mass, others in every if others & supports and others & checks.in_proportion}
+    return checks.collinear | (spread - supports)
 
 
 def path_models(selection: Selection) -> list[tuple[list[int], str]]:

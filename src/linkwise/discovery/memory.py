@@ -283,14 +283,9 @@ def _evidence(
     compared = own.criterion(noise, penalty)
     excess = {fitted: fitted.criterion(noise, penalty) - compared for fitted in fits}
     others = [value for fitted, value in excess.items() if fitted.pair != own.pair]
-    laws = {
-        fitted.law: value
-        for fitted, value in excess.items()
-        if fitted.pair == own.pair
-        and fitted.law != own.law
-        and fitted.fit is not None
-        and fitted.fit.status is not AnnealingStatus.STUCK
-    }
+    rest = [fitted for fitted in fits if fitted.pair == own.pair and fitted.law != own.law]
+    left = [rival for rival in rest if rival.fit and rival.fit.status is not AnnealingStatus.STUCK]
+    laws = {fitted.law: excess[fitted] for fitted in left}
     none = [_criterion(selection.structure, selection.fit, noise, penalty)]
     for rival in _in_place_of_memory(search.candidates, own.pair, chosen):
         fit = _fit_without_memory(own, rival, chosen, search)
@@ -308,15 +303,10 @@ def _evidence(
         over_none=min(none) - _criterion(chosen.structure, chosen.fit, noise, penalty),
         unambiguous=chosen.settled,
     )
-    as_well = {fitted.law for fitted in fits if fitted.is_exact}
-    return (
-        evidence,
-        *(
-            replace(evidence, law=law, kept=False, coefficients=(), over_laws=-value)
-            for law, value in laws.items()
-            if law in as_well and value < _ALIKE
-        ),
-    )
+    exact = {fitted.law for fitted in fits if fitted.is_exact}
+    as_well = {law: value for law, value in laws.items() if law in exact and value < _ALIKE}
+    not_kept = replace(evidence, kept=False, coefficients=())
+    return (evidence, *(replace(not_kept, law=law, over_laws=-value) for law, value in as_well.items()))
 
 
 def _in_place_of_memory(candidates: Candidates, number: int, chosen: Selection) -> Iterator[Link]:
