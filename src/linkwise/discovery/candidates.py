@@ -6,6 +6,7 @@ terms that are selected on the same pair join the law of the first of them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -321,13 +322,10 @@ def _move_alike(hosts: Sequence[Host], first: str, second: str) -> bool:
 
 def _require_single_names(masses: Sequence[Mass]) -> None:
     """StructureError for a mass that is listed twice."""
-    names = [mass.name for mass in masses]
-    repeated = [name for name in names if names.count(name) > 1]
-    if repeated:
-        raise StructureError(
-            f"the name is used {names.count(repeated[0])} times; each mass needs its own",
-            f'mass "{repeated[0]}"',
-        )
+    for name, count in Counter(mass.name for mass in masses).items():
+        if count > 1:
+            times = f"the name is used {count} times"
+            raise StructureError(f"{times}; each mass needs its own", f'mass "{name}"')
 
 
 def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:

@@ -186,11 +186,10 @@ def opposed_damping(selection: Selection) -> tuple[str, ...]:
     if not opposed:
         return ()
     motion = selection.link_motions()
-    links = {frozenset(link.between): link.name for link in selection.structure.links}
     covariance = inverse_of(selection.quadratic.h[np.ix_(selection.inside, selection.inside)])
     feeding = []
     for pair, terms in opposed.items():
-        d, v = (part.ravel() for part in motion[links[frozenset(pairs[pair].between)]])
+        d, v = (part.ravel() for part in motion[pairs[pair].name])
         laws = [selection.entries[k].term.law for k in terms]
         along = [[np.broadcast_to(law.force(d, rate, {}), v.shape) for law in laws] for rate in (v, 0.5 * v)]
         forces, at_half = np.array(along)

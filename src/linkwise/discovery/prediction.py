@@ -1,4 +1,4 @@
-"""How well models predict pieces of the records that they were not fitted to, and what part of the force a term makes.
+"""How well models predict pieces of the records that they were not fitted to.
 
 Each block of the records has a parabola of its own about the fit. A model is fitted to all blocks but one, by the sum of their
 parabolas, and pays what that of the block left out says. What it pays more than the selected model, in all blocks together,

@@ -374,7 +374,6 @@ class _Place:
 
 
 def _places(selection: Selection) -> Iterator[_Place]:
-    links = {frozenset(link.between): link.name for link in selection.structure.links}
     by_kind: dict[tuple[int, bool], list[int]] = {}
     for number, entry in selection.entries.items():
         if number >= len(selection.inside) or entry.offered.parameters:
@@ -384,7 +383,7 @@ def _places(selection: Selection) -> Iterator[_Place]:
     for (number, damping), chosen in by_kind.items():
         pair = selection.candidates.pairs[number]
         if not pair.stated and len(chosen) <= _MOST_OF_A_KIND:
-            yield _Place(links[frozenset(pair.between)], number, damping, tuple(chosen))
+            yield _Place(pair.name, number, damping, tuple(chosen))
 
 
 def link_rates(selection: Selection) -> dict[str, float]:
