@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (13, 2354),
     "analysis": (5, 574),
     "cli": (24, 2158),
-    "discovery": (19, 3776),
+    "discovery": (19, 3766),
     "estimates": (7, 1413),
     "export": (8, 1079),
     "expression": (7, 1189),

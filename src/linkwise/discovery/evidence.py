@@ -94,8 +94,8 @@ class DroppedTerms:
 def widened(estimate: Estimate, covariance: Floats) -> Estimate:
     """The estimate with a `covariance` (p, p) more for terms that it lacks, which a profile would not allow for."""
     before = 0.0 if estimate.for_dropped_terms is None else estimate.for_dropped_terms
-    both, before = estimate.covariance + covariance, before + covariance
-    return replace(estimate, covariance=both, for_dropped_terms=before, profile=None)
+    wider = estimate.covariance + covariance
+    return replace(estimate, covariance=wider, for_dropped_terms=before + covariance, profile=None)
 
 
 def dropped_terms_remark(dropped: DroppedTerms, estimate: Estimate, alone: Floats) -> tuple[str, ...]:

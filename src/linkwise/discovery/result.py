@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import inf, isfinite, isnan, nan
@@ -357,8 +357,13 @@ Rows = list[tuple[str, ...]]
 
 def discovery_text(discovery: Discovery) -> str:
     """The whole result as text."""
+    return "\n\n".join("\n".join(lines) for lines in _blocks(discovery))
+
+
+def _blocks(discovery: Discovery) -> Iterator[Iterable[str]]:
+    """The lines of each part of the text."""
     first, *sentences = headline(discovery)
-    blocks = ["\n".join([first, *(paragraph(sentence) for sentence in sentences)])]
+    yield [first, *map(paragraph, sentences)]
     links = links_by_certainty(discovery)
     modes = [coefficient for mode in discovery.estimate.modes for coefficient in mode.coefficients]
     masses = [*mass_rows(discovery), *_unknown_rows(modes)]
@@ -370,25 +375,20 @@ def discovery_text(discovery: Discovery) -> str:
         lines += [next(table) for _ in link.coefficients]
     if len(links) > _LINKS:
         lines.append(f"... and {len(links) - _LINKS} less certain links; the result folder lists all")
-    blocks.append("\n".join(lines))
+    yield lines
     if discovery.memory:
-        memory = map(memory_sentence, discovery.memory)
-        blocks.append("\n".join([*memory, *align_columns(memory_rows(discovery.memory))]))
+        yield [*map(memory_sentence, discovery.memory), *align_columns(memory_rows(discovery.memory))]
     doubtful = doubtful_rows(discovery)
     if len(doubtful) > 1:
         more = len(doubtful) - 1 - _DOUBTFUL
         tail = [f"  ... and {more} more"] if more > 0 else []
-        shown = [doubtful_title(discovery), *align_columns(doubtful[: _DOUBTFUL + 1]), *tail]
-        blocks.append("\n".join(shown))
+        yield [doubtful_title(discovery), *align_columns(doubtful[: _DOUBTFUL + 1]), *tail]
     if discovery.runners_up:
-        rows = runner_up_rows(discovery)[: _RUNNERS_UP + 1]
-        blocks.append("\n".join(["the next best models", *align_columns(rows)]))
+        yield ["the next best models", *align_columns(runner_up_rows(discovery)[: _RUNNERS_UP + 1])]
     if len(rows := path_rows(discovery)) > 1:
-        blocks.append("\n".join([PATH_TITLE, *align_columns(rows)]))
-    remarks = all_remarks(discovery)
-    if remarks:
-        blocks.append("\n".join(remark_lines(remark) for remark in remarks))
-    return "\n\n".join(blocks)
+        yield [PATH_TITLE, *align_columns(rows)]
+    if remarks := all_remarks(discovery):
+        yield map(remark_lines, remarks)
 
 
 def headline(discovery: Discovery) -> tuple[str, ...]:
@@ -462,20 +462,13 @@ def _unknown_rows(coefficients: Sequence[CoefficientEstimate]) -> Rows:
 def term_rows(discovery: Discovery, link: LinkEstimate) -> Rows:
     """A row for every coefficient of a link."""
     evidence = {term.name: term for term in discovery.kept}
-    inside = {f"{link.link.name}.{name}" for name in link.link.law.nonlinear}
-    remembering = {name for law in discovery.memory for name in law.coefficients}
+    inside = (each for each in link.coefficients if each.name.key in link.link.law.nonlinear)
+    without: dict[str, str] = {each.name: "of a term" for each in inside if not each.known}
+    without |= {name: "of memory" for law in discovery.memory for name in law.coefficients}
+    marked = admit_intervals(discovery.verdicts)
     return [
-        _term_row(
-            coefficient,
-            evidence.get(coefficient.name),
-            marked=admit_intervals(discovery.verdicts),
-            without="of memory"
-            if coefficient.name in remembering
-            else "of a term"
-            if coefficient.name in inside and not coefficient.known
-            else "stated",
-        )
-        for coefficient in link.coefficients
+        _term_row(each, evidence.get(each.name), marked=marked, without=without.get(each.name, "stated"))
+        for each in link.coefficients
     ]
 
 
