@@ -293,7 +293,7 @@ def _with_offsets(optimum: Optimum, channels: Sequence[int], combined: Floats) -
             errors.source[numbers],
             errors.values[:, numbers],
         )
-        nothing, _ = candidate_forces(optimum, misfit, [])
+        nothing, _ = candidate_forces(optimum.segments, misfit, [])
         augmented = augmented_quadratic(optimum, misfit, nothing, offsets)
     local = in_their_units(optimum, augmented, np.ones(len(numbers)))
     sums = block_diag(np.eye(len(local.slope) - len(combined)), combined)

@@ -129,7 +129,7 @@ class Selection:
                 of_links[frozenset(link.between)] = of_links.get(frozenset(link.between), 0.0) + force
             found = [k for k in ends if ends[k] in of_links]
             forces = self.candidates.forces([self.entries[k] for k in found], self.structure)
-            _, units = candidate_forces(optimum, misfit, forces)
+            _, units = candidate_forces(optimum.segments, misfit, forces)
         ratios = units * [of_links[ends[k]] for k in found]
         return {
             k: 1.0 / ratio if ratio > 0.0 else np.inf for k, ratio in zip(found, ratios.tolist(), strict=True)

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -45,17 +46,16 @@ from linkwise.likelihood.shooting.residuals import (
     relative_to_gain,
 )
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.tests.columns import (
-    BASE_ERRORS,
-    BaseErrors,
-    DampingErrors,
-    ShapeErrors,
+    Added,
+    FittedMotion,
     TestedColumns,
-    force_errors,
+    base_errors,
+    damping_between_modes,
+    inertia_and_inputs,
+    shape_errors,
 )
 from linkwise.likelihood.tests.score_test import (
-    BETWEEN_MODES,
     MEMORY_TERMS,
     PRICE_OF_REACH,
     CandidateForce,
@@ -74,7 +74,7 @@ from linkwise.likelihood.tests.score_test import (
 )
 from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
-from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
@@ -84,8 +84,9 @@ class TestedCauses:
     """What may explain what a fit leaves, and the equations at its optimum with a column for each.
 
     `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
-    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share. `model` is that of the
-    optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found beside these.
+    which `units` (h,) are in their own; `attenuation` is what a filter of unit size takes off the gain of a channel. `model`
+    is that of the optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found
+    beside these.
     """
 
     __test__ = False  # no test of pytest
@@ -95,8 +96,7 @@ class TestedCauses:
     curvature: Floats
     slope: Floats
     scatter: Floats
-    errors: SensorErrors
-    filtered: SensorErrors
+    attenuation: float
     model: FactoredModel | None
     longer: tuple[Optimum, Misfit]
 
@@ -350,7 +350,7 @@ def overdispersion(optimum: Optimum, forces: Sequence[CandidateForce]) -> Overdi
     if segments.count < FEWEST * BLOCKS[0]:
         return None
     misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-    candidates, units = candidate_forces(optimum, misfit, forces)
+    candidates, units = candidate_forces(segments, misfit, forces)
     scores = block_scores(
         segments, misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0], candidates=candidates
     )
@@ -520,51 +520,42 @@ def _tested_in(
 ) -> tuple[TestedCauses, float]:
     """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
     optimum, misfit = longer
-    filtered = common_filter(optimum.segments, misfit)
-    hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
-    errors = SensorErrors.of(optimum.segments, misfit)
-    shown = [name for name in channels if not name.is_input]
-    hypotheses += [
-        Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
-        for kind, channel, source in zip(
-            errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True
-        )
-    ]
-    columns = TestedColumns.separate(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
-    cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.startswith("f:")}
-    measured = [
-        k for k, lacking in enumerate(hypotheses) if lacking.kind == "term" and lacking.where in cells
-    ]
-    if measured:
-        channels_of_cells = [cells[hypotheses[k].where] for k in measured]
-        columns = columns.with_load_cells(measured, channels_of_cells, optimum.segments.tangent_refine)
-    hypotheses.append(Hypothesis("filter", "all channels"))
-    columns = columns.with_sum(filtered)
-    timed = errors.of_kind(CLOCK)
-    inputs = [name for name in channels if name.is_input]
-    if len(inputs) == 1 and timed.kind:
-        hypotheses.append(Hypothesis(CLOCK, inputs[0]))
-        columns = columns.with_sum(replace(timed, values=-timed.values))
-    of_base = BaseErrors.of(optimum, misfit)
-    if of_base is not None:
-        base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
-        hypotheses += [Hypothesis(kind, base) for kind in BASE_ERRORS]
-        columns = columns.with_base(of_base)
-    shapes = ShapeErrors.of(optimum, misfit, identified, channels) if identified.hosts else None
-    if shapes is not None:
-        hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
-        columns = columns.with_shapes(shapes)
-    damping = DampingErrors.of(optimum, misfit, identified) if identified.hosts else None
-    if damping is not None:
-        hypotheses += [Hypothesis(BETWEEN_MODES, link) for link in damping.links]
-        columns = columns.with_damping(damping)
-    blocks = blocks_in(longer[0].segments, fit.segments)
+    motion = FittedMotion(optimum, misfit, identified, channels)
+    errors, filtered = SensorErrors.of(optimum.segments, misfit), common_filter(optimum.segments, misfit)
+    columns = TestedColumns.joined(_columns(motion, errors, filtered, terms=terms))
+    assert (
+        columns.forces is not None and columns.errors is not None
+    )  # which are those of terms and sensors at least
+    blocks = blocks_in(optimum.segments, fit.segments)
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
-    curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
-    named = in_units_of(hypotheses, identified)
-    equations, of_sensors = (curvature, slope, scatter), (errors, filtered)
-    tested = TestedCauses(named, columns.units, *equations, *of_sensors, augmented.model, longer)
+    equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
+    named, of_filter = in_units_of(columns.hypotheses, identified), relative_to_gain(filtered, errors)
+    tested = TestedCauses(named, columns.units, *equations, of_filter, augmented.model, longer)
     return tested, augmented.growth
+
+
+def _columns(
+    motion: FittedMotion, errors: SensorErrors, filtered: SensorErrors, *, terms: bool
+) -> list[TestedColumns]:
+    """Missing terms, errors of masses and inputs, of sensors, of all channels together, of the base and of hosts."""
+    channels, estimated = motion.channels, motion.segments.system.parameters.names
+    forces = (missing_forces if terms else usual_terms)(motion.structure, estimated)
+    together = [Added(Hypothesis("filter", "all channels"), samples=_samples(filtered))]
+    timed, inputs = errors.of_kind(CLOCK), [name for name in channels if name.is_input]
+    if len(inputs) == 1 and timed.kind:
+        early = replace(timed, values=-timed.values)
+        together.append(Added(Hypothesis(CLOCK, inputs[0]), samples=_samples(early)))
+    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
+    return [
+        TestedColumns.of_terms(motion, *forces),
+        TestedColumns.of(inertia_and_inputs(motion)),
+        TestedColumns.of_sensors(errors, [name for name in channels if not name.is_input]),
+        TestedColumns.of(chain(together, base_errors(motion), *of_hosts)),
+    ]
+
+
+def _samples(errors: SensorErrors) -> list[tuple[int, Floats]]:
+    return list(zip(errors.channel.tolist(), np.moveaxis(errors.values, 1, 0), strict=True))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
@@ -581,7 +572,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
     significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
     if significant[at_filter]:
-        attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
+        attenuation = sizes[at_filter] * tested.attenuation
         significant[at_filter] = 0.0 < attenuation < LARGEST
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
@@ -602,7 +593,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
     optimum, misfit = fit.optimum, fit.misfit
     hypotheses, forces = missing_terms(identified)
-    candidates, norms = candidate_forces(optimum, misfit, forces)
+    candidates, norms = candidate_forces(optimum.segments, misfit, forces)
     augmented = augmented_quadratic(optimum, misfit, candidates)
     curvature, slope = augmented.curvature, augmented.slope.copy()
     parameters = optimum.segments.system.parameters.size
@@ -706,15 +697,3 @@ def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     sizes = np.empty(len(power))
     sizes[optimum.segments.system.order] = np.sqrt(power)
     return list(sizes)
-
-
-def _forces(
-    optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
-) -> tuple[list[Hypothesis], CandidateForces, Floats]:
-    """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
-    estimated = optimum.segments.system.parameters.names
-    hypotheses, forces = (missing_forces if terms else usual_terms)(identified, estimated)
-    of_terms, _ = candidate_forces(optimum, misfit, forces)
-    of_errors, errors, units = force_errors(optimum, misfit, identified)
-    sizes = np.ones(len(forces))  # of a term: the root mean square of its force, which is its scale here
-    return hypotheses + of_errors, of_terms.joined(errors), np.concatenate([sizes, units])

@@ -31,7 +31,7 @@ from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
+from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import (
     Border,
     FactoredModel,
@@ -317,7 +317,7 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
     """
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        candidates, units = candidate_forces(optimum, misfit, forces)
+        candidates, units = candidate_forces(optimum.segments, misfit, forces)
         augmented = augmented_quadratic(optimum, misfit, candidates)
     return in_their_units(optimum, augmented, units)
 
@@ -411,31 +411,14 @@ def _in_pieces(
 
 
 def candidate_forces(
-    optimum: Optimum, misfit: Misfit, forces: Sequence[CandidateForce]
-) -> tuple[CandidateForces, Floats]:
-    """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
-    return candidates_along(optimum.segments, misfit, forces)
-
-
-def candidates_along(
     segments: Segments, misfit: Misfit, forces: Sequence[CandidateForce]
 ) -> tuple[CandidateForces, Floats]:
-    """`candidate_forces` along the orbit of `misfit`."""
-    ends, middles = states_at_ends_and_middles(
-        misfit.trajectories,
-        segments.flow_steps_per_tangent,
-        segments.step,
-        segments.inputs,
-        segments.system.base_error,
-    )
-    points = segments.system.at(misfit.point.theta).points
+    """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
+    motion = _with_points(states_along(segments, misfit), segments.system.at(misfit.point.theta).points)
     pairs = {pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))}
-    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % (ends.shape[2] + len(points))
+    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % motion.shape[2]
     firsts, seconds = map(as_slice, places)
-    elongations = np.empty((len(ends) + len(middles), 2, len(pairs), segments.count))
-    for own, motion in ((elongations[::2], ends), (elongations[1::2], middles)):
-        of_places = _with_points(motion, points)
-        np.subtract(of_places[:, :, firsts], of_places[:, :, seconds], out=own)
+    elongations = motion[:, :, firsts] - motion[:, :, seconds]
     both = np.empty((len(elongations), len(forces), segments.count), np.float32)
     units = np.ones(len(forces))
     for laws, numbers in _of_equal_pairs(forces):
@@ -470,38 +453,39 @@ def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats
     plain = tuple(law.expression for law in laws if isinstance(law, Law))
     if plain:
         signals = segments.inputs.signals
-        along = np.empty((len(signals), len(motion), 1, segments.count))
-        for own, values in zip(along, signals.values(), strict=True):
-            own[::2, 0], own[1::2, 0] = at_ends_and_middles(values, segments.flow_steps_per_tangent)
+        along = [input_along(values, segments.flow_steps_per_tangent)[:, None] for values in signals.values()]
         return cached_program(plain, (*VARIABLES, *signals))(motion[:, 0], motion[:, 1], *along)
     return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
 
 
-def states_at_ends_and_middles(
-    orbit: Trajectories, refine: int, step: Floats, inputs: Inputs, base_error: int | None = None
-) -> tuple[Floats, Floats]:
-    """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
+def in_turn(ends: Floats, middles: Floats) -> Floats:
+    """(2 J + 1, ...) of values at the ends (J + 1, ...) of steps and in their middles (J, ...)."""
+    both = np.empty((len(ends) + len(middles), *ends.shape[1:]))
+    both[::2], both[1::2] = ends, middles
+    return both
 
-    The base, less the state `base_error`, and the ground follow the masses. The middles follow from x, v and a at both ends,
-    to the sixth order.
+
+def input_along(points: Floats, refine: int) -> Floats:
+    """(2 J + 1, ...) of an input (J refine, 5, ...) that is given at the points of every step of the flow."""
+    return in_turn(*at_ends_and_middles(points, refine))
+
+
+def states_along(segments: Segments, misfit: Misfit) -> Floats:
+    """x and v (2 J + 1, 2, n + 2, K) at the ends of the steps of the tangents and in their middles, in turn.
+
+    The base, less its error among the states, and the ground follow the masses. The middles follow from x, v and a at both
+    ends, to the sixth order.
     """
-    coarse = orbit.thinned(refine)
-    h = step * refine
-    ends, middles = coarse.states.copy(), coarse.middles(h)
-    ends[:, 1] /= h
-    middles[:, 1] /= h
-    base_ends, base_middles = _base(inputs, refine, len(ends), ends.shape[-1])
+    refine, base_error = segments.flow_steps_per_tangent, segments.system.base_error
+    orbit, step = misfit.trajectories.thinned(refine), segments.step * refine
+    masses = in_turn(orbit.states, orbit.middles(step))
+    masses[:, 1] /= step
+    base = np.zeros((len(masses), 2, 1, segments.count))
+    if segments.inputs.base is not None:
+        base[:, :, 0] = input_along(segments.inputs.base, refine)
     if base_error is not None:
-        base_ends = base_ends - np.stack([coarse.memory, 0.0 * coarse.memory], axis=1)[:, :, [base_error]]
-        between = coarse.middle_memory
-        base_middles = base_middles - np.stack([between, 0.0 * between], axis=1)[:, :, [base_error]]
-    return _with_base_and_ground(ends, base_ends), _with_base_and_ground(middles, base_middles)
-
-
-def _with_base_and_ground(motion: Floats, base: Floats) -> Floats:
-    """(J, 2, n + 2, K): after the masses the base (index -2) and the ground (index -1)."""
-    ground = np.zeros_like(base)
-    return np.concatenate([motion, base, ground], axis=2)
+        base[:, 0, 0] -= in_turn(orbit.memory, orbit.middle_memory)[:, base_error]
+    return np.concatenate([masses, base, np.zeros_like(base)], axis=2)
 
 
 def _with_points(motion: Floats, points: Floats) -> Floats:
@@ -511,14 +495,6 @@ def _with_points(motion: Floats, points: Floats) -> Floats:
     masses, supports = motion[:, :, :-2], motion[:, :, -2:]
     of_points = np.einsum("pn,jdnk->jdpk", points[::-1], masses)
     return np.concatenate([masses, of_points, supports], axis=2)
-
-
-def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Floats, Floats]:
-    """(J + 1, 2, 1, K) and (J, 2, 1, K) of the base, at rest where it has no record."""
-    if inputs.base is None:
-        return np.zeros((ends, 2, 1, count)), np.zeros((ends - 1, 2, 1, count))
-    at_ends, middles = at_ends_and_middles(inputs.base, refine)
-    return at_ends[:, :, None], middles[:, :, None]
 
 
 _TERMS = tuple(
