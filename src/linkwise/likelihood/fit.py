@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -48,22 +47,6 @@ _BINS = 15  # of a spectrum, over which its power is averaged
 _LARGEST = 0.5  # relative standard error from which a gain is not told
 _COLLINEAR = 1e5
 """Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
-
-
-class SearchedGains(Protocol):
-    """A fit: how its search ended, and the channels of the gains that it does not tell, of which nothing is known."""
-
-    @property
-    def status(self) -> AnnealingStatus: ...
-
-    @property
-    def chi_square_off(self) -> bool: ...
-
-    @property
-    def has_errors(self) -> bool: ...
-
-    @property
-    def untold(self) -> tuple[str, ...]: ...
 
 
 def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first: int) -> tuple[str, ...]:
@@ -104,7 +87,7 @@ def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first
     )
 
 
-def require_told(fit: SearchedGains) -> None:
+def require_told(fit: LikelihoodFit) -> None:
     """Raise IdentificationError where the records do not tell gains of which nothing is known beforehand.
 
     A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.

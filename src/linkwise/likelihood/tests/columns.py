@@ -106,8 +106,8 @@ class FittedMotion:
 
 @dataclass(frozen=True, eq=False)
 class Added:
-    """What an error of unit size adds: `forces` in N along the motion (2 J + 1, K), each between two places and negative on the
-    first, and `samples` (M, K) of channels by number.
+    """What an error of unit size adds: `forces` (2 J + 1, K) in N along the motion, each between two places and negative on
+    the first, and `samples` (M, K) of channels by number.
     """
 
     error: Hypothesis

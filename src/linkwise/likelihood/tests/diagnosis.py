@@ -25,7 +25,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
-from typing import Protocol
 
 import numpy as np
 
@@ -151,19 +150,6 @@ _AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
 
-class TestedMasses(Protocol):
-    """Hypotheses, masses among them, the units of their sizes, and their tests."""
-
-    @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]: ...
-
-    @property
-    def units(self) -> Floats: ...
-
-    @property
-    def tests(self) -> SingleTests: ...
-
-
 @dataclass(frozen=True, eq=False)
 class HintedMasses:
     """Masses to which residuals point: their `names` and relative `errors` (m,), the likeliest first.
@@ -219,14 +205,14 @@ def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
     return np.asarray(are_masses & (gains > _MASS_CHANCE + 2.0 * np.log(np.count_nonzero(are_masses))))
 
 
-def hinted_masses(fit: LikelihoodFit, tested: TestedMasses) -> HintedMasses | None:
+def hinted_masses(fit: LikelihoodFit, tested: TestedCauses) -> HintedMasses | None:
     """The masses to which the residuals of laws that leave only noise point.
 
     Parameters
     ----------
     fit : LikelihoodFit
         The fit.
-    tested : TestedMasses
+    tested : TestedCauses
         What was tested at it.
 
     Returns
