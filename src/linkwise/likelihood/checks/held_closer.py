@@ -16,9 +16,10 @@ import numpy as np
 
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
+from linkwise.likelihood.checks.horizons import optimum_at
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.marginal import held_at, is_long, relaxation
-from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.marginal import is_long, relaxation
+from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.law import Law
@@ -90,7 +91,7 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
         return None
     for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
-        closer = _searched_closer(tight)
+        closer = optimum_at(tight, tight.q, _STEPS)
         if closer is None:
             continue
         if closer.status is AnnealingStatus.INTERRUPTED:
@@ -108,14 +109,6 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
     segments = replace(segments, random=quieter)
     return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
-
-
-def _searched_closer(tight: Optimum) -> AnnealingFit | None:
-    """The search from where the motion is to be held closer; None where one in pieces does not lead to an optimum."""
-    if is_long(tight.segments):
-        return held_at(tight.segments, tight.point, tight.scales, tight.loss, tight.q)
-    schedule = AnnealingSchedule(initial_q=tight.q, final_q=tight.q, max_steps=_STEPS)
-    return anneal(tight.segments, tight.point, tight.scales, schedule, loss=tight.loss)
 
 
 def _diagnosed(

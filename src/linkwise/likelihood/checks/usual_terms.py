@@ -359,9 +359,7 @@ def _wholes(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Sequence[int]
 ) -> Iterator[tuple[float, float]]:
     """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
-    forces = dict(
-        zip((link.name for link in identified.links), link_forces(fit.optimum, fit.misfit), strict=False)
-    )
+    forces = link_forces(fit.optimum, fit.misfit, identified)
     damping = largest_damping(identified)
     for number in numbers:
         hypothesis, unit = tested.hypotheses[number], float(tested.units[number])

@@ -326,7 +326,7 @@ _LARGEST_ERROR = 0.1
 
 
 def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
-    """The verdict with its explanation, and the part of the forces that the laws leave beside noise."""
+    """Verdict, explanation, and the part of the forces that laws leave beside noise."""
     if not fit.minimum.converged:
         return (
             Verdict.NOT_CONVERGED,
@@ -335,45 +335,35 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
             0.0,
         )
     share = _share(fit)
-    explained = "The laws explain the forces to within the noise of force and displacement"
-    if share > 0.0:
-        explained = f"The laws explain the forces to within {format_percent(share)}"
+    verdict, words = _found(fit, causes, share)
+    to_within = format_percent(share) if share > 0.0 else "the noise of force and displacement"
+    return verdict, f"The laws explain the forces to within {to_within}{words}", share
+
+
+def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict, str]:
+    """The verdict on a search that converged, and what is said after how well laws explain the forces."""
     if not fit.determined:
-        return (
-            Verdict.HARDLY_DETERMINED,
-            f"{explained}, but the forces do not determine all unknowns: hold some at known "
-            "values, or record another motion.",
-            share,
+        return Verdict.HARDLY_DETERMINED, (
+            ", but the forces do not determine all unknowns: hold some at known values, or record another motion."
         )
     if share > _LARGEST_ERROR:
-        return (
-            Verdict.UNEXPLAINED_FORCES,
-            f"{explained}; that is too much for intervals: a term or a state is missing.",
-            share,
-        )
+        return Verdict.UNEXPLAINED_FORCES, ("; that is too much for intervals: a term or a state is missing.")
     if causes and not causes[0].is_instrument:
-        return (
-            Verdict.SYSTEMATIC_MISFIT,
-            f"{explained}, but {causes[0].description} is missing: with it a coefficient would differ by "
-            f"{causes[0].shift:.2g} of its standard errors. Offer the term, or a law with memory.",
-            share,
+        return Verdict.SYSTEMATIC_MISFIT, (
+            f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
+            "standard errors. Offer the term, or a law with memory."
         )
     if causes:
-        return (
-            Verdict.MEASUREMENT_ERROR,
-            f"{explained}, but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients "
-            "would be wrong by more than intervals of exact laws say: correct it, or estimate it with the other "
-            "unknowns.",
-            share,
+        return Verdict.MEASUREMENT_ERROR, (
+            f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
+            "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
         )
     if share > 0.0:
-        return (
-            Verdict.MODEL_ERROR_NEEDED,
-            f"{explained}, a model error that all intervals include; as it follows the motion, sums over periods of the "
-            "motion are compared for that.",
-            share,
+        return Verdict.MODEL_ERROR_NEEDED, (
+            ", a model error that all intervals include; as it follows the motion, sums over periods of the motion are "
+            "compared for that."
         )
-    return Verdict.CONVERGED, f"{explained}.", 0.0
+    return Verdict.CONVERGED, "."
 
 
 def _share(fit: RigFit) -> float:
@@ -455,9 +445,13 @@ def _terms(fit: RigFit) -> Iterator[_Column]:
         for text in (*_TERMS, f"tanh(v/{_SATURATING * fastest!r})" if fastest > 0.0 else "v"):
             law = Law.parse(text)
             with np.errstate(all="ignore"):
-                column = _column(fit, link, lambda path, law=law: law.force(path.d, path.v, {}))
+                column = _column(fit, link, partial(_force_along, law))
             name = "tanh(v)" if text.startswith("tanh") else text
             yield Hypothesis("term", fit.problem.structure.links[link].name, name, unit="N"), column
+
+
+def _force_along(law: Law, path: LinkPath) -> Floats:
+    return law.force(path.d, path.v, {})
 
 
 def _delays(fit: RigFit) -> Iterator[_Column]:

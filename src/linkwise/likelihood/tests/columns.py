@@ -30,6 +30,7 @@ from linkwise.likelihood.tests.score_test import (
     AugmentedQuadratic,
     CandidateForce,
     Hypothesis,
+    Lacking,
     LocalQuadratic,
     augmented_quadratic,
     candidate_forces,
@@ -114,6 +115,14 @@ class Added:
     forces: Sequence[tuple[int, int, Floats]] = ()
     samples: Sequence[tuple[int, Floats]] = ()
 
+    @property
+    def scale(self) -> float:
+        """Root mean square of its forces; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
+        power = sum(float(np.mean(values[::2] ** 2)) for _, _, values in self.forces)
+        if not 0.0 < power < np.inf:
+            return float(bool(self.samples))
+        return float(np.sqrt(power / len(self.forces)))
+
 
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
@@ -134,35 +143,35 @@ class TestedColumns:
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
         """Errors whose forces have a root mean square of 1; without those that add nothing."""
-        tested, units, forces, samples = [], [], [], []
-        for added in every:
-            power = np.mean([np.mean(values[::2] ** 2) for _, _, values in added.forces] or [1.0])
-            scale = float(np.sqrt(power))
-            if not 0.0 < scale < np.inf:
-                if not added.samples:
-                    continue
-                scale = 1.0
-            forces += [
-                (len(tested), *ends, np.asarray(values / scale, np.float32)) for *ends, values in added.forces
-            ]
-            samples += [(len(tested), channel, values / scale) for channel, values in added.samples]
-            units.append(1.0 / scale)
-            tested.append(added.error)
-        owners, first, second, along = zip(*forces, strict=True) if forces else ((), (), (), ())
-        both = np.stack(along, axis=1) if forces else np.empty((0, 0, 0))
-        of_samples, channels, shown = zip(*samples, strict=True) if samples else ((), (), ())
-        everyone = np.eye(len(tested))
-        return cls(
-            tested,
-            np.array(units),
-            CandidateForces(np.array(first), np.array(second), both[::2], both[1::2]) if forces else None,
-            SensorErrors(
-                np.array(channels), ("",) * len(samples), np.full(len(samples), -1), np.stack(shown, axis=1)
+        kept = [(added, scale) for added in every if (scale := added.scale) > 0.0]
+        forces = [
+            (k, first, second, np.asarray(values / scale, np.float32))
+            for k, (added, scale) in enumerate(kept)
+            for first, second, values in added.forces
+        ]
+        samples = [
+            (k, channel, values / scale)
+            for k, (added, scale) in enumerate(kept)
+            for channel, values in added.samples
+        ]
+        everyone, candidates, errors = np.eye(len(kept)), None, None
+        if forces:
+            _, firsts, seconds, along = zip(*forces, strict=True)
+            both = np.stack(along, axis=1)
+            candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
+        if samples:
+            _, channels, shown = zip(*samples, strict=True)
+            count = len(samples)
+            errors = SensorErrors(
+                np.array(channels), ("",) * count, np.full(count, -1), np.stack(shown, axis=1)
             )
-            if samples
-            else None,
-            everyone[list(owners)],
-            everyone[list(of_samples)],
+        return cls(
+            [added.error for added, _ in kept],
+            1.0 / np.array([scale for _, scale in kept]),
+            candidates,
+            errors,
+            everyone[[k for k, *_ in forces]],
+            everyone[[k for k, *_ in samples]],
         )
 
     @classmethod
@@ -177,11 +186,10 @@ class TestedColumns:
         return cls(hypotheses, np.ones(count), None, errors, np.empty((0, count)), np.eye(count))
 
     @classmethod
-    def of_terms(
-        cls, motion: FittedMotion, hypotheses: Sequence[Hypothesis], forces: Sequence[CandidateForce]
-    ) -> TestedColumns:
+    def of_terms(cls, motion: FittedMotion, lacking: Lacking) -> TestedColumns:
         """Each missing force alone, in its root mean square, with what load cells show of it."""
-        candidates, _ = candidate_forces(motion.segments, motion.misfit, forces)
+        hypotheses = [hypothesis for hypothesis, _ in lacking]
+        candidates, _ = candidate_forces(motion.segments, motion.misfit, [force for _, force in lacking])
         shown = [name for name in motion.channels if not name.is_input]
         cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.kind == "f"}
         measured = [k for k, one in enumerate(hypotheses) if one.kind == "term" and one.where in cells]
@@ -190,7 +198,7 @@ class TestedColumns:
             np.array([cells[hypotheses[k].where] for k in measured], dtype=int),
             ("load cell",) * len(measured),
             np.full(len(measured), -1),
-            candidates.starts[::every, measured][: len(motion.segments.samples)],
+            candidates.starts[::every, measured][: len(motion.segments.samples)].astype(float),
         )
         everyone = np.eye(len(hypotheses))
         return cls(hypotheses, np.ones(len(hypotheses)), candidates, errors, everyone, everyone[measured])

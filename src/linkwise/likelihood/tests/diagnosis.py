@@ -525,7 +525,7 @@ def _columns(
 ) -> list[TestedColumns]:
     """Missing terms, errors of masses and inputs, of sensors, of all channels together, of the base and of hosts."""
     channels, estimated = motion.channels, motion.segments.system.parameters.names
-    forces = (missing_forces if terms else usual_terms)(motion.structure, estimated)
+    lacking = (missing_forces if terms else usual_terms)(motion.structure, estimated)
     together = [Added(Hypothesis("filter", "all channels"), samples=_samples(filtered))]
     timed, inputs = errors.of_kind(CLOCK), [name for name in channels if name.is_input]
     if len(inputs) == 1 and timed.kind:
@@ -533,7 +533,7 @@ def _columns(
         together.append(Added(Hypothesis(CLOCK, inputs[0]), samples=_samples(early)))
     of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
     return [
-        TestedColumns.of_terms(motion, *forces),
+        TestedColumns.of_terms(motion, lacking),
         TestedColumns.of(inertia_and_inputs(motion)),
         TestedColumns.of_sensors(errors, [name for name in channels if not name.is_input]),
         TestedColumns.of(chain(together, base_errors(motion), *of_hosts)),
@@ -563,7 +563,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )
-    forces = _force_of_links(optimum, misfit, identified) if significant.any() else {}
+    forces = link_forces(optimum, misfit, identified) if significant.any() else {}
     causes = (
         replace(
             _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
@@ -578,7 +578,8 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
     optimum, misfit = fit.optimum, fit.misfit
-    hypotheses, forces = missing_terms(identified)
+    lacking = missing_terms(identified)
+    hypotheses, forces = [one for one, _ in lacking], [force for _, force in lacking]
     candidates, norms = candidate_forces(optimum.segments, misfit, forces)
     augmented = augmented_quadratic(optimum, misfit, candidates)
     curvature, slope = augmented.curvature, augmented.slope.copy()
@@ -591,7 +592,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     )
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
     tests = single_tests(curvature, slope, curvature, parameters)
-    powers = _force_of_links(optimum, misfit, identified)
+    powers = link_forces(optimum, misfit, identified)
     present = {link.name: linear_terms(link) for link in identified.links}
     return tuple(
         _cause(hypotheses[number], tests, number, powers)
@@ -628,12 +629,6 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
 def _shows_noise(optimum: Optimum) -> bool:
     """Whether sensors show noise of the base directly, which a filter would seem to take off."""
     return optimum.segments.random is not None and optimum.segments.random.shown is not None
-
-
-def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> dict[str, float]:
-    """Root mean square of the force in each link, in N; random forces, which come last among the links, left out."""
-    sizes = link_forces(optimum, misfit)[: len(identified.links)]
-    return dict(zip((link.name for link in identified.links), sizes, strict=True))
 
 
 def _sample(optimum: Optimum) -> float:
@@ -673,8 +668,8 @@ def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict
     )
 
 
-def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
-    """Root mean square of the force in each link along the fitted motion, in N, in the structure's order."""
+def link_forces(optimum: Optimum, misfit: Misfit, structure: Structure) -> dict[str, float]:
+    """Root mean square of the force in each link along the fitted motion, in N; random forces, which come last, left out."""
     mechanics, orbit = optimum.segments.system.at(optimum.point.theta), misfit.trajectories
     d, v = orbit.links[:, 0], orbit.links[:, 1]
     force, rates = np.empty(d.shape), np.empty(orbit.memory.shape)
@@ -682,4 +677,4 @@ def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     power = np.mean(force**2, axis=(0, 2))
     sizes = np.empty(len(power))
     sizes[optimum.segments.system.order] = np.sqrt(power)
-    return list(sizes)
+    return dict(zip((link.name for link in structure.links), sizes.tolist(), strict=False))

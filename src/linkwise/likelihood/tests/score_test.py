@@ -534,22 +534,19 @@ def in_units_of(hypotheses: Iterable[Hypothesis], structure: Structure) -> tuple
     )
 
 
-def missing_forces(
-    structure: Structure, estimated: Collection[str] = ()
-) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, and links that the structure may lack, with the force of each; as `missing_terms`."""
-    hypotheses, forces = missing_terms(structure, estimated)
-    of_links, added = _missing_links(structure)
-    return hypotheses + of_links, forces + added
+Lacking = list[tuple[Hypothesis, CandidateForce]]
+"""What links or the structure may lack, with the force of each."""
 
 
-def usual_terms(
-    structure: Structure, estimated: Collection[str] = ()
-) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """The few terms that links lack most often, with the force of each, for fits that leave no more than noise."""
-    hypotheses, forces = missing_terms(structure, estimated)
-    usual = which_usual(hypotheses, structure)
-    return [hypotheses[number] for number in usual], [forces[number] for number in usual]
+def missing_forces(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
+    """Terms that links may lack, and links that the structure may lack; as `missing_terms`."""
+    return missing_terms(structure, estimated) + _missing_links(structure)
+
+
+def usual_terms(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
+    """The few terms that links lack most often, for fits that leave no more than noise."""
+    every = missing_terms(structure, estimated)
+    return [every[number] for number in which_usual([hypothesis for hypothesis, _ in every], structure)]
 
 
 def which_usual(hypotheses: Sequence[Hypothesis], structure: Structure) -> list[int]:
@@ -566,22 +563,19 @@ def which_between_modes(hypotheses: Sequence[Hypothesis]) -> list[int]:
     return [number for number, hypothesis in enumerate(hypotheses) if hypothesis.kind == BETWEEN_MODES]
 
 
-def missing_terms(
-    structure: Structure, estimated: Collection[str] = ()
-) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, with the force of each; modes of hosts come last.
+def missing_terms(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
+    """Terms that links may lack; modes of hosts come last.
 
     Terms whose coefficients are among those `estimated`, by name, are there: their scores are rounding.
     """
     names = [link.name for link in structure.links if _offered(link, structure)]
     tested = set(sorted(names, key=lambda name: name in structure.modes)[:_LINKS])
-    pairs = [
+    return [
         (_of_term(link.name, law, structure), CandidateForce(first, second, law))
         for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True)
         if link.name in tested
         for law in _lacking(link, structure, estimated)
     ]
-    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
 def _lacking(link: Link, structure: Structure, estimated: Collection[str]) -> list[Law | MemoryForce]:
@@ -613,7 +607,7 @@ def _of_term(link: str, law: Law | MemoryForce, structure: Structure) -> Hypothe
     return Hypothesis(kind, link, law.text, unit=unit)
 
 
-def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+def _missing_links(structure: Structure) -> Lacking:
     """Links between masses or points, and from one to the ground, that are not there; none where there are too many of them.
 
     Where links end at the base, so may those; at the ground as well only where a link does. None joins a rotation and what
@@ -628,9 +622,9 @@ def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[Candida
     rotations = structure.rotations
     free = [pair for pair in ends if frozenset(pair) not in linked and not differ_in_unit(pair, rotations)]
     if len(free) > _PAIRS:
-        return [], []
+        return []
     index = structure.topology.index
-    pairs = [
+    return [
         (
             Hypothesis("link", "-".join(pair), law.text, unit=unit_in(structure, f"force:{pair[0]}")),
             CandidateForce(index[pair[0]], index[pair[1]], law),
@@ -638,7 +632,6 @@ def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[Candida
         for pair in free
         for law in _OF_LINKS
     ]
-    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
 _STEP = 0.5  # deviations of its size: for the difference of the log determinant
