@@ -463,8 +463,7 @@ def _fitted(
     inexact = options.model_error and segments.random is None
     allowed = AllowedErrors(inexact, options.coloured_noise, options.relaxation is not None)
     explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, allowed=allowed)
-    fit, p = explained.fit, segments.system.parameters.size
-    ratios = explained.error_ratios
+    fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
     frame, point = sensing.frames[0], fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))

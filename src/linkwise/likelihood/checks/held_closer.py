@@ -50,24 +50,6 @@ class CloserFit:
         return gain > _MOST * self.left
 
 
-@dataclass(frozen=True)
-class HiddenTerm:
-    """The `cause`, and by how much of its value it would change the coefficient that it changes most: `change`.
-
-    `shift` is the same in standard errors of the fit whose motion is not held closer.
-    """
-
-    cause: Cause
-    change: float
-    shift: float
-
-    @property
-    def dissipates(self) -> bool:
-        """Whether it is a force that depends on the rate, or on its past."""
-        term = self.cause.term
-        return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))
-
-
 def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel]) -> CloserFit | None:
     """The fit with its motion held closer to the laws, and what explains what they leave there.
 
@@ -139,8 +121,11 @@ def _diagnosed(
     return CloserFit(closer_fit, left, diagnose(closer_fit, closer_structure, channels, terms=True))
 
 
-def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> HiddenTerm | None:
-    """The missing term, or error of a mass, that explains most of what the laws leave in a fit held `closer` than `fit`."""
+def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, float] | None:
+    """The missing term, or error of a mass, that explains most of what the laws leave in a fit held `closer` than `fit`.
+
+    With that by how much of its value it would change the coefficient that it changes most, and in standard errors of `fit`.
+    """
     causes = closer.diagnosis.causes
     if not causes or causes[0].kind not in ("term", MASS) or not closer.explains_most(causes[0].gain):
         return None
@@ -151,4 +136,9 @@ def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> HiddenTerm | None:
         changed, tiny = causes[0].shift * error, np.finfo(float).tiny
         change = changed / max(abs(float(fit.values[number])), tiny)
         shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
-    return HiddenTerm(causes[0], change, shift)
+    return causes[0], change, shift
+
+
+def dissipates(term: str) -> bool:
+    """Whether a missing term is a force that depends on the rate, or on its past."""
+    return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))

@@ -150,29 +150,8 @@ _AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
 
-@dataclass(frozen=True, eq=False)
-class HintedMasses:
-    """Masses to which residuals point: their `names` and relative `errors` (m,), the likeliest first.
-
-    `moves` (p, m), in SI units, is what each of these errors alone makes of the coefficients.
-    """
-
-    names: tuple[str, ...]
-    errors: Floats
-    moves: Floats
-
-    @property
-    def covariance(self) -> Floats:
-        """(p, p) what they add to that of the coefficients."""
-        return np.asarray(self.moves @ self.moves.T)
-
-    @property
-    def hint(self) -> str:
-        """What the residuals show of them."""
-        return " or ".join(
-            f"a mass of {name} that is off by {100.0 * error:+.2g} %"
-            for name, error in zip(self.names, self.errors.tolist(), strict=True)
-        )
+Hint = tuple[dict[str, Floats], str]
+"""What is added to the covariance (p, p) of the coefficients, by what makes it wider, and at what the residuals hint."""
 
 
 def which_stated(hypotheses: Sequence[Hypothesis], unknowns: Sequence[str]) -> list[int]:
@@ -205,21 +184,11 @@ def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
     return np.asarray(are_masses & (gains > _MASS_CHANCE + 2.0 * np.log(np.count_nonzero(are_masses))))
 
 
-def hinted_masses(fit: LikelihoodFit, tested: TestedCauses) -> HintedMasses | None:
-    """The masses to which the residuals of laws that leave only noise point.
+def hinted_masses(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
+    """The masses to which the residuals of laws that leave only noise point, the likeliest first, each alone.
 
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        The fit.
-    tested : TestedCauses
-        What was tested at it.
-
-    Returns
-    -------
-    HintedMasses or None
-        Those that gain as much as chance gives to a mass of one fit in 80, and others nearly as likely, which would change a
-        coefficient by more than its standard error; None without any.
+    Those that gain as much as chance gives to a mass of one fit in 80, and others nearly as likely, which would change a
+    coefficient by more than its standard error; None without any.
     """
     optimum = fit.optimum
     stated = np.array(which_stated(tested.hypotheses, optimum.segments.system.parameters.names), dtype=int)
@@ -235,9 +204,12 @@ def hinted_masses(fit: LikelihoodFit, tested: TestedCauses) -> HintedMasses | No
     likely = np.flatnonzero(felt & (gains > _AS_LIKELY * largest) & (np.abs(errors) < LARGEST))
     if not len(likely):
         return None
-    order = likely[np.argsort(-gains[likely])]
-    names = tuple(tested.hypotheses[number].where for number in stated[order].tolist())
-    return HintedMasses(names, errors[order], moves[:, order])
+    likely = likely[np.argsort(-gains[likely])]
+    words = [
+        f"a mass of {tested.hypotheses[stated[k]].where} that is off by {100.0 * errors[k]:+.2g} %"
+        for k in likely
+    ]
+    return {"masses": moves[:, likely] @ moves[:, likely].T}, " or ".join(words)
 
 
 def beyond_white(fit: LikelihoodFit) -> float:

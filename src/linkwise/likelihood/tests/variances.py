@@ -86,8 +86,6 @@ class VarianceScore:
 
     Attributes
     ----------
-    excess : float
-        The score: the sum of squares less its mean.
     gain : float
         What the variance would take off -2 log likelihood.
     """
@@ -95,7 +93,6 @@ class VarianceScore:
     normal: float
     deviation: float
     error: float
-    excess: float
     gain: float
 
     @classmethod
@@ -125,7 +122,6 @@ class VarianceScore:
             normal=normal_score(excess, square, cube),
             deviation=float(np.sqrt(max(excess, 0.0) / square)),
             error=float(np.sqrt(2.0 / square)),
-            excess=excess,
             gain=_gain(excess, square, cube),
         )
 
@@ -357,11 +353,6 @@ class InputNoise:
     pattern: Floats
     score: VarianceScore
     unit: str
-
-    @property
-    def description(self) -> str:
-        """In words, with its size."""
-        return f"noise of {self.channel} of {self.score.deviation:.3g} {self.unit}"
 
     @property
     def cause(self) -> Cause | None:
