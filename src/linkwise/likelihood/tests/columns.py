@@ -234,6 +234,17 @@ class TestedColumns:
         scatter = curvature if white else weights.T @ augmented.scatter @ weights
         return curvature, weights.T @ augmented.slope, scatter
 
+    @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
+    def local_quadratic(self, optimum: Optimum, misfit: Misfit) -> LocalQuadratic:
+        """The local model in the parameters and, after them, the sizes of the hypotheses.
+
+        Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
+        """
+        forces = self.forces or candidate_forces(optimum.segments, misfit, [])[0]
+        augmented = augmented_quadratic(optimum, misfit, forces, self.errors)
+        equations = self.by_sizes(augmented, optimum.segments.system.parameters.size)
+        return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
+
 
 _ROUNDING = 1e-9  # of a force
 
@@ -428,21 +439,20 @@ _OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def errors_of_stated_values(
     optimum: Optimum, structure: Structure, identified: Structure
-) -> tuple[list[Hypothesis], LocalQuadratic]:
+) -> tuple[Sequence[Hypothesis], LocalQuadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
 
-    With the local model, at the `identified` structure, in the parameters and, after them, the sizes of these errors. Raises
-    numpy.linalg.LinAlgError where the optimum's equations are singular.
+    With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
     """
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        errors = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, misfit, identified)))
-        of_coefficients, forces, sizes = _known_terms(structure)
-        terms, of_terms = candidate_forces(optimum.segments, misfit, forces)
-        every = terms if errors.forces is None else errors.forces.joined(terms)
-        augmented = augmented_quadratic(optimum, misfit, every)
-    units = np.concatenate([errors.units, of_terms / np.array(sizes)])
-    return [*errors.hypotheses, *of_coefficients], in_their_units(optimum, augmented, units)
+        known, forces, sizes = _known_terms(structure)
+        terms, units = candidate_forces(optimum.segments, misfit, forces)
+        own, nothing = np.eye(len(known)), np.empty((0, len(known)))
+        of_laws = TestedColumns(known, units / np.array(sizes), terms, None, own, nothing)
+        of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, misfit, identified)))
+        errors = TestedColumns.joined([of_masses, of_laws])
+        return errors.hypotheses, errors.local_quadratic(optimum, misfit)
 
 
 def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce], list[float]]:
