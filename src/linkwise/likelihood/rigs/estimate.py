@@ -119,8 +119,6 @@ _DRAWS = 32  # of the noise of the motion, for the size of what it does to the f
 _SEED = 7
 _NEAR = 1.2  # times the lowest cost: minima in parts of records that may be the lowest of the whole
 _WHOLE_STEPS = 40  # of their search on the whole
-_TIED = 20.0  # in -2 log likelihood: a minimum that near is as good
-_ALIKE = 4.0  # standard errors within which two minima are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +145,6 @@ class RigFit:
         Per degree of freedom, of noise alone.
     determined : bool
         Whether the forces determine all unknowns.
-    others : tuple of array of shape (u,)
-        Unknowns at other minima that are as likely.
     """
 
     problem: RigProblem
@@ -161,7 +157,6 @@ class RigFit:
     model_force: float
     chi_square: float
     determined: bool
-    others: tuple[Floats, ...] = ()
 
     @property
     def weights(self) -> Floats:
@@ -202,8 +197,9 @@ def rig_fit(
     covariance, determined = covariance_of(
         problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
     )
-    fit = RigFit(problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined)
-    return replace(fit, others=_others(fit, candidates[1:]))
+    return RigFit(
+        problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
+    )
 
 
 def _on_whole(problem: RigProblem, candidates: Sequence[Minimum], weights: Floats) -> list[Minimum]:
@@ -299,26 +295,6 @@ def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
     low, high = bounds(problem)
     size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
     return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
-
-
-def _others(fit: RigFit, candidates: Sequence[Minimum]) -> tuple[Floats, ...]:
-    """Other minima as likely as the best, each searched again with its weights; those that are alike are reported once."""
-    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    p = len(fit.problem.parameters)
-    best = fit.minimum
-    distinct: list[Floats] = []
-    for candidate in candidates:
-        near = [best.unknowns, *distinct]
-        size = np.maximum(_ALIKE * errors, 0.01 * np.abs(best.unknowns))[:p]
-        if any(np.all(np.abs(candidate.unknowns - known)[:p] <= size) for known in near):
-            continue
-        if candidate.cost > _NEAR * candidates[0].cost:
-            continue
-        again = minimise(fit.problem, candidate.unknowns, fit.weights)
-        apart = all(np.any(np.abs(again.unknowns - known)[:p] > size) for known in near)
-        if again.converged and apart and abs(again.cost - best.cost) < _TIED:
-            distinct.append(again.unknowns)
-    return tuple(unknowns[:p] for unknowns in distinct)
 
 
 _LARGEST_ERROR = 0.1
@@ -524,6 +500,7 @@ def _estimate(
         {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
     )
     verdict, message, share = judged(fit, causes)
+    errors = _sensor_errors(fit)
     sigma = {BASE_CHANNEL: fit.problem.records[0].motion.sigma}
     sigma |= {cell_name(structure, link): noise[link] for link in fit.problem.links}
     return Estimate(
@@ -542,8 +519,8 @@ def _estimate(
         compute_motion=partial(_motion, fit, identified, tuple(records)),
         record=records[0],
         more_records=tuple(records[1:]),
-        remarks=_remarks(fit),
-        sensor_errors=_sensor_errors(fit),
+        remarks=tuple(error.description for error in errors),
+        sensor_errors=errors,
         model_error=share,
         diagnosis=causes,
     )
@@ -562,17 +539,6 @@ def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
             channels, unknowns[found].tolist(), errors[found].tolist(), strict=True
         )
     )
-
-
-def _remarks(fit: RigFit) -> tuple[str, ...]:
-    problem = fit.problem
-    names = [p.name for p in problem.parameters]
-    others = [
-        "Another set of values explains the records as well: "
-        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
-        for values in fit.others
-    ]
-    return (*(error.description for error in _sensor_errors(fit)), *others)
 
 
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
