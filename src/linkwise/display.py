@@ -141,6 +141,11 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:4])}, ..., {names[-1]}"
 
 
+def enumerated(names: Sequence[str]) -> str:
+    """Names in a sentence, the last after "and"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
 def near_miss(typed: str, names: Iterable[str]) -> str:
     """'; did you mean "x"?' for the name closest to `typed`, or an empty text."""
     near = get_close_matches(typed, list(names), n=1)

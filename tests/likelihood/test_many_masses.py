@@ -25,7 +25,7 @@ from linkwise.likelihood.shooting.normal_equations import Linearization, lineari
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.tests.score_test import CandidateForce, candidates_along
+from linkwise.likelihood.tests.score_test import CandidateForce, candidate_forces
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 
@@ -165,7 +165,7 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
         for first, second in [(1, 0), (n - 1, 0), (n // 2, -1), (2, 1)]
         for text in ("d**2", "v*abs(v)")
     ]
-    candidates, _ = candidates_along(shooting.segments, misfit, forces)
+    candidates, _ = candidate_forces(shooting.segments, misfit, forces)
     errors = SensorErrors.of(shooting.segments, misfit)
     equations = both(name, whole=False, candidates=candidates, errors=errors)
     local, dense = present(equations[0].factor(0.1)), present(equations[1].factor(0.1))

@@ -174,8 +174,8 @@ def test_dampers_between_modes_do_not_crowd_out_what_a_diagnosis_tests() -> None
     between = dict.fromkeys(combinations(range(1, modes + 1), 2), 0.01)
     body = tuple(lw.model.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes))
     hosts = [lw.Host(name, body, damping=between) for name in ("left", "right")]
-    hypotheses, _ = missing_terms(structure({}, hosts=hosts))
-    tested = {hypothesis.where for hypothesis in hypotheses if hypothesis.kind == "frequency"}
+    lacking = missing_terms(structure({}, hosts=hosts))
+    tested = {hypothesis.where for hypothesis, _ in lacking if hypothesis.kind == "frequency"}
     assert tested == {f"{name}.mode{number}" for name in ("left", "right") for number in range(1, modes + 1)}
 
 

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import Candidates
+from linkwise.display import enumerated
 from linkwise.errors import IdentificationError
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -66,13 +67,13 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     if at_rest:
         verb, pronoun = ("is", "it") if len(at_rest) == 1 else ("are", "them")
         remarks.append(
-            f"{_enumerate(at_rest)} did not move above the noise and {verb} left out: a link to {pronoun} looks like "
+            f"{enumerated(at_rest)} did not move above the noise and {verb} left out: a link to {pronoun} looks like "
             f"one to the ground. Excite the structure nearer to {pronoun}."
         )
     faint = [name for name, ratio in zip(names, ratios, strict=True) if _AT_REST <= ratio < _FAINT]
     if faint:
         remarks.append(
-            f"{_enumerate(faint)} hardly moved above the noise: weak terms of links there will be missed."
+            f"{enumerated(faint)} hardly moved above the noise: weak terms of links there will be missed."
         )
     remarks += _check_length(records, candidates)
     moving = [name for name in names if name not in at_rest]
@@ -80,7 +81,7 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     together = _groups(moving, differences, _SEPARATE)
     for group, ratio in together:
         remarks.append(
-            f"{_enumerate(group)} moved together, with differences {_level(ratio)}: a link to one of them may be found as a "
+            f"{enumerated(group)} moved together, with differences {_level(ratio)}: a link to one of them may be found as a "
             "link to another. Excite them one at a time."
         )
     alike = [set(group) for group, _ in together]
@@ -88,7 +89,7 @@ def check_data(records: Sequence[Record], candidates: Candidates) -> DataChecks:
     in_proportion = [pair for pair in proportional if not any(own.issuperset(pair[0]) for own in alike)]
     for group, ratio in in_proportion:
         remarks.append(
-            f"{_enumerate(group)} moved in proportion, as in one mode, with deviations {_level(ratio)}: other links may "
+            f"{enumerated(group)} moved in proportion, as in one mode, with deviations {_level(ratio)}: other links may "
             "explain such motions as well. Excite more than one mode."
         )
     collinear = frozenset(name for group, _ in (*together, *in_proportion) for name in group)
@@ -101,7 +102,7 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
     measured = [name for name in candidates.places if any(record.motions_of(name) for record in records)]
     if not measured:
         raise IdentificationError(
-            f"no channel measures the motion of a mass or point, which are {_enumerate(candidates.places)}; add a channel "
+            f"no channel measures the motion of a mass or point, which are {enumerated(candidates.places)}; add a channel "
             f"a:{candidates.places[0]}",
             arguments=("channels",),
         )
@@ -111,7 +112,7 @@ def _check_hosted(records: Sequence[Record], candidates: Candidates) -> DataChec
     missed = [name for name in candidates.places if name not in measured]
     if missed:
         remarks.append(
-            f"No channel measures the motion of {_enumerate(missed)}: it follows from the modes and the other channels, and "
+            f"No channel measures the motion of {enumerated(missed)}: it follows from the modes and the other channels, and "
             "links there are determined less well."
         )
     return DataChecks(tuple(remarks), (), frozenset(), frozenset())
@@ -126,7 +127,7 @@ def _require_sensors(records: Sequence[Record], names: Sequence[str]) -> None:
         unseen = [name for name in names if not record.motions_of(name)]
         if unseen:
             raise IdentificationError(
-                f"no channel measures the motion of {_enumerate(unseen)}, and links to a mass that is not measured cannot be "
+                f"no channel measures the motion of {enumerated(unseen)}, and links to a mass that is not measured cannot be "
                 f"discovered; add a channel x:{unseen[0]}, or identify a structure of known links",
                 arguments=("channels",),
             )
@@ -192,7 +193,3 @@ def _separations(record: Record, names: Sequence[str]) -> Floats:
 
 def _power(values: Floats) -> float:
     return float(np.nanmean((values - np.nanmean(values)) ** 2))
-
-
-def _enumerate(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -105,7 +105,7 @@ def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockPar
     forces = selection.candidates.forces([selection.entries[k] for k in added], selection.structure)
     with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):  # a term may be infinite somewhere
         misfit = evaluate(segments, optimum.point, scales, loss)
-        tested, _ = candidate_forces(optimum, misfit, forces)
+        tested, _ = candidate_forces(segments, misfit, forces)
         scores = block_scores(segments, misfit, scales, loss, optimum.q, _BLOCKS, candidates=tested)
     if scores is None:
         return None

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations, compress
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from linkwise.arrays import Bools, Floats
 from linkwise.discovery.candidates import CandidateTerm
@@ -25,14 +24,10 @@ from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
-from linkwise.likelihood.tests.columns import errors_of_stated_values
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.tests.columns import Added, TestedColumns, errors_of_stated_values
 from linkwise.likelihood.tests.score_test import (
-    LocalQuadratic,
-    augmented_quadratic,
-    candidate_forces,
-    in_their_units,
+    Hypothesis,
     local_quadratic,
 )
 from linkwise.model.link import GROUND
@@ -206,6 +201,7 @@ def _without_term(
         yield size, tuple(sorted({*range(p)} - set(inside[retained].tolist()))), float(excess)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Rival, ...]:
     """For each set of terms with a constant force the offset that replaces it best, the best of all first.
 
@@ -221,44 +217,36 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
     tested = [number for number, name in enumerate(shown) if name not in selection.fit.offsets]
     if not (constants and tested):
         return ()
-    errors: list[tuple[str, str]] = [("offset", shown[number]) for number in tested]
-    combined = np.eye(len(shown))[:, tested]
-    units = [unit_in(selection.structure, where) for _, where in errors]
-    common = np.array([name.kind == "x" and number in tested for number, name in enumerate(shown)])
-    of_common = [*compress(units, common[tested])]
-    if len(of_common) > 1 and len(set(of_common)) == 1:
-        errors.append(("common offset", "all displacements"))
-        combined, units = np.column_stack([combined, common]), [*units, of_common[0]]
+    errors: list[tuple[str, str, list[int]]] = [("offset", shown[number], [number]) for number in tested]
+    units = [unit_in(selection.structure, where) for _, where, _ in errors]
+    displacements = [shown[number].kind == "x" for number in tested]
+    if sum(displacements) > 1 and len(set(compress(units, displacements))) == 1:
+        errors.append(("common offset", "all displacements", [*compress(tested, displacements)]))
+        units += [*compress(units, displacements)][:1]
+    optimum = selection.fit.optimum
     try:
-        local = _with_offsets(selection.fit.optimum, combined)
-        names = [f"{kind} of {where}" for kind, where in errors]
+        with one_blas_thread():
+            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+            ones = np.ones_like(misfit.residuals[:, 0])
+            columns = TestedColumns.of(
+                Added(Hypothesis(kind, where), samples=[(number, ones) for number in numbers])
+                for kind, where, numbers in errors
+            )
+            local = columns.local_quadratic(optimum, misfit)
+        names = [f"{kind} of {where}" for kind, where, _ in errors]
         model = selection.quadratic_beside(local, [-1] * len(names), names)
     except np.linalg.LinAlgError:
         return ()
     return _best_of_terms(
         _error(selection, kind, where, size, terms, excess, units[column])
         for term in constants
-        for column, (kind, where) in enumerate(errors)
+        for column, (kind, where, _) in enumerate(errors)
         for size, terms, excess in _without_term(model, p, p + column, term)
     )
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-def _with_offsets(optimum: Optimum, combined: Floats) -> LocalQuadratic:
-    """The local model in the parameters and, after them, in sums of the offsets of channels, as `combined` (C, e) says.
-
-    Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
-    """
-    with one_blas_thread():
-        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        offsets = SensorErrors.of(optimum.segments, misfit).of_kind("offset")
-        nothing, _ = candidate_forces(optimum, misfit, [])
-        augmented = augmented_quadratic(optimum, misfit, nothing, offsets)
-    local = in_their_units(optimum, augmented, np.ones(len(offsets.kind)))
-    combined = combined[offsets.channel]
-    sums = block_diag(np.eye(len(local.slope) - len(combined)), combined)
-    scatter = None if local.scatter is None else sums.T @ local.scatter @ sums
-    return LocalQuadratic(sums.T @ local.curvature @ sums, sums.T @ local.slope, scatter)
+_FREQUENCY = "frequency"
+_CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
 
 
 def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, ...]:

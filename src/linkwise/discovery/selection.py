@@ -129,11 +129,13 @@ class Selection:
         ends = {k: frozenset(self.candidates.pairs[entry.pair].between) for k, entry in self.entries.items()}
         with one_blas_thread():
             misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-            for link, force in zip(self.structure.links, link_forces(optimum, misfit), strict=False):
-                of_links[frozenset(link.between)] = of_links.get(frozenset(link.between), 0.0) + force
+            sizes = link_forces(optimum, misfit, self.structure)
+            for link in self.structure.links:
+                between = frozenset(link.between)
+                of_links[between] = of_links.get(between, 0.0) + sizes[link.name]
             found = [k for k in ends if ends[k] in of_links]
             forces = self.candidates.forces([self.entries[k] for k in found], self.structure)
-            _, units = candidate_forces(optimum, misfit, forces)
+            _, units = candidate_forces(optimum.segments, misfit, forces)
         ratios = (units * [of_links[ends[k]] for k in found]).tolist()
         return {k: 1.0 / ratio if ratio > 0.0 else np.inf for k, ratio in zip(found, ratios, strict=True)}
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.display import JudgedView, align_columns, format_value, listed
+from linkwise.display import JudgedView, align_columns, enumerated, format_value, listed
 from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
@@ -246,7 +246,7 @@ class Limit(JudgedView):
             sentences.append(
                 f"{names[0]} has no effect on these sensors: this test cannot identify it."
                 if len(names) == 1
-                else f"{', '.join(names[:-1])} and {names[-1]} are confounded: these sensors identify a combination of them "
+                else f"{enumerated(names)} are confounded: these sensors identify a combination of them "
                 "only. Give one of them as known, or add a sensor or a force that moves them differently."
             )
         return tuple(sentences)

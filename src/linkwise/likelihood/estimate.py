@@ -14,6 +14,7 @@ from typing import ClassVar, TypedDict, final
 import numpy as np
 
 from linkwise.arrays import Floats
+from linkwise.display import enumerated
 from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import (
     CLOCK,
@@ -31,7 +32,15 @@ from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
 from linkwise.likelihood.explained import answer_with_sensors, explained_answer
-from linkwise.likelihood.fit import LikelihoodFit, denoised, likelihood_fit, motion_of_links, require_told
+from linkwise.likelihood.fit import (
+    LikelihoodFit,
+    denoised,
+    inflation_beside_others,
+    likelihood_fit,
+    motion_of_links,
+    require_told,
+    with_sizes,
+)
 from linkwise.likelihood.harmonics import estimated_harmonics, harmonic_forces, with_harmonics
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
@@ -157,26 +166,15 @@ def inseparable(fit: LikelihoodFit) -> tuple[str, ...]:
     if fit.chi_square > _NEARLY:
         return ()
     free = np.flatnonzero(fit.free)
-    inflation = _inflation(fit.covariance[np.ix_(free, free)])
+    inflation = inflation_beside_others(fit.covariance)[free]
     names = [fit.segments.system.parameters.names[column] for column in free[inflation > _INSEPARABLE]]
     if len(names) < 2:
         return ()
     return (
-        f"The record hardly tells {', '.join(names[:-1])} and {names[-1]} apart: each would be determined more than "
+        f"The record hardly tells {enumerated(names)} apart: each would be determined more than "
         f"{np.sqrt(_INSEPARABLE):.0f} times better beside known values of the others. Hold one of them at a known value, or "
         "record a wider range of motion.",
     )
-
-
-def _inflation(covariance: Floats) -> Floats:
-    """(q,) the variance of each unknown over what it has where the others are known; infinite where it has none."""
-    variances = covariance.diagonal()
-    inflation = np.full(len(variances), np.inf)
-    usable = np.flatnonzero(np.isfinite(covariance).all(axis=1) & (variances > 0.0))
-    deviations = np.sqrt(variances[usable])
-    correlation = covariance[np.ix_(usable, usable)] / np.outer(deviations, deviations)
-    inflation[usable] = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True).diagonal()
-    return inflation
 
 
 def sensor_errors(
@@ -221,12 +219,9 @@ def sensor_errors(
 def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
     """The corners of high passes that were found; of several records their mean by precision."""
     found: dict[str, list[tuple[float, float]]] = {}
-    first = 0
-    for disturbance in fit.disturbances:
+    for disturbance, own in with_sizes(fit.disturbances, fit.waveforms):
         if disturbance.high_pass and disturbance.corner is None:
-            size, deviation = map(float, fit.waveforms[:, first])
-            found.setdefault(disturbance.channel, []).append((size, deviation))
-        first += disturbance.count
+            found.setdefault(disturbance.channel, []).append((float(own[0, 0]), float(own[1, 0])))
     for channel, pairs in found.items():
         yield SensorErrorEstimate(channel, HIGH_PASS, *mean_by_precision(pairs), "Hz")
 
@@ -265,12 +260,9 @@ def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
 
 def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
     """What was found of drifts and hums of channels of a record."""
-    first = 0
-    for disturbance in fit.disturbances:
-        sizes, deviations = fit.waveforms[:, first : first + disturbance.count]
+    for disturbance, (sizes, deviations) in with_sizes(fit.disturbances, fit.waveforms):
         if not (disturbance.high_pass or disturbance.clock):
             yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
-        first += disturbance.count
 
 
 def _unused_bounds(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[str]:

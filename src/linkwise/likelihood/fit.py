@@ -7,13 +7,13 @@ The motion of the links along a fitted orbit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -41,6 +41,7 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed, framed_records
 from linkwise.signals.gaps import is_sparse
+from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations, weak_residual
 
@@ -48,22 +49,6 @@ _BINS = 15  # of a spectrum, over which its power is averaged
 _LARGEST = 0.5  # relative standard error from which a gain is not told
 _COLLINEAR = 1e5
 """Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
-
-
-class SearchedGains(Protocol):
-    """A fit: how its search ended, and the channels of the gains that it does not tell, of which nothing is known."""
-
-    @property
-    def status(self) -> AnnealingStatus: ...
-
-    @property
-    def chi_square_off(self) -> bool: ...
-
-    @property
-    def has_errors(self) -> bool: ...
-
-    @property
-    def untold(self) -> tuple[str, ...]: ...
 
 
 def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first: int) -> tuple[str, ...]:
@@ -85,26 +70,27 @@ def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first
     tuple of str
         Their channels.
     """
-    variance = covariance.diagonal()
-    gains = first + np.arange(len(names))
-    positive = np.isfinite(variance) & (variance > 0.0)
-    alone = np.zeros(len(variance))
-    free = np.flatnonzero(positive)
-    deviation = np.sqrt(variance[free])
-    correlation = covariance[np.ix_(free, free)] / np.outer(deviation, deviation)
-    try:
-        alone[free] = np.linalg.inv(correlation).diagonal()
-    except np.linalg.LinAlgError:
-        alone[free] = np.inf
-    determined = positive & (alone > 0.0) & (alone < _COLLINEAR)
+    variance, alone = covariance.diagonal(), inflation_beside_others(covariance)
     return tuple(
         name
-        for name, value, row in zip(names, values, gains.tolist(), strict=True)
-        if not (determined[row] and np.sqrt(variance[row]) < _LARGEST * abs(value))
+        for row, (name, value) in enumerate(zip(names, values, strict=True), start=first)
+        if not (0.0 < alone[row] < _COLLINEAR and np.sqrt(variance[row]) < _LARGEST * abs(value))
     )
 
 
-def require_told(fit: SearchedGains) -> None:
+def inflation_beside_others(covariance: Floats) -> Floats:
+    """(P,) the variance of each unknown over what it has where the others are known; infinite where it has none."""
+    variances = covariance.diagonal()
+    inflation = np.full(len(variances), np.inf)
+    usable = np.flatnonzero(np.isfinite(variances) & (variances > 0.0))
+    deviations = np.sqrt(variances[usable])
+    correlation = covariance[np.ix_(usable, usable)] / np.outer(deviations, deviations)
+    with suppress(np.linalg.LinAlgError):
+        inflation[usable] = np.linalg.inv(correlation).diagonal()
+    return inflation
+
+
+def require_told(fit: LikelihoodFit) -> None:
     """Raise IdentificationError where the records do not tell gains of which nothing is known beforehand.
 
     A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
@@ -247,10 +233,6 @@ class LikelihoodFit:
         return bool((np.isfinite(variances) & (variances >= 0.0)).all())
 
 
-def _workers() -> int:
-    return min(processors(), _MOST_WORKERS)
-
-
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
 def likelihood_fit(
     records: Sequence[Record],
@@ -340,7 +322,10 @@ def _fit(
     options: LikelihoodOptions,
 ) -> LikelihoodFit:
     """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
-    with one_blas_thread(), ThreadPoolExecutor(_workers()) as executor:  # products run on threads of our own
+    with (
+        one_blas_thread(),
+        ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor,
+    ):  # products run on threads of our own
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
         return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
@@ -366,9 +351,13 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     clocks = [names.get(name, name) for members in options.clocked.values() for name in members]
     drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
     calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
-    sensing = SensorModel.of([frame.record for frame in frames], offsets, gains, calibration, delays)
-    return replace(
-        sensing,
+    noise = tuple(channel_noise(frame.record) for frame in frames)
+    return SensorModel(
+        offsets=tuple(offsets),
+        gains=tuple(dict.fromkeys((*gains, *calibration))),
+        noise=noise,
+        calibration=calibration,
+        delays=tuple(delays),
         offset_deviations={names.get(name, name): sigma for name, sigma in options.offset_deviations.items()},
         delay_priors={
             names.get(name, name): (-options.shifts.get(name, 0.0), sigma)
@@ -383,16 +372,18 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             unknown_starts=drifting.keys() - free,
             corners={names.get(name, name): corner for name, corner in options.corners.items()},
             clocks=clocks,
-            denoised={name: _without_noise(frames, sensing, name) for name in clocks}
+            denoised={name: _without_noise(frames, noise, name) for name in clocks}
             | {names.get(name, name): series for name, series in options.denoised.items()},
         ),
     )
 
 
-def _without_noise(frames: Sequence[FramedRecord], sensing: SensorModel, name: str) -> list[Floats]:
+def _without_noise(
+    frames: Sequence[FramedRecord], noises: Sequence[Mapping[str, float]], name: str
+) -> list[Floats]:
     """What a channel shows in each record (N,), of moving coordinates as well, less frequencies at which it shows noise."""
     series = []
-    for frame, noise in zip(frames, sensing.noise, strict=True):
+    for frame, noise in zip(frames, noises, strict=True):
         shown = frame.record.channel(name)
         carried = frame.carried.get(Channel.parse(name))
         if carried is not None:
@@ -434,12 +425,17 @@ def denoised(
 
 def _corner(fit: LikelihoodFit, channel: str) -> float:
     """The corner in Hz of the high pass of a channel that was found, in the first record."""
-    first = 0
-    for disturbance in fit.disturbances:
-        if disturbance.high_pass and disturbance.channel == channel:
-            return float(fit.waveforms[0, first])
-        first += disturbance.count
-    raise LookupError(channel)
+    return next(
+        float(found[0, 0])
+        for disturbance, found in with_sizes(fit.disturbances, fit.waveforms)
+        if disturbance.high_pass and disturbance.channel == channel
+    )
+
+
+def with_sizes(disturbances: Sequence[Disturbance], found: Floats) -> Iterator[tuple[Disturbance, Floats]]:
+    """Each disturbance with the sizes of its waveforms and their standard deviations (2, w), of those `found` of all."""
+    ends = np.cumsum([disturbance.count for disturbance in disturbances])
+    yield from zip(disturbances, np.split(found, ends[:-1], axis=1), strict=True) if disturbances else ()
 
 
 def _passed(motion: Floats, step: float, corner: float) -> Floats:
@@ -467,12 +463,12 @@ def _fitted(
     inexact = options.model_error and segments.random is None
     allowed = AllowedErrors(inexact, options.coloured_noise, options.relaxation is not None)
     explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, allowed=allowed)
-    fit, p = explained.fit, segments.system.parameters.size
-    ratios = explained.error_ratios
+    fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
     frame, point = sensing.frames[0], fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
     sized = slice(len(sensing.offsets), len(point.offsets))
+    waveforms = np.stack([point.offsets[sized], deviations[sized]])
     untold = untold_gains(sensing.gains, point.gains, explained.covariance, p + len(point.offsets))
     return LikelihoodFit(
         values=point.theta,
@@ -483,8 +479,8 @@ def _fitted(
         delays=_by_channel(sensing.delays, point.delays, frame),
         sensor_deviations=np.delete(deviations, sized),
         disturbances=sensing.disturbances,
-        waveforms=np.stack([point.offsets[sized], deviations[sized]]),
-        clocks=_clocks(sensing, point.offsets[sized], deviations[sized]),
+        waveforms=waveforms,
+        clocks=_clocks(sensing, waveforms),
         noise=_found_noise(segments, fit, tuple(frame.names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
@@ -518,14 +514,12 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
     return dict(zip((given.get(name, name) for name in names), map(float, values), strict=True))
 
 
-def _clocks(sensing: SensorModel, sizes: Floats, deviations: Floats) -> dict[str, tuple[float, float]]:
+def _clocks(sensing: SensorModel, waveforms: Floats) -> dict[str, tuple[float, float]]:
     """Ratios of clocks in ppm by the channels as the record names them, of several records their mean by precision."""
     found: dict[str, list[tuple[float, float]]] = {}
-    first = 0
-    for disturbance in sensing.disturbances:
+    for disturbance, own in with_sizes(sensing.disturbances, waveforms):
         if disturbance.clock:
-            found.setdefault(disturbance.channel, []).append((sizes[first], deviations[first]))
-        first += disturbance.count
+            found.setdefault(disturbance.channel, []).append((own[0, 0], own[1, 0]))
     given: dict[str, str] = {plain: name for name, plain in sensing.frames[0].names.items()}
     return {given.get(name, name): mean_by_precision(pairs) for name, pairs in found.items()}
 

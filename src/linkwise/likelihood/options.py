@@ -119,7 +119,11 @@ class LikelihoodOptions:
 
 
 ALL = "all"
-ADMISSIBLE = ("gain", "offset", "delay", "drift", HIGH_PASS, CLOCK)
+_FIELDS = {
+    "gain": "gains", "offset": "offsets", "delay": "delays", "drift": "drifts", HIGH_PASS: "corners", CLOCK: "clocks",
+}  # fmt: skip
+"""The field of `LikelihoodOptions` that has the channels with an error of each kind that can be admitted."""
+ADMISSIBLE = tuple(_FIELDS)
 OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
@@ -271,32 +275,20 @@ def is_admissible(cause: Cause) -> bool:
 def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> LikelihoodOptions | None:
     """The options with the error of a sensor that a cause names as an unknown; None where none can be, or is one already."""
     kind, channel = cause.kind.removeprefix(OF_FORCE), cause.where
-    present = {
-        "offset": options.offsets,
-        "gain": options.gains,
-        "delay": options.delays,
-        "drift": tuple(options.drifts),
-        HIGH_PASS: tuple(options.corners),
-        CLOCK: tuple(options.clocks),
-    }[kind]
+    named, present = _FIELDS[kind], getattr(options, _FIELDS[kind])
     more = late_channels(record, channel) if kind == "delay" else (channel,)
-    if channel in (*(() if kind in ("delay", CLOCK) else _bases(record)), *present) or set(more) <= set(
-        present
-    ):
+    bases = () if kind in ("delay", CLOCK) else _bases(record)
+    if channel in (*bases, *present) or set(more) <= set(present):
         return None
-    if kind == CLOCK:
-        clocks = {**options.clocks, channel: None}
-        return replace(options, clocks=clocks, delays=beside_clocks(options.delays, clocks, record))
-    channels = tuple(dict.fromkeys((*present, *more)))
-    if kind == "offset":
-        return replace(options, offsets=channels)
-    if kind == "gain":
-        return replace(options, gains=channels)
-    if kind == "drift":
-        return replace(options, drifts={**options.drifts, channel: None})
-    if kind == HIGH_PASS:
-        return replace(options, corners={**options.corners, channel: None})
-    return replace(options, delays=channels)
+    found: Any = (
+        {**present, channel: None}
+        if isinstance(present, Mapping)
+        else tuple(dict.fromkeys((*present, *more)))
+    )
+    wider = replace(options, **{named: found})
+    return (
+        replace(wider, delays=beside_clocks(options.delays, wider.clocks, record)) if kind == CLOCK else wider
+    )
 
 
 def with_delays(
@@ -530,7 +522,6 @@ def errors_to_find(
     stated = _stated(records)
     requested = dict(calibration or {})
     inputs, forces = records[0].inputs, records[0].forces
-    _require_recorded((*gains, *delays), forces)
     _require_acting((*gains, *delays), records)
     delays = [
         channel
@@ -580,29 +571,21 @@ def _deviations(
     return {name: sigma for name, sigma in sigmas.items() if sigma and not isinf(sigma)}
 
 
-def _require_recorded(named: Sequence[str], forces: Sequence[str]) -> None:
-    """Raise IdentificationError for an error of a force that no channel shows."""
-    for name in named:
-        if name.startswith(FORCE) and name not in forces:
+def _require_acting(named: Sequence[str], records: Sequence[Record]) -> None:
+    """Raise IdentificationError for an error of a force that no channel shows, or that its channel shows nowhere."""
+    forces = records[0].forces
+    for name in (name for name in dict.fromkeys(named) if name.startswith(FORCE)):
+        if name not in forces:
             raise IdentificationError(
                 f"no gain or delay of {name} can be estimated{near_miss(name, forces)}: the record "
                 f"{'has the forces ' + ', '.join(forces) if forces else 'shows no applied force'}"
             )
-
-
-def _require_acting(named: Sequence[str], records: Sequence[Record]) -> None:
-    """Raise IdentificationError for an error of a force that its channel shows nowhere."""
-    for name in dict.fromkeys(named):
-        if name.startswith(FORCE) and not any(np.any(record.channel(name)) for record in records):
+        if not any(np.any(record.channel(name)) for record in records):
             raise IdentificationError(
-                f"no gain or delay of {name} can be estimated: it is 0 throughout the {_records(len(records))}. If no force "
-                "acts there, leave its gain and delay out; if one does, its channel is dead, and the motion cannot be "
-                "explained without it"
+                f"no gain or delay of {name} can be estimated: it is 0 throughout the "
+                f"{'record' if len(records) == 1 else 'records'}. If no force acts there, leave its gain and delay out; if "
+                "one does, its channel is dead, and the motion cannot be explained without it"
             )
-
-
-def _records(count: int) -> str:
-    return "record" if count == 1 else "records"
 
 
 def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:

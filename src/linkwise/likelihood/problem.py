@@ -47,7 +47,7 @@ from linkwise.records.channel import FORCE, Channel
 from linkwise.records.record import Record
 from linkwise.runtime import available_memory
 from linkwise.signals.base_frame import FramedRecord
-from linkwise.signals.noise import channel_noise, noise_floor
+from linkwise.signals.noise import noise_floor
 from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
 
@@ -139,38 +139,6 @@ class SensorModel:
     random: tuple[RandomForce, ...] = ()
     disturbances: tuple[Disturbance, ...] = ()
     sparse: bool = False
-
-    @classmethod
-    def of(
-        cls,
-        records: Sequence[Record],
-        offsets: Sequence[str],
-        gains: Sequence[str],
-        calibration: Mapping[str, float] | None = None,
-        delays: Sequence[str] = (),
-    ) -> SensorModel:
-        """Sensors of records.
-
-        Parameters
-        ----------
-        records : sequence of Record
-            The records. Noise that they state is used; the rest is estimated.
-        offsets, gains : sequence of str
-            Channels with an unknown constant error or factor; of factors also those of applied forces.
-        calibration : mapping of str to float, optional
-            Standard deviations to which gains are known beforehand, relative, by channel; they are unknown too.
-        delays : sequence of str, optional
-            Channels with an unknown delay, of sensors and of applied forces.
-
-        Returns
-        -------
-        SensorModel
-            The sensors.
-        """
-        known = dict(calibration or {})
-        every = dict.fromkeys((*gains, *known))
-        noise = tuple(channel_noise(record) for record in records)
-        return cls(tuple(offsets), tuple(every), noise, known, tuple(delays))
 
     def prior(self, parameters: Sequence[Parameter]) -> Prior | None:
         """What is known beforehand of parameters, offsets, gains and delays.
@@ -281,26 +249,14 @@ class SensorModel:
         """What the disturbances add to the samples, each in its own record; None without any."""
         if not self.disturbances:
             return None
-        responses = records[0].responses
-        channel = [
-            responses.index(disturbance.channel)
-            for disturbance in self.disturbances
-            for _ in range(disturbance.count)
-        ]
-        parts = [
-            cut(
-                np.concatenate(
-                    [
-                        disturbance.shapes(record) * (disturbance.record == number)
-                        for disturbance in self.disturbances
-                    ],
-                    axis=1,
-                ),
-                self.samples,
-            )
+        counts = [disturbance.count for disturbance in self.disturbances]
+        shown = [records[0].responses.index(disturbance.channel) for disturbance in self.disturbances]
+        shapes = (
+            [one.shapes(record) * (one.record == number) for one in self.disturbances]
             for number, record in enumerate(records)
-        ]
-        return Waveforms(np.array(channel), np.nan_to_num(np.concatenate(parts, axis=2)))
+        )
+        parts = [cut(np.concatenate(own, axis=1), self.samples) for own in shapes]
+        return Waveforms(np.repeat(shown, counts), np.nan_to_num(np.concatenate(parts, axis=2)))
 
     def _delays(self, channels: Sequence[Channel]) -> Indices:
         """(C,) index of the unknown delay of each channel, -1 for none."""
@@ -379,22 +335,23 @@ def _require_scale_of_motion(
 
 def _grows(link: Link, free: set[str]) -> bool:
     """Whether the force of a link grows as its motion, if lengths in the units of its `free` coefficients do."""
-    values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
     law_units = replace(link.law, angular=False).units  # an angle grows as a length does
     units = {name: law_units[name] for name in free}
     lengths = {name: float(base_exponents(unit)[1]) for name, unit in units.items() if unit not in _UNITLESS}
-    larger = {name: value * _FACTOR ** lengths.get(name, 0.0) for name, value in values.items()}
-    force = link.law.force(_TRIED, _TRIED[::-1], values)
-    more = link.law.force(_FACTOR * _TRIED, _FACTOR * _TRIED[::-1], larger)
-    return bool(np.allclose(more, _FACTOR * force, rtol=1e-9, atol=0.0))
+    return _doubles(link, lengths, _FACTOR)
 
 
 def _scales(link: Link, free: set[str]) -> bool:
     """Whether the force of a link is proportional to those of its `free` coefficients that have a unit of force or mass."""
-    scaled = {name for name in free if _OF_FORCE.search(link.law.units[name])}
+    return _doubles(link, {name: 1.0 for name in free if _OF_FORCE.search(link.law.units[name])}, 1.0)
+
+
+def _doubles(link: Link, powers: Mapping[str, float], motion: float) -> bool:
+    """Whether the force of a link doubles with its motion times a factor and coefficients times two to some powers."""
     values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
-    larger = {name: value * (_FACTOR if name in scaled else 1.0) for name, value in values.items()}
-    force, more = (link.law.force(_TRIED, _TRIED[::-1], of) for of in (values, larger))
+    larger = {name: value * _FACTOR ** powers.get(name, 0.0) for name, value in values.items()}
+    force = link.law.force(_TRIED, _TRIED[::-1], values)
+    more = link.law.force(motion * _TRIED, motion * _TRIED[::-1], larger)
     return bool(np.allclose(more, _FACTOR * force, rtol=1e-9, atol=0.0))
 
 

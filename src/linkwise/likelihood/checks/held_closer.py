@@ -16,9 +16,10 @@ import numpy as np
 
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
+from linkwise.likelihood.checks.horizons import optimum_at
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.marginal import held_at, is_long, relaxation
-from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.marginal import is_long, relaxation
+from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.law import Law
@@ -49,24 +50,6 @@ class CloserFit:
         return gain > _MOST * self.left
 
 
-@dataclass(frozen=True)
-class HiddenTerm:
-    """The `cause`, and by how much of its value it would change the coefficient that it changes most: `change`.
-
-    `shift` is the same in standard errors of the fit whose motion is not held closer.
-    """
-
-    cause: Cause
-    change: float
-    shift: float
-
-    @property
-    def dissipates(self) -> bool:
-        """Whether it is a force that depends on the rate, or on its past."""
-        term = self.cause.term
-        return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))
-
-
 def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel]) -> CloserFit | None:
     """The fit with its motion held closer to the laws, and what explains what they leave there.
 
@@ -90,7 +73,7 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
         return None
     for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
-        closer = _searched_closer(tight)
+        closer = optimum_at(tight, tight.q, _STEPS)
         if closer is None:
             continue
         if closer.status is AnnealingStatus.INTERRUPTED:
@@ -108,14 +91,6 @@ def _tightened(optimum: Optimum, factor: float) -> Optimum:
     quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
     segments = replace(segments, random=quieter)
     return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
-
-
-def _searched_closer(tight: Optimum) -> AnnealingFit | None:
-    """The search from where the motion is to be held closer; None where one in pieces does not lead to an optimum."""
-    if is_long(tight.segments):
-        return held_at(tight.segments, tight.point, tight.scales, tight.loss, tight.q)
-    schedule = AnnealingSchedule(initial_q=tight.q, final_q=tight.q, max_steps=_STEPS)
-    return anneal(tight.segments, tight.point, tight.scales, schedule, loss=tight.loss)
 
 
 def _diagnosed(
@@ -146,8 +121,11 @@ def _diagnosed(
     return CloserFit(closer_fit, left, diagnose(closer_fit, closer_structure, channels, terms=True))
 
 
-def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> HiddenTerm | None:
-    """The missing term, or error of a mass, that explains most of what the laws leave in a fit held `closer` than `fit`."""
+def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, float] | None:
+    """The missing term, or error of a mass, that explains most of what the laws leave in a fit held `closer` than `fit`.
+
+    With that by how much of its value it would change the coefficient that it changes most, and in standard errors of `fit`.
+    """
     causes = closer.diagnosis.causes
     if not causes or causes[0].kind not in ("term", MASS) or not closer.explains_most(causes[0].gain):
         return None
@@ -158,4 +136,9 @@ def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> HiddenTerm | None:
         changed, tiny = causes[0].shift * error, np.finfo(float).tiny
         change = changed / max(abs(float(fit.values[number])), tiny)
         shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
-    return HiddenTerm(causes[0], change, shift)
+    return causes[0], change, shift
+
+
+def dissipates(term: str) -> bool:
+    """Whether a missing term is a force that depends on the rate, or on its past."""
+    return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))

@@ -87,7 +87,7 @@ def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
     for q, reach in [(loosest, 1), *tighter.items()]:
         if optimum.segments.count < _INDEPENDENT * reach * BLOCKS[0]:
             return
-        found = _optimum_at(replace(optimum, point=point), q)
+        found = optimum_at(replace(optimum, point=point), q, _STEPS)
         if found is None or found.status is not AnnealingStatus.CONVERGED:
             return
         horizon = _by_blocks(optimum, found)
@@ -97,10 +97,11 @@ def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
         yield horizon
 
 
-def _optimum_at(optimum: Optimum, q: float) -> AnnealingFit | None:
+def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit | None:
+    """The search at a relaxation, from an optimum at another one; None where one in pieces does not lead straight there."""
     if is_long(optimum.segments):
         return held_at(optimum.segments, optimum.point, optimum.scales, optimum.loss, q)
-    schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_STEPS)
+    schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
     return anneal(optimum.segments, optimum.point, optimum.scales, schedule, loss=optimum.loss)
 
 

@@ -354,6 +354,7 @@ _MODE_GAIN = 50.0  # of -2 log likelihood for each column that is added
 _SEEN = 100.0  # of the noise in power: a mode that should be seen in the sensors
 _NEEDED = 0.05  # of what a mode that should be seen takes off: less, and it is elsewhere
 _TRIALS = 8  # frequencies about a peak
+_STILL = 1e-3  # periods in a record of a motion that stands for a rigid one
 _RANK = 1e-8  # of a column of unit length that others explain
 _OFF = 4  # frequencies a little off the stated ones that may leave more than a mode that is lacking
 
@@ -450,10 +451,13 @@ class _Shown:
 
     def cause(self) -> Cause | None:
         """The mode that explains most of what is left, if it explains what no other cause does."""
-        stated = [
-            (float(mode.frequency.value or 0.0), float(mode.damping.value or 0.0)) for mode in self.host.modes
-        ]
-        columns = [self._columns(*mode) for mode in stated]
+        highest, slowest = _NYQUIST / self.step, _STILL / (self.step * len(self.values))
+        stated = {
+            name: (max(float(mode.frequency.value or 0.0), slowest), float(mode.damping.value or 0.0))
+            for name, mode in zip(self.host.coordinates, self.host.modes, strict=True)
+            if (mode.frequency.value or 0.0) <= highest
+        }
+        columns = [self._columns(*mode) for mode in stated.values()]
         first = float(np.sum(_Explained.by(self, columns).left ** 2))
         for _ in range(_OFF):
             explained = _Explained.by(self, columns)
@@ -461,7 +465,7 @@ class _Shown:
             if not trials:
                 return None
             power, frequency, added = min(trials, key=lambda trial: trial[0])
-            if not any(abs(frequency / f - 1.0) < _APART for f, _ in stated if f > 0.0):
+            if not any(abs(frequency / f - 1.0) < _APART for f, _ in stated.values()):
                 break
             columns.append(added)  # what a stated frequency that is a little off leaves
         else:
@@ -469,35 +473,18 @@ class _Shown:
         count, before = len(self.kinds) * added.shape[2], float(np.sum(explained.left**2))
         gain = float(explained.left.size * np.log(before / max(power, 1.0)))
         share = (before - power) / first
-        if share < _JUDGED or gain < _MODE_GAIN * count or self._moved(columns, len(stated), added):
+        if share < _JUDGED or gain < _MODE_GAIN * count or self._moved(columns, list(stated), added):
             return None
         return Cause("mode", self.host.name, frequency, "Hz", gain, standard_error=0.0, share=share)
 
     def _columns(self, frequency: float, damping: float) -> Floats:
         """(3, N, f + 2) displacement, velocity and acceleration of a mode under each force, and of its free decay."""
-        if frequency > _NYQUIST / self.step:
-            return self._static()
         time = self.step * np.arange(len(self.values))
-        if frequency == 0.0:  # a rigid motion
-            ones, zeros = np.ones_like(time), np.zeros_like(time)
-            free = [np.stack([ones, zeros, zeros]), np.stack([time, ones, zeros])]
-            return np.stack([*map(self._rigid, self.forces.values()), *free], axis=2)
         w = 2.0 * np.pi * frequency
         pole = w * complex(-damping, np.sqrt(max(1.0 - damping**2, 1e-6)))
         decay = np.stack([pole**order * np.exp(pole * time) for order in range(3)]) / w
         moved = [force.motion(frequency, min(damping, 0.99)) for force in self.forces.values()]
         return np.stack([*moved, decay.real, decay.imag], axis=2)
-
-    def _rigid(self, force: SampledForce) -> Floats:
-        integrate = scipy.integrate.cumulative_trapezoid
-        velocity = integrate(force.samples, dx=self.step, initial=0.0)
-        return np.stack([integrate(velocity, dx=self.step, initial=0.0), velocity, force.samples])
-
-    def _static(self) -> Floats:
-        """(3, N, f) what follows the forces at once, as a mode above the band does, and its derivatives."""
-        time = self.step * np.arange(len(self.values))
-        splines = [scipy.interpolate.make_interp_spline(time, f.samples, 5) for f in self.forces.values()]
-        return np.stack([[spline(time, order) for order in range(3)] for spline in splines], axis=2)
 
     def _peaks(self, left: Floats) -> list[float]:
         """Frequencies in Hz at which most is left, apart from each other."""
@@ -528,12 +515,9 @@ class _Shown:
                 best = (float(solved.fun), float(solved.x), self._columns(float(solved.x), damping))
         return best
 
-    def _moved(self, columns: Sequence[Floats], stated: int, added: Floats) -> bool:
+    def _moved(self, columns: Sequence[Floats], stated: Sequence[str], added: Floats) -> bool:
         """Whether the sensors do not show a stated mode that they should: then it is another one, and none is lacking."""
-        for number in range(stated):
-            if columns[number].shape[2] == len(self.forces):  # above the band
-                continue
-            name = self.host.coordinates[number]
+        for number, name in enumerate(stated):
             shapes = np.array([self.host.shape(point)[name] for point in self.forces])
             driven = columns[number][:, :, : len(shapes)] @ shapes
             expected = np.stack(

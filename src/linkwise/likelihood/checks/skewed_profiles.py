@@ -16,12 +16,12 @@ M. K. Transtrum and J. P. Sethna, arXiv:1201.5885 (2012), for the acceleration b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
+from linkwise.display import enumerated
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
@@ -85,16 +85,12 @@ def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
     wider = {number: factor for number, factor in reaches.items() if factor > _WIDER}
     if not wider:
         return None
-    named = _listed([f"{names[number]} ({factor:.2g} times)" for number, factor in wider.items()])
+    named = enumerated([f"{names[number]} ({factor:.2g} times)" for number, factor in wider.items()])
     return replace(
         before,
         message=f"{before.message} The likelihood falls slowly on one side of {named}; intervals reach as far as it does.",
         added={**before.added, SKEWED: _added(fit.covariance, wider)},
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _added(covariance: Floats, factors: dict[int, float]) -> Floats:

@@ -16,23 +16,19 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.loss import RandomStates
-from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.tests.variances import (
     DRAWS,
     LARGEST,
     SEED,
     SIGNIFICANT,
+    DrawnEquations,
     SquareSum,
     VarianceScore,
     at_once,
-    changes_of_defects,
-    free_of_bounds,
     input_kicks,
     spectral_causes,
-    steps_of,
 )
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
@@ -202,19 +198,19 @@ class _Sums:
     @classmethod
     def of(cls, fit: LikelihoodFit, misfit: Misfit, kicks: Mapping[str, Floats]) -> _Sums | None:
         """Those at the optimum of a fit; None where its equations are singular."""
-        equations = _DrawnEquations.of(fit, misfit)
-        if equations is None:
+        random, q = fit.optimum.segments.random, fit.optimum.q
+        equations = DrawnEquations.of(fit, fit.optimum, misfit, q)
+        if equations is None or random is None:
             return None
-        random, rng = equations.random, np.random.default_rng(SEED)
-        m, n = fit.optimum.segments.system.dimension, len(fit.optimum.segments.system.incidence)
+        rng, m = np.random.default_rng(SEED), fit.optimum.segments.system.dimension
         forces = fit.optimum.point.nodes[random.rows] / random.deviation
         observed = (
-            equations.by_kicks(misfit.defects.reshape(m, -1).T[:, n : 2 * n, None]),
+            equations.of_defects(misfit.defects.reshape(m, -1).T[..., None]),
             forces[:, :, None],
             misfit.residuals.transpose(1, 2, 0)[..., None],
         )
         widths = [part.stop - part.start for part in at_once(DRAWS, m * forces.shape[1])]
-        parts = zip(observed, *(equations.drawn(rng, count) for count in widths), strict=True)
+        parts = zip(observed, *(_drawn(equations, random, rng, count) for count in widths), strict=True)
         of_kicks, of_forces, of_noise = (np.concatenate(part, axis=-1) for part in parts)
         return cls(
             {
@@ -231,67 +227,28 @@ def _sum_of_squares(slopes: Floats) -> SquareSum:
     return SquareSum.of(slopes[:, 0], slopes[:, 1:])
 
 
-@dataclass(frozen=True, eq=False)
-class _DrawnEquations:
-    """The linearised equations at an optimum, for right-hand sides of drawn noise of sensors and random forces.
-
-    `rows` (k, M C, m + P + 1) are those of each part of the segments.
-    """
-
-    fit: LikelihoodFit
-    linear: Linearization
-    factor: BorderedFactor
-    random: RandomStates
-    rows: list[tuple[slice, Floats]]
-
-    @classmethod
-    def of(cls, fit: LikelihoodFit, misfit: Misfit) -> _DrawnEquations | None:
-        """Those of a fit; None where they are singular."""
-        optimum, random = fit.optimum, fit.optimum.segments.random
-        linear = linearise(optimum.segments, misfit, optimum.scales, optimum.loss)
-        factor = linear.equations(optimum.q).factor()
-        if factor is None or random is None:
-            return None
-        rows = [
-            (part, whitened_jacobian(optimum.segments, misfit, optimum.scales, optimum.loss, part)[0])
-            for part in chunks(optimum.segments)
-        ]
-        return cls(fit, linear, factor, random, rows)
-
-    def by_kicks(self, defects: Floats) -> Floats:
-        """(K - 1, n, d) slopes of half the cost in s/m by kicks, from scaled defects (K - 1, n, d) of the velocities."""
-        optimum, n = self.fit.optimum, defects.shape[1]
-        return np.asarray(defects / optimum.q**2 / optimum.scales.state[n : 2 * n, None])
-
-    def _loosened(self, rng: np.random.Generator, count: int) -> Floats:
-        """(K - 1, m, d) pulls of drawn defects that forces leave in displacements, as they vary within a segment."""
-        joined = self.linear.joined
-        pulls = np.zeros((*joined.shape, count))
-        loose = np.flatnonzero(((joined > 0.0) & (joined < 1.0)).any(axis=0))
-        pulls[:, loose] = rng.standard_normal((len(joined), len(loose), count)) / self.fit.optimum.q
-        return pulls
-
-    def drawn(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
-        """By so many draws, states and unknowns following: `by_kicks`, forces (r, K, d) and residuals (C, K, M, d) left."""
-        segments, m = self.fit.optimum.segments, self.fit.optimum.segments.system.dimension
-        samples, channels, K = segments.samples.shape
-        n = len(segments.system.incidence)
-        root = np.sqrt(self.random.curvature(self.fit.optimum.scales.state))[:, :, None]
-        forces = rng.standard_normal((*root.shape[:2], count))
-        noise = rng.standard_normal((K, samples * channels, count))
-        noise *= segments.observed.transpose(2, 0, 1).reshape(K, -1, 1)
-        nodes, border = np.zeros((K, m, count)), np.zeros((len(self.factor.schur), count))
-        for part, rows in self.rows:
-            nodes[part] = rows[..., :m].transpose(0, 2, 1) @ noise[part]
-            border += np.einsum("krp,krd->pd", rows[..., m:-1], noise[part])
-        nodes[:, self.random.rows] += (root * forces).transpose(1, 0, 2)
-        loosened = self._loosened(rng, count)
-        nodes[:-1] += np.einsum("kij,kid->kjd", self.linear.state_ends, loosened)
-        nodes[1:] -= self.linear.joined[:, :, None] * loosened
-        border += np.einsum("kip,kid->pd", self.linear.right_ends[..., :-1], loosened)
-        nodes, border = steps_of(self.factor, free_of_bounds(self.fit), nodes, border)
-        for part, rows in self.rows:
-            noise[part] -= rows[..., :m] @ nodes[part] + rows[..., m:-1] @ border
-        left = noise.reshape(K, samples, channels, count).transpose(2, 0, 1, 3)
-        defects = changes_of_defects(self.linear, nodes, border)[:, n : 2 * n]
-        return self.by_kicks(defects), forces - root * nodes[:, self.random.rows].transpose(1, 0, 2), left
+def _drawn(
+    equations: DrawnEquations, random: RandomStates, rng: np.random.Generator, count: int
+) -> tuple[Floats, Floats, Floats]:
+    """By so many draws, states and unknowns following: slopes by kicks, forces (r, K, d) and residuals (C, K, M, d) left."""
+    optimum, segments, linear = equations.optimum, equations.optimum.segments, equations.linear
+    samples, channels, K = segments.samples.shape
+    m = segments.system.dimension
+    root = np.sqrt(random.curvature(optimum.scales.state))[:, :, None]
+    forces = rng.standard_normal((*root.shape[:2], count))
+    noise = rng.standard_normal((K, samples * channels, count))
+    noise *= segments.observed.transpose(2, 0, 1).reshape(K, -1, 1)
+    nodes, border = equations.pulls(count, lambda part, rows: noise[part])
+    nodes[:, random.rows] += (root * forces).transpose(1, 0, 2)
+    # pulls of drawn defects that forces leave in displacements, as they vary within a segment
+    loosened = np.zeros((*linear.joined.shape, count))
+    loose = np.flatnonzero(((linear.joined > 0.0) & (linear.joined < 1.0)).any(axis=0))
+    loosened[:, loose] = rng.standard_normal((len(linear.joined), len(loose), count)) / optimum.q
+    nodes[:-1] += np.einsum("kij,kid->kjd", linear.state_ends, loosened)
+    nodes[1:] -= linear.joined[:, :, None] * loosened
+    border += np.einsum("kip,kid->pd", linear.right_ends[..., :-1], loosened)
+    nodes, border = equations.solved(nodes, border)
+    for part, rows in equations.rows(count):
+        noise[part] -= rows[..., :m] @ nodes[part] + rows[..., m:-1] @ border
+    left = noise.reshape(K, samples, channels, count).transpose(2, 0, 1, 3)
+    return equations.by_kicks(nodes, border), forces - root * nodes[:, random.rows].transpose(1, 0, 2), left

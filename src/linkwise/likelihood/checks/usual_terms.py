@@ -18,7 +18,6 @@ could hold what no test of the records sees; it is reported instead. Stated mass
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -33,6 +32,7 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.tests.columns import largest_damping
 from linkwise.likelihood.tests.diagnosis import (
     LARGEST,
+    Hint,
     TestedCauses,
     beyond_white,
     in_longer_segments,
@@ -71,20 +71,6 @@ those of 10 s of random motion differ from those of an endless record by about a
 beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
 
 
-@dataclass(frozen=True, eq=False)
-class HintedTerms:
-    """The `terms` at which residuals hint, the likeliest first, and what each makes of the coefficients: `moves` (p, c)."""
-
-    terms: tuple[Hypothesis, ...]
-    moves: Floats
-
-    @property
-    def covariance(self) -> Floats:
-        """(p, p) what they add to that of the coefficients, in SI units."""
-        moved = self.moves.sum(axis=1)
-        return np.outer(moved, moved)
-
-
 def _scores(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Floats:
     """(u,) normal scores of the usual terms among what was `tested`, without sign; 0 of those that cannot be told.
 
@@ -93,9 +79,7 @@ def _scores(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> 
     return np.sqrt(_gains_of(tested, which_usual(tested.hypotheses, identified))) / fit.optimum.noise
 
 
-def _hinted(
-    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, doubted: bool
-) -> HintedTerms | None:
+def _hinted(fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, doubted: bool) -> Hint | None:
     """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
 
     Damping between modes of hosts counts as one. Those at which the residuals hint; where it is `doubted` that the laws are
@@ -126,7 +110,7 @@ def _added(
     slope: Floats,
     least: Floats,
     at_most: int,
-) -> HintedTerms | None:
+) -> Hint | None:
     """The terms that gain more than the `least` (h,), each the likeliest beside those before it, up to a number."""
     optimum, p = fit.optimum, len(fit.values)
     scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
@@ -150,7 +134,10 @@ def _added(
     follow = curvature[np.ix_(own, own)], curvature[np.ix_(own, terms)]
     moves = np.linalg.lstsq(*follow, rcond=_SINGULAR)[0] * values
     moves = np.where(fit.free[:, None], moves * (scale[:p] * optimum.scales.theta[:p])[:, None], 0.0)
-    return HintedTerms(tuple(hypotheses[number - p] for number in terms.tolist()), moves)
+    moved, first = moves.sum(axis=1), hypotheses[int(terms[0]) - p]
+    force = f"a force like {first.term} in {first.where}"
+    likeliest = f"damping {in_words(first.where)}" if first.kind == BETWEEN_MODES else force
+    return {"terms": np.outer(moved, moved)}, likeliest
 
 
 def _hints(hypotheses: Sequence[Hypothesis]) -> Floats:
@@ -198,50 +185,13 @@ _DOUBT = 0.02
 intervals for nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Doubt:
-    """What exact laws may lack: `terms` at which residuals hint, and the `scatter` of blocks where they disagree."""
-
-    terms: HintedTerms | None
-    scatter: BlockScatter | None = None
-
-    def added(self, white: Floats) -> dict[str, Floats]:
-        """What they add to the covariance (p, p) that `white` noise gives."""
-        by_blocks = {} if self.scatter is None else {"blocks": self.scatter.added(white)}
-        return by_blocks | ({} if self.terms is None else {"terms": self.terms.covariance})
-
-    @property
-    def hint(self) -> str:
-        """What the residuals show of it."""
-        if self.terms is None:
-            return "a difference between parts of the records"
-        first = self.terms.terms[0]
-        if first.kind == BETWEEN_MODES:
-            return f"damping {in_words(first.where)}"
-        return f"a force like {first.term} in {first.where}"
-
-
 def doubt(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, *, searched: bool
-) -> Doubt | None:
+) -> Hint | None:
     """What intervals of exact laws hold where residuals hint at missing terms, none of them significant.
 
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        A fit that leaves only white noise.
-    identified : Structure
-        The structure with the values of the fit.
-    tested : TestedCauses or None
-        What was tested, usual terms among it; None where nothing was.
-    searched : bool
-        Whether the laws were searched in these records. The search weighs each term by its standard error, so that blocks
-        do not widen it.
-
-    Returns
-    -------
-    Doubt or None
-        None where nothing says that the laws are not exact.
+    None where nothing says that the laws are not exact. Where they were `searched` in these records, the search weighs each
+    term by its standard error, so that blocks do not widen it.
     """
     if tested is None:
         return None
@@ -252,10 +202,13 @@ def doubt(
         beyond = float(scipy.special.ndtr(-np.max(scores, initial=0.0)))
         product = scatter.chance * min(1.0, 2.0 * max(len(scores), 1) * beyond)
         if product * (1.0 - np.log(max(product, np.finfo(float).tiny))) < _DOUBT:
-            terms = _hinted(fit, identified, tested, doubted=True)
-            return Doubt(terms, scatter)
-    hinted = _hinted(fit, identified, tested, doubted=False)
-    return None if hinted is None else Doubt(hinted)
+            by_blocks = {"blocks": scatter.added(fit.covariance)}
+            added, hint = _hinted(fit, identified, tested, doubted=True) or (
+                {},
+                "a difference between parts of the records",
+            )
+            return by_blocks | added, hint
+    return _hinted(fit, identified, tested, doubted=False)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial beyond what is finite gives no scatter
@@ -359,9 +312,7 @@ def _wholes(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Sequence[int]
 ) -> Iterator[tuple[float, float]]:
     """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
-    forces = dict(
-        zip((link.name for link in identified.links), link_forces(fit.optimum, fit.misfit), strict=False)
-    )
+    forces = link_forces(fit.optimum, fit.misfit, identified)
     damping = largest_damping(identified)
     for number in numbers:
         hypothesis, unit = tested.hypotheses[number], float(tested.units[number])

@@ -11,7 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.changed_coefficients import moment
-from linkwise.likelihood.checks.held_closer import hidden_term
+from linkwise.likelihood.checks.held_closer import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
     LARGEST_SHIFT,
     LARGEST_TERM,
@@ -389,18 +389,18 @@ def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | N
     hidden = hidden_term(of.fit, of.closer)
     if hidden is None:
         return None
-    cause, is_mass = hidden.cause, hidden.cause.kind == MASS
-    is_small = hidden.shift <= LARGEST_SHIFT and (is_mass or of.fit.random_forces)
-    damps = (
-        hidden.dissipates and hidden.change >= LARGEST_TERM
-    )  # a small part of the force, and a large one of what dissipates
+    cause, change, shift = hidden
+    is_mass = cause.kind == MASS
+    is_small = shift <= LARGEST_SHIFT and (is_mass or of.fit.random_forces)
+    # a small part of the force, and a large one of what dissipates
+    damps = change >= LARGEST_TERM and dissipates(cause.term)
     if is_small or (of.fit.model_error > 0.0 and not is_mass and not damps):
-        named = (replace(cause, shift=hidden.shift),)
+        named = (replace(cause, shift=shift),)
         return replace(
             before, message=f"{before.message}{likeliest(named)}{moved(named)}", diagnosis=(cause,)
         )
-    changed = cause.shifted and hidden.change > 0.0
-    change = f", and change {cause.shifted} by {format_percent(hidden.change)}" if changed else ""
+    is_changed = cause.shifted and change > 0.0
+    changed = f", and change {cause.shifted} by {format_percent(change)}" if is_changed else ""
     noise = " and ".join(f"noise of {force.where}" for force in of.fit.random_forces)
     where = f"with the {noise}" if noise else "where the motion departs from it a little"
     advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"
@@ -409,7 +409,7 @@ def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | N
         verdict=Verdict.MEASUREMENT_ERROR if is_mass else Verdict.SYSTEMATIC_MISFIT,
         message=(
             f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
-            f"{would_explain(cause)}{change}. Intervals of exact laws would not include that{advice}."
+            f"{would_explain(cause)}{changed}. Intervals of exact laws would not include that{advice}."
         ),
         diagnosis=(cause,),
     )
@@ -484,8 +484,8 @@ def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
 def hinted_masses(of: Examined, before: Judgement) -> Judgement | None:
     """Whether residuals hint at an error of a stated mass, though it is not significant."""
     tested = of.diagnosis.tested
-    masses = None if before.verdict.forbids or before.diagnosis or not tested else masses_of(of.fit, tested)
-    return None if masses is None else _widened(before, {"masses": masses.covariance}, masses.hint)
+    hint = None if before.verdict.forbids or before.diagnosis or not tested else masses_of(of.fit, tested)
+    return None if hint is None else _widened(before, *hint)
 
 
 def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
@@ -494,10 +494,8 @@ def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
     ambient = any(force.ambient for force in fit.random_forces)
     if not before.leaves_noise or fit.optimum.coloured is not None or ambient:
         return None
-    doubted = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
-    if doubted is None:
-        return None
-    return _widened(before, doubted.added(fit.covariance), doubted.hint)
+    hint = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
+    return None if hint is None else _widened(before, *hint)
 
 
 def _widened(before: Judgement, added: Mapping[str, Floats], hint: str) -> Judgement:

@@ -15,9 +15,10 @@ Maximum likelihood for links alone on a rig: from records of motion and force to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.rigs.problem import (
     BASE_CHANNEL,
+    LinkPath,
     Minimum,
     PrescribedMotion,
     RigProblem,
@@ -40,6 +42,7 @@ from linkwise.likelihood.rigs.problem import (
     require_same_cells,
     rig_forces,
 )
+from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
@@ -64,8 +67,7 @@ def covariance_of(
     `cells` (R,) is the noise of load cells in N, `weights` are those of the residuals (R,); with `inexact` laws these scatter
     by more than noise.
     """
-    jacobian = problem.jacobian(minimum.paths)[:, free]
-    weighted = weights[:, None] * jacobian
+    weighted = weights[:, None] * problem.jacobian(minimum.paths)[:, free]
     certainty = problem.certainty[free]
     normal = weighted.T @ weighted + np.diag(certainty**2)
     scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
@@ -73,45 +75,37 @@ def covariance_of(
     determined = bool(values[0] > _SINGULAR * values[-1])
     inverse = (vectors / np.maximum(values, _SINGULAR * values[-1])) @ vectors.T / np.outer(scale, scale)
     scores = weights[:, None] * weighted
-    moved = problem.noise_of_motion(minimum.paths, _spread(problem, scores, free))[:, free]
-    scatter = (cells[:, None] * scores).T @ (cells[:, None] * scores) + moved.T @ moved
     if inexact:
-        white = (scores / weights[:, None]).T @ (scores / weights[:, None]) + moved.T @ moved
-        lagged = newey_west(problem, scores * residuals[:, None])
-        ratio = np.sqrt(np.maximum(_errors(inverse, white) / _errors(inverse, lagged), 1.0))
-        sandwich = inverse @ lagged @ inverse * np.outer(ratio, ratio)
+        white = inverse @ noise_of_sums(problem, minimum, 1.0 / weights, scores) @ inverse
+        sandwich = inverse @ newey_west(problem, scores * residuals[:, None]) @ inverse
+        errors = (np.maximum(part.diagonal(), 1e-300) for part in (white, sandwich))
+        ratio = np.sqrt(np.maximum(np.divide(*errors), 1.0))
+        sandwich = sandwich * np.outer(ratio, ratio)
     else:
-        sandwich = inverse @ scatter @ inverse
+        sandwich = inverse @ noise_of_sums(problem, minimum, cells, scores) @ inverse
     sandwich = sandwich + inverse @ np.diag(certainty**2) @ inverse
     covariance = np.zeros((problem.size, problem.size))
     covariance[np.ix_(free, free)] = 0.5 * (sandwich + sandwich.T)
     return covariance, determined
 
 
-def _errors(inverse: Floats, scatter: Floats) -> Floats:
-    return np.asarray(np.maximum(np.einsum("ij,jk,ki->i", inverse, scatter, inverse), 1e-300))
-
-
-def _spread(problem: RigProblem, scores: Floats, free: Bools) -> Floats:
-    spread = np.zeros((len(scores), problem.size))
-    spread[:, free] = scores
-    return spread
+def noise_of_sums(problem: RigProblem, minimum: Minimum, cells: Floats, rows: Floats) -> Floats:
+    """Covariance (f, f) of sums of forces with weights (R, f) by the noise of load cells, `cells` (R,), and of the motion."""
+    white, moved = cells[:, None] * rows, problem.noise_of_motion(minimum.paths, rows)
+    return np.asarray(white.T @ white + moved.T @ moved)
 
 
 def newey_west(problem: RigProblem, rows: Floats) -> Floats:
     """Covariance (f, f) of the sums of rows (R, f) that are correlated over a period of the motion (Newey and West 1987)."""
-    total, first = np.zeros((rows.shape[1], rows.shape[1])), 0
-    for number, (record, _, _) in enumerate(problem.states):
-        part = rows[first : first + len(problem.cell(number))]
+    total = np.zeros((rows.shape[1], rows.shape[1]))
+    for (record, _, _), part in zip(problem.states, problem.split(rows), strict=True):
         lags = min(problem.records[record].motion.period, len(part) // 4)
         size = 2 ** int(np.ceil(np.log2(len(part) + lags + 1)))
-        spectra = np.fft.rfft(part, size, axis=0)
         taper = np.zeros(size)
         taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1)
         taper[size - lags :] = taper[1 : lags + 1][::-1]
-        smoothed = np.fft.irfft(spectra * np.fft.rfft(taper).real[:, None], size, axis=0)[: len(part)]
-        total += part.T @ smoothed
-        first += len(part)
+        spectra = np.fft.rfft(part, size, axis=0) * np.fft.rfft(taper).real[:, None]
+        total += part.T @ np.fft.irfft(spectra, size, axis=0)[: len(part)]
     return np.asarray(0.5 * (total + total.T))
 
 
@@ -125,8 +119,6 @@ _DRAWS = 32  # of the noise of the motion, for the size of what it does to the f
 _SEED = 7
 _NEAR = 1.2  # times the lowest cost: minima in parts of records that may be the lowest of the whole
 _WHOLE_STEPS = 40  # of their search on the whole
-_TIED = 20.0  # in -2 log likelihood: a minimum that near is as good
-_ALIKE = 4.0  # standard errors within which two minima are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +145,6 @@ class RigFit:
         Per degree of freedom, of noise alone.
     determined : bool
         Whether the forces determine all unknowns.
-    others : tuple of array of shape (u,)
-        Unknowns at other minima that are as likely.
     """
 
     problem: RigProblem
@@ -167,7 +157,6 @@ class RigFit:
     model_force: float
     chi_square: float
     determined: bool
-    others: tuple[Floats, ...] = ()
 
     @property
     def weights(self) -> Floats:
@@ -208,8 +197,9 @@ def rig_fit(
     covariance, determined = covariance_of(
         problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
     )
-    fit = RigFit(problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined)
-    return replace(fit, others=_others(fit, candidates[1:]))
+    return RigFit(
+        problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
+    )
 
 
 def _on_whole(problem: RigProblem, candidates: Sequence[Minimum], weights: Floats) -> list[Minimum]:
@@ -307,32 +297,12 @@ def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
     return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
 
 
-def _others(fit: RigFit, candidates: Sequence[Minimum]) -> tuple[Floats, ...]:
-    """Other minima as likely as the best, each searched again with its weights; those that are alike are reported once."""
-    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    p = len(fit.problem.parameters)
-    best = fit.minimum
-    distinct: list[Floats] = []
-    for candidate in candidates:
-        near = [best.unknowns, *distinct]
-        size = np.maximum(_ALIKE * errors, 0.01 * np.abs(best.unknowns))[:p]
-        if any(np.all(np.abs(candidate.unknowns - known)[:p] <= size) for known in near):
-            continue
-        if candidate.cost > _NEAR * candidates[0].cost:
-            continue
-        again = minimise(fit.problem, candidate.unknowns, fit.weights)
-        apart = all(np.any(np.abs(again.unknowns - known)[:p] > size) for known in near)
-        if again.converged and apart and abs(again.cost - best.cost) < _TIED:
-            distinct.append(again.unknowns)
-    return tuple(unknowns[:p] for unknowns in distinct)
-
-
 _LARGEST_ERROR = 0.1
 """Of the forces: the largest model error that is trusted, as for structures with masses."""
 
 
 def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
-    """The verdict with its explanation, and the part of the forces that the laws leave beside noise."""
+    """Verdict, explanation, and the part of the forces that laws leave beside noise."""
     if not fit.minimum.converged:
         return (
             Verdict.NOT_CONVERGED,
@@ -341,45 +311,35 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
             0.0,
         )
     share = _share(fit)
-    explained = "The laws explain the forces to within the noise of force and displacement"
-    if share > 0.0:
-        explained = f"The laws explain the forces to within {format_percent(share)}"
+    verdict, words = _found(fit, causes, share)
+    to_within = format_percent(share) if share > 0.0 else "the noise of force and displacement"
+    return verdict, f"The laws explain the forces to within {to_within}{words}", share
+
+
+def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict, str]:
+    """The verdict on a search that converged, and what is said after how well laws explain the forces."""
     if not fit.determined:
-        return (
-            Verdict.HARDLY_DETERMINED,
-            f"{explained}, but the forces do not determine all unknowns: hold some at known "
-            "values, or record another motion.",
-            share,
+        return Verdict.HARDLY_DETERMINED, (
+            ", but the forces do not determine all unknowns: hold some at known values, or record another motion."
         )
     if share > _LARGEST_ERROR:
-        return (
-            Verdict.UNEXPLAINED_FORCES,
-            f"{explained}; that is too much for intervals: a term or a state is missing.",
-            share,
-        )
+        return Verdict.UNEXPLAINED_FORCES, ("; that is too much for intervals: a term or a state is missing.")
     if causes and not causes[0].is_instrument:
-        return (
-            Verdict.SYSTEMATIC_MISFIT,
-            f"{explained}, but {causes[0].description} is missing: with it a coefficient would differ by "
-            f"{causes[0].shift:.2g} of its standard errors. Offer the term, or a law with memory.",
-            share,
+        return Verdict.SYSTEMATIC_MISFIT, (
+            f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
+            "standard errors. Offer the term, or a law with memory."
         )
     if causes:
-        return (
-            Verdict.MEASUREMENT_ERROR,
-            f"{explained}, but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients "
-            "would be wrong by more than intervals of exact laws say: correct it, or estimate it with the other "
-            "unknowns.",
-            share,
+        return Verdict.MEASUREMENT_ERROR, (
+            f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
+            "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
         )
     if share > 0.0:
-        return (
-            Verdict.MODEL_ERROR_NEEDED,
-            f"{explained}, a model error that all intervals include; as it follows the motion, sums over periods of the "
-            "motion are compared for that.",
-            share,
+        return Verdict.MODEL_ERROR_NEEDED, (
+            ", a model error that all intervals include; as it follows the motion, sums over periods of the motion are "
+            "compared for that."
         )
-    return Verdict.CONVERGED, f"{explained}.", 0.0
+    return Verdict.CONVERGED, "."
 
 
 def _share(fit: RigFit) -> float:
@@ -395,18 +355,9 @@ _OF_SHIFTS = 16.0 + 2.0 * np.log(
     10.0
 )  # of what also moves a coefficient: four deviations, the largest of about ten causes
 _OFFSET_GAIN = 10.0  # of gain, by which an offset of the displacement must be the better explanation
-_SEPARATE = 1e-6  # of the power of a column: less beside the others, and they stand for it
 _SHIFT = 3.0  # standard errors by which a term or a delay must move a coefficient to count
 _TERMS = ("d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "d**2*v")
 _SATURATING = 0.1  # of the largest rate, at which the friction that is tested saturates
-
-
-@dataclass(frozen=True, eq=False)
-class _Tested:
-    """A cause of unit size, and the forces (R,) in N that it adds."""
-
-    cause: Cause
-    column: Floats
 
 
 def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
@@ -414,114 +365,87 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
 
     Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
     """
-    tested = (*_offsets(fit), *_terms(fit), *_delays(fit))
-    follow, beside = _beside_unknowns(fit, np.stack([hypothesis.column for hypothesis in tested], axis=1))
-    scores = beside.T @ (fit.weights * fit.residuals)
-    powers = np.sum(beside**2, axis=0)
-    noise = _noise_of_scores(fit, beside)
+    hypotheses, forces = zip(*chain(_offsets(fit), _terms(fit), _delays(fit)), strict=True)
+    columns = np.stack(forces, axis=1)
+    jacobian, f = fit.problem.jacobian(fit.minimum.paths)[:, fit.free], int(fit.free.sum())
+    weighted = fit.weights[:, None] * np.column_stack([jacobian, columns])
+    scatter = noise_of_sums(fit.problem, fit.minimum, fit.cells, fit.weights[:, None] * weighted)
+    curvature, slope = weighted.T @ weighted, weighted.T @ (fit.weights * fit.residuals)
+    tests = single_tests(curvature, slope, scatter, f)
     of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
     determined = deviations > 0.0
     causes = []
-    for number, hypothesis in enumerate(tested):
-        power = float(powers[number])
-        if not power > _SEPARATE * float(np.sum((fit.weights * hypothesis.column) ** 2)):
+    for number, hypothesis in enumerate(hypotheses):
+        if not tests.gains[number] > 0.0:
             continue
-        size = float(scores[number]) / power
-        variance = float(noise[number])
+        size, error, changes = tests.sizes[number], tests.deviations[number], tests.changes[:, number]
         if fit.model_force > 0.0:
-            variance = max(variance, power, _scatter(fit, beside[:, number], size))
-        gain = float(scores[number]) ** 2 / variance
-        shift = float(
-            np.max(np.abs(size * follow[of_laws, number][determined]) / deviations[determined], initial=0.0)
-        )
-        if gain > _GAIN if hypothesis.cause.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
-            unit = float(np.sqrt(np.mean(hypothesis.column**2))) if hypothesis.cause.kind == "term" else 1.0
-            error = float(np.sqrt(variance)) / power * unit
+            beside = weighted[:, f + number] + weighted[:, :f] @ (changes / size)
+            left = fit.weights * fit.residuals - size * beside
+            power = float(beside @ beside)
+            variance = float(newey_west(fit.problem, (beside * left)[:, None])[0, 0])
+            error = np.sqrt(max(error**2, 1.0 / power, variance / power**2))
+        gain = float((size / error) ** 2)
+        shift = float(np.max(np.abs(changes[of_laws][determined]) / deviations[determined], initial=0.0))
+        if gain > _GAIN if hypothesis.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
+            unit = float(np.sqrt(np.mean(columns[:, number] ** 2))) if hypothesis.kind == "term" else 1.0
             causes.append(
-                replace(hypothesis.cause, size=size * unit, gain=gain, standard_error=error, shift=shift)
-            )
+                Cause(
+                    hypothesis.kind, hypothesis.where, float(size) * unit, hypothesis.unit, gain,
+                    float(error) * unit, term=hypothesis.term, shift=shift,
+                )
+            )  # fmt: skip
     return tuple(sorted(causes, key=lambda cause: (cause.where == BASE_CHANNEL) * _OFFSET_GAIN - cause.gain))
 
 
-def _beside_unknowns(fit: RigFit, columns: Floats) -> tuple[Floats, Floats]:
-    """By how much the free unknowns (f, q) follow causes of unit size, and the weighted forces (R, q) that these leave."""
-    weighted = fit.weights[:, None] * fit.problem.jacobian(fit.minimum.paths)[:, fit.free]
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", weighted, weighted)), 1e-300)
-    columns = fit.weights[:, None] * columns
-    follow = np.linalg.lstsq(weighted / size, columns, rcond=1e-10)[0]
-    return follow / size[:, None], columns - weighted / size @ follow
+_Column = tuple[Hypothesis, Floats]  # of unit size, and the forces (R,) in N that it adds
 
 
-def _noise_of_scores(fit: RigFit, beside: Floats) -> Floats:
-    """(q,) variances of scores by white noise of the load cells, and by that of the motion, which smoothing correlates."""
-    rows = fit.weights[:, None] * beside
-    moved = fit.problem.noise_of_motion(fit.minimum.paths, rows)
-    return np.asarray(np.sum((fit.cells[:, None] * rows) ** 2, axis=0) + np.sum(moved**2, axis=0))
-
-
-def _scatter(fit: RigFit, beside: Floats, size: float) -> float:
-    """Variance of a score by what is left with its cause, which follows the motion where laws are inexact."""
-    left = fit.weights * fit.residuals - size * beside
-    return float(newey_west(fit.problem, (beside * left)[:, None])[0, 0])
-
-
-def _offsets(fit: RigFit) -> Iterator[_Tested]:
+def _offsets(fit: RigFit) -> Iterator[_Column]:
     """Offsets of load cells and of the displacement that are not among the unknowns."""
     problem, p = fit.problem, len(fit.problem.parameters)
     every = replace(problem, cell_offsets=problem.links, motion_offset=True).jacobian(fit.minimum.paths)
     for number, link in enumerate(problem.links):
         if link not in problem.cell_offsets:
-            cause = Cause("offset", cell_name(problem.structure, link), 1.0, "N", 0.0, 0.0)
-            yield _Tested(cause, every[:, p + number])
+            yield Hypothesis("offset", cell_name(problem.structure, link), unit="N"), every[:, p + number]
     if not problem.motion_offset:
-        yield _Tested(Cause("offset", BASE_CHANNEL, 1.0, "m", 0.0, 0.0), every[:, p + len(problem.links)])
+        yield Hypothesis("offset", BASE_CHANNEL, unit="m"), every[:, p + len(problem.links)]
 
 
-def _terms(fit: RigFit) -> Iterator[_Tested]:
+def _terms(fit: RigFit) -> Iterator[_Column]:
     """Forms of force that the law of each link may lack."""
+    motions = [record.motion for record in fit.problem.records]
+    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in motions)
     for link in fit.problem.links:
-        motions = _motions(fit, link)
-        fastest = max(float(np.abs(v).max()) for _, v in motions)
         for text in (*_TERMS, f"tanh(v/{_SATURATING * fastest!r})" if fastest > 0.0 else "v"):
             law = Law.parse(text)
             with np.errstate(all="ignore"):
-                parts = [np.broadcast_to(law.force(d, v, {}), d.shape) for d, v in motions]
+                column = _column(fit, link, partial(_force_along, law))
             name = "tanh(v)" if text.startswith("tanh") else text
-            cause = Cause("term", fit.problem.structure.links[link].name, 1.0, "N", 0.0, 0.0, term=name)
-            yield _Tested(cause, _column(fit, link, parts))
+            yield Hypothesis("term", fit.problem.structure.links[link].name, name, unit="N"), column
 
 
-def _delays(fit: RigFit) -> Iterator[_Tested]:
+def _force_along(law: Law, path: LinkPath) -> Floats:
+    return law.force(path.d, path.v, {})
+
+
+def _delays(fit: RigFit) -> Iterator[_Column]:
     """A delay of each load cell, to first order."""
     for link in fit.problem.links:
-        parts = []
-        for (record, link_of_path, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True):
-            motion = fit.problem.records[record].motion
-            if link_of_path == link:
-                parts.append(-np.gradient(path.force())[:: motion.substeps] / motion.step)
-        cause = Cause("delay", cell_name(fit.problem.structure, link), 1.0, "s", 0.0, 0.0)
-        yield _Tested(cause, _column(fit, link, parts))
+        late = _column(fit, link, lambda path: -np.gradient(path.force()) / path.step)
+        yield Hypothesis("delay", cell_name(fit.problem.structure, link), unit="s"), late
 
 
-def _motions(fit: RigFit, link: int) -> list[tuple[Floats, Floats]]:
-    """Elongation and rate of a link at the samples of each record."""
-    return [
-        (path.d[:: motion.substeps], path.v[:: motion.substeps])
-        for (record, link_of_path, _), path in zip(fit.problem.states, fit.minimum.paths, strict=True)
-        for motion in (fit.problem.records[record].motion,)
-        if link_of_path == link
-    ]
-
-
-def _column(fit: RigFit, link: int, parts: list[Floats]) -> Floats:
-    """(R,) forces of one link in all records among those of all, 0 where a sample is missing."""
-    rows, left = [], list(parts)
-    for number, (_, link_of_cell, _) in enumerate(fit.problem.states):
-        cell = fit.problem.cell(number)
-        rows.append(
-            np.where(np.isfinite(cell), left.pop(0), 0.0) if link_of_cell == link else np.zeros(len(cell))
-        )
+def _column(fit: RigFit, link: int, along: Callable[[LinkPath], Floats]) -> Floats:
+    """(R,) what is along the paths of one link, at its samples among those of all; 0 where one is missing."""
+    rows = []
+    for number, ((record, own, _), path) in enumerate(
+        zip(fit.problem.states, fit.minimum.paths, strict=True)
+    ):
+        shown = np.isfinite(fit.problem.cell(number)) & (own == link)
+        values = np.broadcast_to(along(path), path.d.shape) if own == link else path.d
+        rows.append(np.where(shown, values[:: fit.problem.records[record].motion.substeps], 0.0))
     return np.asarray(np.nan_to_num(np.concatenate(rows)))
 
 
@@ -576,6 +500,7 @@ def _estimate(
         {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
     )
     verdict, message, share = judged(fit, causes)
+    errors = _sensor_errors(fit)
     sigma = {BASE_CHANNEL: fit.problem.records[0].motion.sigma}
     sigma |= {cell_name(structure, link): noise[link] for link in fit.problem.links}
     return Estimate(
@@ -594,8 +519,8 @@ def _estimate(
         compute_motion=partial(_motion, fit, identified, tuple(records)),
         record=records[0],
         more_records=tuple(records[1:]),
-        remarks=_remarks(fit),
-        sensor_errors=_sensor_errors(fit),
+        remarks=tuple(error.description for error in errors),
+        sensor_errors=errors,
         model_error=share,
         diagnosis=causes,
     )
@@ -614,17 +539,6 @@ def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
             channels, unknowns[found].tolist(), errors[found].tolist(), strict=True
         )
     )
-
-
-def _remarks(fit: RigFit) -> tuple[str, ...]:
-    problem = fit.problem
-    names = [p.name for p in problem.parameters]
-    others = [
-        "Another set of values explains the records as well: "
-        f"{', '.join(f'{name} = {value:.4g}' for name, value in zip(names, values, strict=True))}."
-        for values in fit.others
-    ]
-    return (*(error.description for error in _sensor_errors(fit)), *others)
 
 
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:

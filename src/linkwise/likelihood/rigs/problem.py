@@ -37,19 +37,9 @@ from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.smooth import SmoothingSpline, smoothing_spline
 
 
-def _weights(fraction: float, order: int) -> Floats:
-    """Weights (6,) of quintic B-splines at a fraction of the way from one knot to the next, from the leftmost one on."""
-    # truncated powers: B(t) = sum (-1)^k C(6, k) (t - k)_+^5 / 5!
-    places = 5.0 - np.arange(6) + fraction
-    knots, signs = np.arange(7.0), np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])
-    above = np.maximum(places[:, None] - knots, 0.0)
-    powers = {0: above**5 / 120.0, 1: above**4 / 24.0}[order]
-    return np.asarray(powers @ signs)
-
-
 @dataclass(frozen=True, eq=False)
 class PrescribedMotion:
-    """Displacement `d` and velocity `v` (J,) at the nodes: the samples, and `substeps` - 1 between each two.
+    """The motion at the nodes (J): the samples, and `substeps` - 1 between each two.
 
     `sigma` is the noise of the displacement sensor in m.
     """
@@ -57,26 +47,31 @@ class PrescribedMotion:
     spline: SmoothingSpline
     substeps: int
     sigma: float
-    d: Floats
-    v: Floats
 
-    @classmethod
-    def of(cls, spline: SmoothingSpline, substeps: int, sigma: float) -> PrescribedMotion:
-        coefficients, samples = spline.coefficients[:, 0], len(spline.coefficients) - 4
-        rows = [np.empty((samples - 1) * substeps + 1) for _ in range(2)]
-        for order, row in enumerate(rows):
-            scale = spline.rate**order
-            for number in range(substeps):
-                weights = _weights(number / substeps, order) * scale
-                row[number::substeps][: samples - 1] = (
-                    sum(
-                        weight * coefficients[lag : lag + samples - 1]
-                        for lag, weight in enumerate(weights[:5])
-                    )
-                    + weights[5] * coefficients[5 : samples + 4]
-                )
-            row[-1] = _weights(0.0, order)[:5] @ coefficients[-5:] * scale
-        return cls(spline, substeps, sigma, rows[0], rows[1])
+    @cached_property
+    def _basis(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+        """(J, N + 4) what the coefficients of the quintic B-splines make of the displacement and the velocity at the nodes."""
+        count = len(self.spline.coefficients)
+        knots = np.arange(-5.0, count + 1.0)
+        nodes = np.arange((count - 5) * self.substeps + 1) / self.substeps
+        lagged = scipy.sparse.eye_array(count - 1, count, k=1) - scipy.sparse.eye_array(count - 1, count)
+        values, slopes = (
+            scipy.interpolate.BSpline.design_matrix(
+                nodes, knots[5 - degree : len(knots) - 5 + degree], degree
+            )
+            for degree in (5, 4)
+        )
+        return values, self.spline.rate * (slopes @ lagged)
+
+    @cached_property
+    def d(self) -> Floats:
+        """(J,) displacement in m."""
+        return np.asarray(self._basis[0] @ self.spline.coefficients[:, 0])
+
+    @cached_property
+    def v(self) -> Floats:
+        """(J,) velocity in m/s."""
+        return np.asarray(self._basis[1] @ self.spline.coefficients[:, 0])
 
     @property
     def step(self) -> float:
@@ -89,14 +84,10 @@ class PrescribedMotion:
         speed = float(np.std(self.v)) or 1.0
         return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
 
-    def with_substeps(self, substeps: int) -> PrescribedMotion:
-        """The motion with other nodes between the samples."""
-        return PrescribedMotion.of(self.spline, substeps, self.sigma)
-
     def part(self, first: int, count: int) -> PrescribedMotion:
         """The motion at `count` samples from the `first` on."""
-        spline = replace(self.spline, coefficients=self.spline.coefficients[first : first + count + 4])
-        return PrescribedMotion.of(spline, self.substeps, self.sigma)
+        coefficients = self.spline.coefficients[first : first + count + 4]
+        return replace(self, spline=replace(self.spline, coefficients=coefficients))
 
     def liveliest(self, count: int) -> int:
         """First of the `count` samples in a row that move most."""
@@ -105,30 +96,13 @@ class PrescribedMotion:
 
     def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
         """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
-        samples = len(self.spline.coefficients) - 4
-        noise = self.sigma * rng.standard_normal((samples, count))
-        drawn = self.spline.smoothed(noise)
-        moved = [
-            PrescribedMotion.of(replace(drawn, coefficients=column[:, None]), self.substeps, 0.0)
-            for column in drawn.coefficients.T
-        ]
-        return np.stack([motion.d for motion in moved], axis=1), np.stack(
-            [motion.v for motion in moved], axis=1
-        )
+        noise = self.sigma * rng.standard_normal((len(self.spline.coefficients) - 4, count))
+        drawn = self.spline.smoothed(noise).coefficients
+        return self._basis[0] @ drawn, self._basis[1] @ drawn
 
     def noise_of(self, by_d: Floats, by_v: Floats) -> Floats:
         """(N, q) by how much sums with derivatives (J, q) by d and v at the nodes change with the noise of each sample."""
-        samples = len(self.spline.coefficients) - 4
-        by_coefficient = np.zeros((samples + 4, by_d.shape[1]))
-        for order, slopes in enumerate((by_d, by_v)):
-            scale = self.spline.rate**order
-            for number in range(self.substeps):
-                weights = _weights(number / self.substeps, order) * scale
-                part = slopes[number :: self.substeps][: samples - 1]
-                for lag, weight in enumerate(weights):
-                    if weight:
-                        by_coefficient[lag : lag + samples - 1] += weight * part
-            by_coefficient[-5:] += scale * _weights(0.0, order)[:5, None] * slopes[-1]
+        by_coefficient = self._basis[0].T @ by_d + self._basis[1].T @ by_v
         return self.spline.transposed(by_coefficient) * self.sigma
 
 
@@ -329,7 +303,7 @@ class RigProblem:
 
     def with_substeps(self, substeps: int) -> RigProblem:
         """The problem with other steps between samples."""
-        finer = (replace(record, motion=record.motion.with_substeps(substeps)) for record in self.records)
+        finer = (replace(record, motion=replace(record.motion, substeps=substeps)) for record in self.records)
         return replace(self, records=tuple(finer))
 
     def shortened(self, most: int) -> RigProblem:
@@ -443,19 +417,19 @@ class RigProblem:
 
     def noise_of_motion(self, paths: Sequence[LinkPath], weights: Floats) -> Floats:
         """(M, q) how sums of modelled forces with weights (R, q) change with the noise of each displacement sample."""
-        rows, first = [], 0
         by_record: dict[int, Floats] = {}
-        for (record, link, _), path in zip(self.states, paths, strict=True):
+        for (record, link, _), path, own in zip(self.states, paths, self.split(weights), strict=True):
             motion = self.records[record].motion
-            count = len(path.d) // motion.substeps + 1
             spread = np.zeros((len(path.d), weights.shape[1]))
-            spread[:: motion.substeps] = weights[first : first + count]
-            by_d, by_v = path.tangents(self.free(link)).to_motion(spread)
-            part = self.sign(link) * motion.noise_of(by_d, by_v)
+            spread[:: motion.substeps] = own
+            part = self.sign(link) * motion.noise_of(*path.tangents(self.free(link)).to_motion(spread))
             by_record[record] = by_record.get(record, 0.0) + part
-            first += count
-        rows = [by_record[record] for record in sorted(by_record)]
-        return np.concatenate(rows)
+        return np.concatenate([by_record[record] for record in sorted(by_record)])
+
+    def split(self, rows: Floats) -> list[Floats]:
+        """Rows (R, q), one of each sample of each load cell, by paths."""
+        lengths = [len(self.cell(number)) for number in range(len(self.states))]
+        return np.split(rows, np.cumsum(lengths)[:-1])
 
 
 BASE_CHANNEL = Channel("x", BASE)
@@ -522,7 +496,7 @@ def prescribed_motion(record: Record) -> PrescribedMotion:
     """The motion of the base of a record, smoothed at the level of its noise."""
     values = record.channel(BASE_CHANNEL)
     spline = smoothing_spline(values, record.rate)
-    return PrescribedMotion.of(spline, _SUBSTEPS, _sensor_noise(record, values, spline.value()[:, 0]))
+    return PrescribedMotion(spline, _SUBSTEPS, _sensor_noise(record, values, spline.value()[:, 0]))
 
 
 def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:

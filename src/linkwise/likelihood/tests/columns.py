@@ -1,160 +1,333 @@
-"""Errors of the recorded motion of the base: what each does to the masses and to the sensors, per unit of its size.
+"""The columns of the linearised equations that a diagnosis tests: what each error of unit size adds along the fitted motion.
 
-Damping between modes that a host lacks: an entry of its modal damping matrix, whose force on each mode follows the other.
+It adds forces on masses, samples of channels, or both; how they are weighed, scaled and joined is the same for all. There are
+errors of masses and applied forces, of the recorded motion of the base, of shapes of hosts, and damping between their modes.
 
 Damping ratios leave out what a damper at one place of a host adds between its modes (Caughey and O'Kelly, J. Appl. Mech. 32,
 1965). It matters where modes are near each other, and there it looks like the damper of a link.
-
-Errors of the shapes of hosts: what a mode that moves a point more than stated does to links, forces and sensors there.
-
-Errors of masses and of applied forces: the force that each would add to its mass, per unit of its size.
-
-The columns of the linearised equations that a diagnosis tests, alone or in sums of several.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
 from itertools import chain, combinations
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.shooting.flow import UncertainForces, at_ends_and_middles
+from linkwise.likelihood.shooting.flow import UncertainForces
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, carried_by, evaluate, motion_of
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.tests.score_test import (
+    BETWEEN_MODES,
     AugmentedQuadratic,
     CandidateForce,
     Hypothesis,
+    Lacking,
     LocalQuadratic,
     augmented_quadratic,
     candidate_forces,
     in_their_units,
-    states_at_ends_and_middles,
+    in_turn,
+    input_along,
+    states_along,
 )
 from linkwise.model.host import DAMPING, Host, Pair, damping_link
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import GROUND, Link
 from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
+from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
-
-BASE_ERRORS = ("gain", "delay")
 
 
 @dataclass(frozen=True, eq=False)
-class BaseErrors:
-    """Errors of BASE_ERRORS, each a column of `forces` on all masses and of `values` in all channels.
+class FittedMotion:
+    """What is along the motion of an optimum, at the ends of the steps of the tangents and in their middles, in turn."""
 
-    starts (J + 1, n, e, K), middles (J, n, e, K) in N at the steps of the tangents, values (M, C, e, K) in the channel's unit.
+    optimum: Optimum
+    misfit: Misfit
+    structure: Structure
+    channels: Sequence[Channel] = ()
+
+    @property
+    def segments(self) -> Segments:
+        return self.optimum.segments
+
+    @cached_property
+    def mechanics(self) -> NumericSystem:
+        return self.segments.system.at(self.optimum.point.theta)
+
+    @cached_property
+    def states(self) -> Floats:
+        """(2 J + 1, 2, n + 2, K) x and v of the masses, the base and the ground."""
+        return states_along(self.segments, self.misfit)
+
+    @cached_property
+    def slopes(self) -> tuple[Floats, Floats]:
+        """(2 J + 1, L, K) derivatives of the forces of the links by their elongations and rates."""
+        partials = self.mechanics.partials(*self._links)
+        return partials.by_d, partials.by_v
+
+    @cached_property
+    def forces(self) -> Floats:
+        """(2 J + 1, L, K) forces of the links in N."""
+        d, v, memory = self._links
+        force = np.empty_like(d)
+        self.mechanics.force(d, v, memory, force, np.empty_like(memory))
+        return force
+
+    @property
+    def _links(self) -> tuple[Floats, Floats, Floats]:
+        orbit = self.misfit.trajectories.thinned(self.segments.flow_steps_per_tangent)
+        links = in_turn(orbit.links, orbit.middle_links)
+        return links[:, 0], links[:, 1], in_turn(orbit.memory, orbit.middle_memory)
+
+    def input(self, points: Floats) -> Floats:
+        """(2 J + 1, ...) an input that is given at the points of every step of the flow."""
+        return input_along(points, self.segments.flow_steps_per_tangent)
+
+    @cached_property
+    def applied(self) -> Floats:
+        """(steps, points, n, K) applied forces and those of a moving frame in N."""
+        return self.segments.inputs.applied(self.mechanics, slice(None))
+
+    def rate(self, values: Floats) -> Floats:
+        """(2 J + 1, K) rates of values."""
+        step = self.segments.step * self.segments.flow_steps_per_tangent
+        return np.asarray(np.gradient(values, axis=0, edge_order=2) / (0.5 * step))
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """What an error of unit size adds: `forces` (2 J + 1, K) in N along the motion, each between two places and negative on
+    the first, and `samples` (M, K) of channels by number.
     """
 
-    starts: Floats
-    middles: Floats
-    values: Floats
+    error: Hypothesis
+    forces: Sequence[tuple[int, int, Floats]] = ()
+    samples: Sequence[tuple[int, Floats]] = ()
+
+    @property
+    def scale(self) -> float:
+        """Root mean square of its forces; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
+        power = sum(float(np.mean(values[::2] ** 2)) for _, _, values in self.forces)
+        if not 0.0 < power < np.inf:
+            return float(bool(self.samples))
+        return float(np.sqrt(power / len(self.forces)))
+
+
+@dataclass(frozen=True, eq=False)
+class TestedColumns:
+    """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of candidate `forces` and of sensor `errors`.
+
+    `of_forces` (f, h) and `of_errors` (e, h) are what each hypothesis has of these.
+    """
+
+    __test__ = False  # no test of pytest
+
+    hypotheses: Sequence[Hypothesis]
+    units: Floats
+    forces: CandidateForces | None
+    errors: SensorErrors | None
+    of_forces: Floats
+    of_errors: Floats
 
     @classmethod
-    def of(cls, optimum: Optimum, misfit: Misfit) -> BaseErrors | None:
-        """What a record (1 + g) x(t) of the base, or x(t - tau), does; None where nothing of the base is recorded."""
-        segments = optimum.segments
-        if segments.inputs.frame is None and segments.inputs.base is None:
-            return None
-        forces = _inertia(optimum) if segments.inputs.frame is not None else _link_forces(optimum, misfit)
-        values = np.zeros((*segments.samples.shape[:2], len(BASE_ERRORS), segments.count))
-        for channel in range(values.shape[1]):
-            carried = carried_by(segments, misfit, channel)
-            if carried is not None:
-                values[:, channel, 0], values[:, channel, 1] = -carried[0], carried[1]
-        return cls(*forces, values)
-
-
-def _inertia(optimum: Optimum) -> tuple[Floats, Floats]:
-    segments = optimum.segments
-    assert segments.inputs.frame is not None
-    masses = segments.system.at(optimum.point.theta).masses[:, None, None]
-    stride = segments.flow_steps_per_tangent
-    ends, middles = at_ends_and_middles(segments.inputs.frame, stride)
-    rates = _rates(ends, middles, segments.step * stride)
-    return tuple(  # type: ignore[return-value]
-        masses * np.stack([value, -rate], axis=1)[:, None]
-        for value, rate in zip((ends, middles), rates, strict=True)
-    )
-
-
-def _link_forces(optimum: Optimum, misfit: Misfit) -> tuple[Floats, Floats]:
-    segments = optimum.segments
-    assert segments.inputs.base is not None
-    mechanics, stride = segments.system.at(optimum.point.theta), segments.flow_steps_per_tangent
-    orbit = misfit.trajectories.thinned(stride)
-    bases = at_ends_and_middles(segments.inputs.base, stride)
-    accelerations = _rates(bases[0][:, 1], bases[1][:, 1], segments.step * stride)
-    forces = []
-    links, memories = (orbit.links, orbit.middle_links), (orbit.memory, orbit.middle_memory)
-    for motion, memory, base, acceleration in zip(links, memories, bases, accelerations, strict=True):
-        slopes = mechanics.partials(motion[:, 0], motion[:, 1], memory)
-        x, v, a = base[:, 0, None], base[:, 1, None], acceleration[:, None]
-        on_base = segments.system.base[:, None]
-        columns = [
-            -segments.system.incidence @ (on_base * (slopes.by_d * change + slopes.by_v * rate))
-            for change, rate in ((-x, -v), (v, a))
+    def of(cls, every: Iterable[Added]) -> TestedColumns:
+        """Errors whose forces have a root mean square of 1; without those that add nothing."""
+        kept = [(added, scale) for added in every if (scale := added.scale) > 0.0]
+        forces = [
+            (k, first, second, np.asarray(values / scale, np.float32))
+            for k, (added, scale) in enumerate(kept)
+            for first, second, values in added.forces
         ]
-        forces.append(np.stack(columns, axis=2))
-    return forces[0], forces[1]
+        samples = [
+            (k, channel, values / scale)
+            for k, (added, scale) in enumerate(kept)
+            for channel, values in added.samples
+        ]
+        everyone, candidates, errors = np.eye(len(kept)), None, None
+        if forces:
+            _, firsts, seconds, along = zip(*forces, strict=True)
+            both = np.stack(along, axis=1)
+            candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
+        if samples:
+            _, channels, shown = zip(*samples, strict=True)
+            count = len(samples)
+            errors = SensorErrors(
+                np.array(channels), ("",) * count, np.full(count, -1), np.stack(shown, axis=1)
+            )
+        return cls(
+            [added.error for added, _ in kept],
+            1.0 / np.array([scale for _, scale in kept]),
+            candidates,
+            errors,
+            everyone[[k for k, *_ in forces]],
+            everyone[[k for k, *_ in samples]],
+        )
+
+    @classmethod
+    def of_sensors(cls, errors: SensorErrors, shown: Sequence[Channel]) -> TestedColumns:
+        """Each error of a sensor alone, by the channels that are `shown`."""
+        places = zip(errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True)
+        hypotheses = [
+            Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
+            for kind, channel, source in places
+        ]
+        count = len(hypotheses)
+        return cls(hypotheses, np.ones(count), None, errors, np.empty((0, count)), np.eye(count))
+
+    @classmethod
+    def of_terms(cls, motion: FittedMotion, lacking: Lacking) -> TestedColumns:
+        """Each missing force alone, in its root mean square, with what load cells show of it."""
+        hypotheses = [hypothesis for hypothesis, _ in lacking]
+        candidates, _ = candidate_forces(motion.segments, motion.misfit, [force for _, force in lacking])
+        shown = [name for name in motion.channels if not name.is_input]
+        cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.kind == "f"}
+        measured = [k for k, one in enumerate(hypotheses) if one.kind == "term" and one.where in cells]
+        every = motion.segments.tangent_refine
+        errors = SensorErrors(
+            np.array([cells[hypotheses[k].where] for k in measured], dtype=int),
+            ("load cell",) * len(measured),
+            np.full(len(measured), -1),
+            candidates.starts[::every, measured][: len(motion.segments.samples)].astype(float),
+        )
+        everyone = np.eye(len(hypotheses))
+        return cls(hypotheses, np.ones(len(hypotheses)), candidates, errors, everyone, everyone[measured])
+
+    @classmethod
+    def joined(cls, parts: Sequence[TestedColumns]) -> TestedColumns:
+        """All of some, in this order."""
+        forces = [part.forces for part in parts if part.forces is not None]
+        errors = [part.errors for part in parts if part.errors is not None]
+        return cls(
+            [hypothesis for part in parts for hypothesis in part.hypotheses],
+            np.concatenate([part.units for part in parts]),
+            reduce(CandidateForces.joined, forces) if forces else None,
+            SensorErrors(
+                np.concatenate([part.channel for part in errors]),
+                tuple(chain.from_iterable(part.kind for part in errors)),
+                np.concatenate([part.source for part in errors]),
+                np.concatenate([part.values for part in errors], axis=1),
+            )
+            if errors
+            else None,
+            scipy.linalg.block_diag(*(part.of_forces for part in parts)),
+            scipy.linalg.block_diag(*(part.of_errors for part in parts)),
+        )
+
+    def by_sizes(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
+        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
+        weights = scipy.linalg.block_diag(
+            np.eye(parameters), np.concatenate([self.of_forces, self.of_errors])
+        )
+        curvature = weights.T @ augmented.curvature @ weights
+        white = augmented.scatter is augmented.curvature
+        scatter = curvature if white else weights.T @ augmented.scatter @ weights
+        return curvature, weights.T @ augmented.slope, scatter
+
+    @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
+    def local_quadratic(self, optimum: Optimum, misfit: Misfit) -> LocalQuadratic:
+        """The local model in the parameters and, after them, the sizes of the hypotheses.
+
+        Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
+        """
+        forces = self.forces or candidate_forces(optimum.segments, misfit, [])[0]
+        augmented = augmented_quadratic(optimum, misfit, forces, self.errors)
+        equations = self.by_sizes(augmented, optimum.segments.system.parameters.size)
+        return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
 
 
-def _rates(ends: Floats, middles: Floats, step: Floats) -> tuple[Floats, Floats]:
-    """Rates (J + 1, K) and (J, K) of values at the ends and middles of steps."""
-    both = np.empty((len(ends) + len(middles), ends.shape[-1]))
-    both[::2], both[1::2] = ends, middles
-    rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
-    return rate[::2], rate[1::2]
+_ROUNDING = 1e-9  # of a force
+
+
+def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
+    """Relative errors of masses and of applied forces, and delays of these."""
+    segments, structure = motion.segments, motion.structure
+    own = [place for place in enumerate(structure.mass_names) if place[1] not in structure.modes]
+    orbit = motion.misfit.trajectories.thinned(segments.flow_steps_per_tangent)
+    accelerations = in_turn(*segments.inputs.accelerations(orbit))
+    for number, name in own:  # a mode has unit mass by definition; its frequency and damping are terms
+        force = -float(structure.mass_values[number]) * accelerations[:, number]
+        yield Added(Hypothesis("mass", name), [(-1, number, force)])
+    if segments.inputs.force is None:
+        return
+    scaled, late = _estimated(segments.inputs.uncertain)
+    for number, name in own:  # on a mode a force acts at points
+        applied, smallest = motion.applied[:, :, number], 0.0
+        if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
+            of_frame = float(structure.mass_values[number]) * segments.inputs.frame
+            smallest = _ROUNDING * float(np.max(np.abs(of_frame)))
+            applied = applied + of_frame
+        force, channel = motion.input(applied), f"force:{name}"
+        if not np.max(np.abs(force[::2])) > smallest:
+            continue
+        if channel not in scaled:
+            yield Added(Hypothesis("force gain", channel), [(-1, number, force)])
+        if channel not in late:
+            yield Added(Hypothesis("force delay", channel), [(-1, number, -motion.rate(force))])
+
+
+def _estimated(uncertain: UncertainForces | None) -> tuple[list[str], list[str]]:
+    """The forces whose gains, and those whose delays, are among the unknowns: their scores are rounding."""
+    if uncertain is None:
+        return [], []
+    gains, delays = (
+        [name for name, number in zip(uncertain.channels, numbers, strict=True) if number >= 0]
+        for numbers in (uncertain.gains, uncertain.delays)
+    )
+    return gains, delays
+
+
+def base_errors(motion: FittedMotion) -> Iterator[Added]:
+    """A record (1 + g) x(t) of the base, and one x(t - tau): on masses, and in channels that show moving coordinates."""
+    segments, inputs = motion.segments, motion.segments.inputs
+    if inputs.frame is not None:
+        moved = motion.input(inputs.frame)
+        masses = motion.mechanics.masses[:, None]
+        forces = [masses * moved[:, None], masses * -motion.rate(moved)[:, None]]
+    elif inputs.base is not None:
+        x, v = np.moveaxis(motion.input(inputs.base), 1, 0)[:, :, None]
+        on_base, (by_d, by_v) = segments.system.base[:, None], motion.slopes
+        forces = [
+            -segments.system.incidence @ (on_base * (by_d * change + by_v * rate))
+            for change, rate in ((-x, -v), (v, motion.rate(v)))
+        ]
+    else:
+        return
+    base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in motion.channels)
+    carried = [carried_by(segments, motion.misfit, channel) for channel in range(segments.samples.shape[1])]
+    for order, (kind, sign) in enumerate((("gain", -1.0), ("delay", 1.0))):
+        yield Added(
+            Hypothesis(kind, base),
+            [(-1, number, force) for number, force in enumerate(np.moveaxis(forces[order], 1, 0))],
+            [(channel, sign * own[order]) for channel, own in enumerate(carried) if own is not None],
+        )
 
 
 _MODE_PAIRS = 30  # pairs of modes that are tested, the nearest ones
 
 
-@dataclass(frozen=True, eq=False)
-class DampingErrors:
-    """Damping between h pairs of modes: `links` that would hold it, as named in a structure, and its `forces`.
-
-    Each pair has two of these in a row, one on each of its modes, in scaled sizes of which `units` (h,) are in N s/m.
-    """
-
-    links: tuple[str, ...]
-    forces: CandidateForces
-    units: Floats
-
-    @classmethod
-    def of(cls, optimum: Optimum, misfit: Misfit, structure: Structure) -> DampingErrors | None:
-        """Of pairs whose damping is not estimated, the nearest modes first; None without any."""
-        nearest = nearest_pairs(structure, optimum.segments.system.parameters.names)
-        if not nearest:
-            return None
-        segments, index = optimum.segments, structure.topology.index
-        modes = np.array(
-            [[index[host.coordinates[number - 1]] for number in pair] for host, pair in nearest], dtype=int
+def damping_between_modes(motion: FittedMotion) -> Iterator[Added]:
+    """Damping of pairs whose damping is not estimated, the nearest modes first: each mode feels the other's rate."""
+    index = motion.structure.topology.index
+    for host, pair in nearest_pairs(motion.structure, motion.segments.system.parameters.names):
+        first, second = (index[host.coordinates[number - 1]] for number in pair)
+        yield Added(
+            Hypothesis(BETWEEN_MODES, damping_link(host.name, pair)),
+            [
+                (mode, index[GROUND], motion.states[:, 1, other])
+                for mode, other in ((first, second), (second, first))
+            ],
         )
-        motion = states_at_ends_and_middles(
-            misfit.trajectories, segments.flow_steps_per_tangent, segments.step, segments.inputs
-        )
-        starts, middles = (part[:, 1, modes[:, ::-1]] for part in motion)  # each mode feels the other's rate
-        power = np.mean(np.square(starts), axis=(0, 2, 3))
-        units = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
-        starts, middles = (
-            (part * units[:, None, None]).reshape(len(part), -1, part.shape[-1]) for part in (starts, middles)
-        )
-        forces = CandidateForces(modes.ravel(), np.full(modes.size, index[GROUND]), starts, middles)
-        return cls(tuple(damping_link(host.name, pair) for host, pair in nearest), forces, units)
-
-    @property
-    def weights(self) -> Floats:
-        """(2 h, h) 1 where a force is one of those of a pair."""
-        return np.repeat(np.eye(len(self.links)), 2, axis=0)
 
 
 def nearest_pairs(structure: Structure, estimated: Collection[str] = ()) -> list[tuple[Host, Pair]]:
@@ -196,186 +369,90 @@ def _distance(host: Host, pair: Pair) -> float:
 _SHAPES = 60  # modes and points of which the shapes are tested
 
 
-@dataclass(frozen=True, eq=False)
-class ShapeErrors:
-    """h relative errors of shapes: `places` (point, mode), and `weights` (c, h) of candidate `forces` and sensor `errors`."""
-
-    places: tuple[tuple[str, str], ...]
-    forces: CandidateForces
-    errors: SensorErrors
-    weights: Floats
-
-    @classmethod
-    def of(
-        cls, optimum: Optimum, misfit: Misfit, structure: Structure, channels: Sequence[Channel]
-    ) -> ShapeErrors | None:
-        """The shapes at points with a link, a force or a sensor; None where there are none, or too many."""
-        used = {end for link in structure.links for end in link.between}
-        used |= {channel.place for channel in channels}
-        parameter_names = optimum.segments.system.parameters.names
-        places = [
-            (point, mode, shape)
-            for host in structure.hosts
-            for point in host.points
-            if point in used
-            for mode, shape in host.shape(point).items()
-            if shape and f"{mode}.{SHAPE}{point.removeprefix(f'{host.name}.')}" not in parameter_names
+def shape_errors(motion: FittedMotion) -> Iterator[Added]:
+    """Relative errors of the shapes at points with a link, a force or a sensor; none where there are too many."""
+    structure, channels = motion.structure, motion.channels
+    used = {end for link in structure.links for end in link.between} | {channel.place for channel in channels}
+    estimated = motion.segments.system.parameters.names
+    places = [
+        (point, mode, shape)
+        for host in structure.hosts
+        for point in host.points
+        if point in used
+        for mode, shape in host.shape(point).items()
+        if shape and f"{mode}.{SHAPE}{point.removeprefix(f'{host.name}.')}" not in estimated
+    ]
+    if len(places) > _SHAPES:
+        return
+    applied = _applied_at_points(motion)
+    responses = [name for name in channels if not name.is_input]
+    for point, mode, shape in places:
+        number = structure.topology.index[mode]
+        kinds = [
+            (k, int(motion.segments.sensors.kind[k]))
+            for k, name in enumerate(responses)
+            if name.place == point
         ]
-        if not 0 < len(places) <= _SHAPES:
-            return None
-        parts = _Parts.of(optimum, misfit, structure, channels)
-        rows = [parts.candidate_forces(point, mode, shape) for point, mode, shape in places]
-        shown = [parts.shown(point, mode, shape) for point, mode, shape in places]
-        first, second, starts, middles = zip(*chain.from_iterable(rows), strict=True)
-        sensors = list(chain.from_iterable(shown))
-        empty = np.zeros((len(optimum.segments.samples), 0, optimum.segments.count))
-        return cls(
-            tuple((point, mode) for point, mode, _ in places),
-            CandidateForces(np.array(first), np.array(second), np.stack(starts, 1), np.stack(middles, 1)),
-            SensorErrors(
-                np.array([channel for channel, _ in sensors], dtype=int),
-                ("shape",) * len(sensors),
-                np.full(len(sensors), -1),
-                np.stack([values for _, values in sensors], 1) if sensors else empty,
-            ),
-            np.concatenate([_ownership(rows), _ownership(shown)]),
+        yield Added(
+            Hypothesis("shape", point, source=mode),
+            _by_shape(motion, (point, mode, shape), applied.get(point)),
+            [(k, shape * motion_of(motion.segments, motion.misfit, kind, number)[0]) for k, kind in kinds],
         )
 
 
-def _ownership(parts: Sequence[Sequence[object]]) -> Floats:
-    """(c, h) 1 where a column is one of those of a hypothesis."""
-    owners = [number for number, members in enumerate(parts) for _ in members]
-    return np.asarray(np.eye(len(parts))[owners])
+def _applied_at_points(motion: FittedMotion) -> dict[str, Floats]:
+    """(2 J + 1, K) the force that is applied at each point or mass, in N."""
+    forced = [channel.place for channel in motion.channels if channel.is_force]
+    if motion.segments.inputs.force is None or not forced:
+        return {}
+    known = np.linalg.pinv(
+        np.stack([motion.structure.topology.row(name) for name in forced]).T
+    )  # few points by modes
+    return {
+        name: motion.input(np.einsum("n,jpnk->jpk", row, motion.applied))
+        for name, row in zip(forced, known, strict=True)
+    }
 
 
-HostForce = tuple[int, int, Floats, Floats]
-"""Numbers of the places on which a force acts, negative on the first, and its values at ends and middles of steps."""
+def _by_shape(
+    motion: FittedMotion, place: tuple[str, str, float], applied: Floats | None
+) -> list[tuple[int, int, Floats]]:
+    """The forces that follow from a shape that is larger by its own size: one on the mode, and one of each link there."""
+    point, mode, shape = place
+    topology, order = motion.structure.topology, motion.segments.system.order.tolist()
+    at, number, (by_d, by_v) = topology.index[point], topology.index[mode], motion.slopes
+    x, v = motion.states[:, 0, number], motion.states[:, 1, number]
+    on_mode, forces = np.zeros_like(x) if applied is None else shape * applied, []
+    for link, (first, second) in enumerate(topology.ends.tolist()):
+        if at in (first, second):
+            part, column = (shape if first == at else -shape), order.index(link)
+            forces.append((first, second, part * (by_d[:, column] * x + by_v[:, column] * v)))
+            on_mode = on_mode - part * motion.forces[:, column]
+    return [*forces, (-1, number, on_mode)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """Motion and forces along the fitted orbit, at the ends of steps and in their middles."""
-
-    optimum: Optimum
-    misfit: Misfit
-    structure: Structure
-    channels: Sequence[Channel]
-    motion: tuple[Floats, Floats]
-    slopes: tuple[tuple[Floats, Floats], ...]
-    forces: tuple[Floats, ...]
-    applied: dict[str, tuple[Floats, Floats]]
-
-    @classmethod
-    def of(
-        cls, optimum: Optimum, misfit: Misfit, structure: Structure, channels: Sequence[Channel]
-    ) -> _Parts:
-        segments = optimum.segments
-        stride = segments.flow_steps_per_tangent
-        mechanics = segments.system.at(optimum.point.theta)
-        orbit = misfit.trajectories.thinned(stride)
-        motion = states_at_ends_and_middles(misfit.trajectories, stride, segments.step, segments.inputs)
-        slopes, forces = [], []
-        for links, memory in ((orbit.links, orbit.memory), (orbit.middle_links, orbit.middle_memory)):
-            partials = mechanics.partials(links[:, 0], links[:, 1], memory)
-            slopes.append((partials.by_d, partials.by_v))
-            force = np.empty_like(links[:, 0])
-            mechanics.force(links[:, 0], links[:, 1], memory, force, np.empty_like(memory))
-            forces.append(force)
-        applied: dict[str, tuple[Floats, Floats]] = {}
-        forced = [channel.place for channel in channels if channel.is_force]
-        if segments.inputs.force is not None and forced:
-            rows = np.stack([structure.topology.row(name) for name in forced])
-            known = np.linalg.pinv(rows.T)  # a few points by modes
-            on_modes = segments.inputs.applied(mechanics, slice(None))
-            for name, row in zip(forced, known, strict=True):
-                at_place = np.einsum("n,jpnk->jpk", row, on_modes)
-                applied[name] = at_ends_and_middles(at_place, stride)
-        return cls(optimum, misfit, structure, channels, motion, tuple(slopes), tuple(forces), applied)
-
-    def candidate_forces(self, point: str, mode: str, shape: float) -> list[HostForce]:
-        """The forces that follow from a shape that is larger by its own size: one on the mode, and one of each link there."""
-        topology, order = self.structure.topology, self.optimum.segments.system.order.tolist()
-        place, number = topology.index[point], topology.index[mode]
-        on_mode = [np.zeros_like(motion[:, 0, 0]) for motion in self.motion]
-        if point in self.applied:
-            on_mode = [shape * force for force in self.applied[point]]
-        candidates: list[HostForce] = []
-        for link, (first, second) in enumerate(topology.ends.tolist()):
-            if place not in (first, second):
-                continue
-            part, column = (shape if first == place else -shape), order.index(link)
-            change = [
-                part * (by_d[:, column] * motion[:, 0, number] + by_v[:, column] * motion[:, 1, number])
-                for (by_d, by_v), motion in zip(self.slopes, self.motion, strict=True)
-            ]
-            on_mode = [
-                total - part * force[:, column] for total, force in zip(on_mode, self.forces, strict=True)
-            ]
-            candidates.append((first, second, change[0], change[1]))
-        return [*candidates, (-1, number, on_mode[0], on_mode[1])]
-
-    def shown(self, point: str, mode: str, shape: float) -> list[tuple[int, Floats]]:
-        """What sensors at the point show more of."""
-        segments, number = self.optimum.segments, self.structure.topology.index[mode]
-        responses = [name for name in self.channels if not name.is_input]
-        return [
-            (
-                channel,
-                shape * motion_of(segments, self.misfit, int(segments.sensors.kind[channel]), number)[0],
-            )
-            for channel, name in enumerate(responses)
-            if name.place == point
-        ]
-
-
-_ROUNDING = 1e-9  # of a force
 _NOTHING = Number(0.0)
 _OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
 """Coefficients of modes, and by how many times a relative error of one changes the stiffness or damping."""
 
 
-def force_errors(
-    optimum: Optimum, misfit: Misfit, identified: Structure
-) -> tuple[list[Hypothesis], CandidateForces, Floats]:
-    """The errors of all masses and applied forces, as forces of root mean square 1; with the size of that in its own unit."""
-    hypotheses, masses, units, starts, middles = [], [], [], [], []
-    for hypothesis, mass, at_ends, between in _inertia_and_inputs(optimum, misfit, identified):
-        scale = float(np.sqrt(np.mean(at_ends**2)))
-        if not 0.0 < scale < np.inf:
-            continue
-        hypotheses.append(hypothesis)
-        masses.append(mass)
-        units.append(1.0 / scale)
-        starts.append(at_ends / scale)
-        middles.append(between / scale)
-    steps, count = len(misfit.trajectories.middle_links), optimum.segments.count
-    steps //= optimum.segments.flow_steps_per_tangent
-    forces = CandidateForces(
-        np.full(len(masses), -1),
-        np.array(masses, dtype=int),
-        np.stack(starts, axis=1) if starts else np.empty((steps + 1, 0, count)),
-        np.stack(middles, axis=1) if middles else np.empty((steps, 0, count)),
-    )
-    return hypotheses, forces, np.array(units)
-
-
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def errors_of_stated_values(
     optimum: Optimum, structure: Structure, identified: Structure
-) -> tuple[list[Hypothesis], LocalQuadratic]:
+) -> tuple[Sequence[Hypothesis], LocalQuadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
 
-    With the local model, at the `identified` structure, in the parameters and, after them, the sizes of these errors. Raises
-    numpy.linalg.LinAlgError where the optimum's equations are singular.
+    With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
     """
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        hypotheses, errors, units = force_errors(optimum, misfit, identified)
-        of_coefficients, forces, sizes = _known_terms(structure)
-        terms, of_terms = candidate_forces(optimum, misfit, forces)
-        augmented = augmented_quadratic(optimum, misfit, errors.joined(terms))
-    units = np.concatenate([units, of_terms / np.array(sizes)])
-    return hypotheses + of_coefficients, in_their_units(optimum, augmented, units)
+        known, forces, sizes = _known_terms(structure)
+        terms, units = candidate_forces(optimum.segments, misfit, forces)
+        own, nothing = np.eye(len(known)), np.empty((0, len(known)))
+        of_laws = TestedColumns(known, units / np.array(sizes), terms, None, own, nothing)
+        of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, misfit, identified)))
+        errors = TestedColumns.joined([of_masses, of_laws])
+        return errors.hypotheses, errors.local_quadratic(optimum, misfit)
 
 
 def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce], list[float]]:
@@ -413,164 +490,3 @@ def _weight(link: Link, variable: str) -> float:
         0.0, 0.0, {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
     )
     return float(slopes.by_d if variable == "d" else slopes.by_v)
-
-
-def _inertia_and_inputs(
-    optimum: Optimum, misfit: Misfit, identified: Structure
-) -> Iterator[tuple[Hypothesis, int, Floats, Floats]]:
-    """What a relative error of a mass, or of an applied force, or a delay of it, does to the mass.
-
-    Yields the hypothesis, the number of the mass, and the force on it at the ends (J + 1, K) and in the middles (J, K) of the
-    steps of the tangents, per unit of the error.
-    """
-    segments, names = optimum.segments, identified.mass_names
-    stride = segments.flow_steps_per_tangent
-    accelerations = segments.inputs.accelerations(misfit.trajectories.thinned(stride))
-    for i, name in enumerate(names):
-        if name in identified.modes:  # of unit mass by definition; its frequency and damping are terms
-            continue
-        inertia = -float(identified.mass_values[i])
-        ends, middles = (inertia * acceleration[:, i] for acceleration in accelerations)
-        yield Hypothesis("mass", name), i, ends, middles
-    if segments.inputs.force is None:
-        return
-    scaled, late = _estimated(segments.inputs.uncertain)
-    step, forces = (
-        segments.step * stride,
-        segments.inputs.applied(segments.system.at(optimum.point.theta), slice(None)),
-    )
-    for i, name in enumerate(names):
-        if name in identified.modes:  # on which a force acts at points
-            continue
-        applied = forces[:, :, i]
-        smallest = 0.0
-        if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
-            of_frame = float(identified.mass_values[i]) * segments.inputs.frame
-            smallest = _ROUNDING * float(np.max(np.abs(of_frame)))
-            applied = applied + of_frame
-        ends, middles = at_ends_and_middles(applied, stride)
-        if not np.max(np.abs(ends)) > smallest:
-            continue
-        if f"force:{name}" not in scaled:
-            yield Hypothesis("force gain", f"force:{name}"), i, ends, middles
-        if f"force:{name}" in late:
-            continue
-        both = np.empty((len(ends) + len(middles), ends.shape[-1]))
-        both[::2], both[1::2] = ends, middles
-        rate = np.gradient(both, axis=0, edge_order=2) / (0.5 * step)
-        yield Hypothesis("force delay", f"force:{name}"), i, -rate[::2], -rate[1::2]
-
-
-def _estimated(uncertain: UncertainForces | None) -> tuple[list[str], list[str]]:
-    """The forces whose gains, and those whose delays, are among the unknowns: their scores are rounding."""
-    if uncertain is None:
-        return [], []
-    gains, delays = (
-        [name for name, number in zip(uncertain.channels, numbers, strict=True) if number >= 0]
-        for numbers in (uncertain.gains, uncertain.delays)
-    )
-    return gains, delays
-
-
-@dataclass(frozen=True, eq=False)
-class TestedColumns:
-    """Columns of candidate `forces`, then of sensor `errors`, and the `units` (h,) of h hypotheses.
-
-    `weights` (c, h) is what each hypothesis has of the c columns.
-    """
-
-    __test__ = False  # no test of pytest
-
-    forces: CandidateForces
-    errors: SensorErrors
-    units: Floats
-    weights: Floats
-
-    @classmethod
-    def separate(cls, forces: CandidateForces, errors: SensorErrors, units: Floats) -> TestedColumns:
-        """Every column alone, in this order."""
-        return cls(forces, errors, units, np.eye(len(units)))
-
-    def with_sum(self, errors: SensorErrors) -> TestedColumns:
-        """These and the sum of the columns of `errors`, as one hypothesis in their unit."""
-        nobody = CandidateForces(
-            self.forces.first[:0],
-            self.forces.second[:0],
-            self.forces.starts[:, :0],
-            self.forces.middles[:, :0],
-        )
-        return self._with(nobody, errors, np.ones((len(errors.kind), 1)), np.ones(1))
-
-    def with_load_cells(self, forces: Sequence[int], channels: Sequence[int], refine: int) -> TestedColumns:
-        """These, where load cells show the `forces`, by number, in `channels`, with `refine` steps between their samples."""
-        values = self.forces.starts[::refine, list(forces)]
-        added = len(forces)
-        shown = np.zeros((added, self.weights.shape[1]))
-        shown[np.arange(added), list(forces)] = 1.0
-        errors = self.errors
-        return replace(
-            self,
-            errors=SensorErrors(
-                np.append(errors.channel, np.array(channels, dtype=int)),
-                (*errors.kind, *("load cell",) * added),
-                np.append(errors.source, np.full(added, -1)),
-                np.concatenate([errors.values, values[: len(errors.values)]], axis=1),
-            ),
-            weights=np.concatenate([self.weights, shown]),
-        )
-
-    def with_base(self, base: BaseErrors) -> TestedColumns:
-        """These and the errors of the base, each of which acts on all masses and in all channels."""
-        n, count = base.starts.shape[1:3]
-        channels = base.values.shape[1]
-        power = np.mean(base.starts**2, axis=(0, 1, 3))
-        scale = np.sqrt(np.where(power > 0.0, power, 1.0))
-        starts, middles, values = (
-            (part / scale[:, None]).reshape(len(part), -1, part.shape[-1])
-            for part in (base.starts, base.middles, base.values)
-        )
-        masses, sensors = np.repeat(np.arange(n), count), np.repeat(np.arange(channels), count)
-        forces = CandidateForces(np.full(len(masses), -1), masses, starts, middles)
-        errors = SensorErrors(sensors, BASE_ERRORS * channels, np.full(len(sensors), -1), values)
-        return self._with(forces, errors, np.tile(np.eye(count), (n + channels, 1)), 1.0 / scale)
-
-    def with_shapes(self, shapes: ShapeErrors) -> TestedColumns:
-        """These and errors of the shapes of hosts, each of which acts on several places and channels."""
-        return self._with(shapes.forces, shapes.errors, shapes.weights, np.ones(len(shapes.places)))
-
-    def with_damping(self, damping: DampingErrors) -> TestedColumns:
-        """These and damping between modes of hosts, which acts on both modes."""
-        nowhere = SensorErrors(self.errors.channel[:0], (), self.errors.source[:0], self.errors.values[:, :0])
-        return self._with(damping.forces, nowhere, damping.weights, damping.units)
-
-    def _with(
-        self, forces: CandidateForces, errors: SensorErrors, weights: Floats, units: Floats
-    ) -> TestedColumns:
-        """These and hypotheses of which each has `weights` (c, h) of more columns, forces first."""
-        before, added = len(self.forces.first), len(forces.first)
-        own = np.pad(self.weights, ((0, 0), (0, len(units))))
-        more = np.pad(weights, ((0, 0), (self.weights.shape[1], 0)))
-        return TestedColumns(
-            self.forces.joined(forces) if added else self.forces,
-            SensorErrors(
-                np.append(self.errors.channel, errors.channel),
-                (*self.errors.kind, *errors.kind),
-                np.append(self.errors.source, errors.source),
-                np.concatenate([self.errors.values, errors.values], axis=1),
-            ),
-            np.append(self.units, units),
-            np.concatenate([own[:before], more[:added], own[before:], more[added:]]),
-        )
-
-    def joined(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
-        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
-        columns, hypotheses = self.weights.shape
-        weights = np.eye(parameters + columns, parameters + hypotheses)
-        weights[parameters:, parameters:] = self.weights
-        curvature = weights.T @ augmented.curvature @ weights
-        white = augmented.scatter is augmented.curvature
-        return (
-            curvature,
-            weights.T @ augmented.slope,
-            curvature if white else weights.T @ augmented.scatter @ weights,
-        )

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from itertools import chain
 
 import numpy as np
 
@@ -45,17 +45,16 @@ from linkwise.likelihood.shooting.residuals import (
     relative_to_gain,
 )
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.tests.columns import (
-    BASE_ERRORS,
-    BaseErrors,
-    DampingErrors,
-    ShapeErrors,
+    Added,
+    FittedMotion,
     TestedColumns,
-    force_errors,
+    base_errors,
+    damping_between_modes,
+    inertia_and_inputs,
+    shape_errors,
 )
 from linkwise.likelihood.tests.score_test import (
-    BETWEEN_MODES,
     MEMORY_TERMS,
     PRICE_OF_REACH,
     CandidateForce,
@@ -74,7 +73,7 @@ from linkwise.likelihood.tests.score_test import (
 )
 from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
-from linkwise.records.channel import BASE, Channel
+from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
@@ -84,8 +83,9 @@ class TestedCauses:
     """What may explain what a fit leaves, and the equations at its optimum with a column for each.
 
     `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
-    which `units` (h,) are in their own; `filtered` is the column of a filter that all channels share. `model` is that of the
-    optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found beside these.
+    which `units` (h,) are in their own; `attenuation` is what a filter of unit size takes off the gain of a channel. `model`
+    is that of the optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found
+    beside these.
     """
 
     __test__ = False  # no test of pytest
@@ -95,8 +95,7 @@ class TestedCauses:
     curvature: Floats
     slope: Floats
     scatter: Floats
-    errors: SensorErrors
-    filtered: SensorErrors
+    attenuation: float
     model: FactoredModel | None
     longer: tuple[Optimum, Misfit]
 
@@ -151,42 +150,8 @@ _AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
 
-class TestedMasses(Protocol):
-    """Hypotheses, masses among them, the units of their sizes, and their tests."""
-
-    @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]: ...
-
-    @property
-    def units(self) -> Floats: ...
-
-    @property
-    def tests(self) -> SingleTests: ...
-
-
-@dataclass(frozen=True, eq=False)
-class HintedMasses:
-    """Masses to which residuals point: their `names` and relative `errors` (m,), the likeliest first.
-
-    `moves` (p, m), in SI units, is what each of these errors alone makes of the coefficients.
-    """
-
-    names: tuple[str, ...]
-    errors: Floats
-    moves: Floats
-
-    @property
-    def covariance(self) -> Floats:
-        """(p, p) what they add to that of the coefficients."""
-        return np.asarray(self.moves @ self.moves.T)
-
-    @property
-    def hint(self) -> str:
-        """What the residuals show of them."""
-        return " or ".join(
-            f"a mass of {name} that is off by {100.0 * error:+.2g} %"
-            for name, error in zip(self.names, self.errors.tolist(), strict=True)
-        )
+Hint = tuple[dict[str, Floats], str]
+"""What is added to the covariance (p, p) of the coefficients, by what makes it wider, and at what the residuals hint."""
 
 
 def which_stated(hypotheses: Sequence[Hypothesis], unknowns: Sequence[str]) -> list[int]:
@@ -219,21 +184,11 @@ def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
     return np.asarray(are_masses & (gains > _MASS_CHANCE + 2.0 * np.log(np.count_nonzero(are_masses))))
 
 
-def hinted_masses(fit: LikelihoodFit, tested: TestedMasses) -> HintedMasses | None:
-    """The masses to which the residuals of laws that leave only noise point.
+def hinted_masses(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
+    """The masses to which the residuals of laws that leave only noise point, the likeliest first, each alone.
 
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        The fit.
-    tested : TestedMasses
-        What was tested at it.
-
-    Returns
-    -------
-    HintedMasses or None
-        Those that gain as much as chance gives to a mass of one fit in 80, and others nearly as likely, which would change a
-        coefficient by more than its standard error; None without any.
+    Those that gain as much as chance gives to a mass of one fit in 80, and others nearly as likely, which would change a
+    coefficient by more than its standard error; None without any.
     """
     optimum = fit.optimum
     stated = np.array(which_stated(tested.hypotheses, optimum.segments.system.parameters.names), dtype=int)
@@ -249,9 +204,12 @@ def hinted_masses(fit: LikelihoodFit, tested: TestedMasses) -> HintedMasses | No
     likely = np.flatnonzero(felt & (gains > _AS_LIKELY * largest) & (np.abs(errors) < LARGEST))
     if not len(likely):
         return None
-    order = likely[np.argsort(-gains[likely])]
-    names = tuple(tested.hypotheses[number].where for number in stated[order].tolist())
-    return HintedMasses(names, errors[order], moves[:, order])
+    likely = likely[np.argsort(-gains[likely])]
+    words = [
+        f"a mass of {tested.hypotheses[stated[k]].where} that is off by {100.0 * errors[k]:+.2g} %"
+        for k in likely
+    ]
+    return {"masses": moves[:, likely] @ moves[:, likely].T}, " or ".join(words)
 
 
 def beyond_white(fit: LikelihoodFit) -> float:
@@ -350,7 +308,7 @@ def overdispersion(optimum: Optimum, forces: Sequence[CandidateForce]) -> Overdi
     if segments.count < FEWEST * BLOCKS[0]:
         return None
     misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-    candidates, units = candidate_forces(optimum, misfit, forces)
+    candidates, units = candidate_forces(segments, misfit, forces)
     scores = block_scores(
         segments, misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0], candidates=candidates
     )
@@ -520,51 +478,42 @@ def _tested_in(
 ) -> tuple[TestedCauses, float]:
     """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
     optimum, misfit = longer
-    filtered = common_filter(optimum.segments, misfit)
-    hypotheses, candidates, units = _forces(optimum, misfit, identified, terms)
-    errors = SensorErrors.of(optimum.segments, misfit)
-    shown = [name for name in channels if not name.is_input]
-    hypotheses += [
-        Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
-        for kind, channel, source in zip(
-            errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True
-        )
-    ]
-    columns = TestedColumns.separate(candidates, errors, np.concatenate([units, np.ones(len(errors.kind))]))
-    cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.startswith("f:")}
-    measured = [
-        k for k, lacking in enumerate(hypotheses) if lacking.kind == "term" and lacking.where in cells
-    ]
-    if measured:
-        channels_of_cells = [cells[hypotheses[k].where] for k in measured]
-        columns = columns.with_load_cells(measured, channels_of_cells, optimum.segments.tangent_refine)
-    hypotheses.append(Hypothesis("filter", "all channels"))
-    columns = columns.with_sum(filtered)
-    timed = errors.of_kind(CLOCK)
-    inputs = [name for name in channels if name.is_input]
-    if len(inputs) == 1 and timed.kind:
-        hypotheses.append(Hypothesis(CLOCK, inputs[0]))
-        columns = columns.with_sum(replace(timed, values=-timed.values))
-    of_base = BaseErrors.of(optimum, misfit)
-    if of_base is not None:
-        base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in channels)
-        hypotheses += [Hypothesis(kind, base) for kind in BASE_ERRORS]
-        columns = columns.with_base(of_base)
-    shapes = ShapeErrors.of(optimum, misfit, identified, channels) if identified.hosts else None
-    if shapes is not None:
-        hypotheses += [Hypothesis("shape", point, source=mode) for point, mode in shapes.places]
-        columns = columns.with_shapes(shapes)
-    damping = DampingErrors.of(optimum, misfit, identified) if identified.hosts else None
-    if damping is not None:
-        hypotheses += [Hypothesis(BETWEEN_MODES, link) for link in damping.links]
-        columns = columns.with_damping(damping)
-    blocks = blocks_in(longer[0].segments, fit.segments)
+    motion = FittedMotion(optimum, misfit, identified, channels)
+    errors, filtered = SensorErrors.of(optimum.segments, misfit), common_filter(optimum.segments, misfit)
+    columns = TestedColumns.joined(_columns(motion, errors, filtered, terms=terms))
+    assert (
+        columns.forces is not None and columns.errors is not None
+    )  # which are those of terms and sensors at least
+    blocks = blocks_in(optimum.segments, fit.segments)
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
-    curvature, slope, scatter = columns.joined(augmented, optimum.segments.system.parameters.size)
-    named = in_units_of(hypotheses, identified)
-    equations, of_sensors = (curvature, slope, scatter), (errors, filtered)
-    tested = TestedCauses(named, columns.units, *equations, *of_sensors, augmented.model, longer)
+    equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
+    named, of_filter = in_units_of(columns.hypotheses, identified), relative_to_gain(filtered, errors)
+    tested = TestedCauses(named, columns.units, *equations, of_filter, augmented.model, longer)
     return tested, augmented.growth
+
+
+def _columns(
+    motion: FittedMotion, errors: SensorErrors, filtered: SensorErrors, *, terms: bool
+) -> list[TestedColumns]:
+    """Missing terms, errors of masses and inputs, of sensors, of all channels together, of the base and of hosts."""
+    channels, estimated = motion.channels, motion.segments.system.parameters.names
+    lacking = (missing_forces if terms else usual_terms)(motion.structure, estimated)
+    together = [Added(Hypothesis("filter", "all channels"), samples=_samples(filtered))]
+    timed, inputs = errors.of_kind(CLOCK), [name for name in channels if name.is_input]
+    if len(inputs) == 1 and timed.kind:
+        early = replace(timed, values=-timed.values)
+        together.append(Added(Hypothesis(CLOCK, inputs[0]), samples=_samples(early)))
+    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
+    return [
+        TestedColumns.of_terms(motion, lacking),
+        TestedColumns.of(inertia_and_inputs(motion)),
+        TestedColumns.of_sensors(errors, [name for name in channels if not name.is_input]),
+        TestedColumns.of(chain(together, base_errors(motion), *of_hosts)),
+    ]
+
+
+def _samples(errors: SensorErrors) -> list[tuple[int, Floats]]:
+    return list(zip(errors.channel.tolist(), np.moveaxis(errors.values, 1, 0), strict=True))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
@@ -581,12 +530,12 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
     significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
     if significant[at_filter]:
-        attenuation = sizes[at_filter] * relative_to_gain(tested.filtered, tested.errors)
+        attenuation = sizes[at_filter] * tested.attenuation
         significant[at_filter] = 0.0 < attenuation < LARGEST
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )
-    forces = _force_of_links(optimum, misfit, identified) if significant.any() else {}
+    forces = link_forces(optimum, misfit, identified) if significant.any() else {}
     causes = (
         replace(
             _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
@@ -601,8 +550,9 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
     optimum, misfit = fit.optimum, fit.misfit
-    hypotheses, forces = missing_terms(identified)
-    candidates, norms = candidate_forces(optimum, misfit, forces)
+    lacking = missing_terms(identified)
+    hypotheses, forces = [one for one, _ in lacking], [force for _, force in lacking]
+    candidates, norms = candidate_forces(optimum.segments, misfit, forces)
     augmented = augmented_quadratic(optimum, misfit, candidates)
     curvature, slope = augmented.curvature, augmented.slope.copy()
     parameters = optimum.segments.system.parameters.size
@@ -614,7 +564,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     )
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
     tests = single_tests(curvature, slope, curvature, parameters)
-    powers = _force_of_links(optimum, misfit, identified)
+    powers = link_forces(optimum, misfit, identified)
     present = {link.name: linear_terms(link) for link in identified.links}
     return tuple(
         _cause(hypotheses[number], tests, number, powers)
@@ -651,12 +601,6 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
 def _shows_noise(optimum: Optimum) -> bool:
     """Whether sensors show noise of the base directly, which a filter would seem to take off."""
     return optimum.segments.random is not None and optimum.segments.random.shown is not None
-
-
-def _force_of_links(optimum: Optimum, misfit: Misfit, identified: Structure) -> dict[str, float]:
-    """Root mean square of the force in each link, in N; random forces, which come last among the links, left out."""
-    sizes = link_forces(optimum, misfit)[: len(identified.links)]
-    return dict(zip((link.name for link in identified.links), sizes, strict=True))
 
 
 def _sample(optimum: Optimum) -> float:
@@ -696,8 +640,8 @@ def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict
     )
 
 
-def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
-    """Root mean square of the force in each link along the fitted motion, in N, in the structure's order."""
+def link_forces(optimum: Optimum, misfit: Misfit, structure: Structure) -> dict[str, float]:
+    """Root mean square of the force in each link along the fitted motion, in N; random forces, which come last, left out."""
     mechanics, orbit = optimum.segments.system.at(optimum.point.theta), misfit.trajectories
     d, v = orbit.links[:, 0], orbit.links[:, 1]
     force, rates = np.empty(d.shape), np.empty(orbit.memory.shape)
@@ -705,16 +649,4 @@ def link_forces(optimum: Optimum, misfit: Misfit) -> list[float]:
     power = np.mean(force**2, axis=(0, 2))
     sizes = np.empty(len(power))
     sizes[optimum.segments.system.order] = np.sqrt(power)
-    return list(sizes)
-
-
-def _forces(
-    optimum: Optimum, misfit: Misfit, identified: Structure, terms: bool
-) -> tuple[list[Hypothesis], CandidateForces, Floats]:
-    """Errors of masses and applied forces, and missing terms, as forces; with the size of each in its own unit."""
-    estimated = optimum.segments.system.parameters.names
-    hypotheses, forces = (missing_forces if terms else usual_terms)(identified, estimated)
-    of_terms, _ = candidate_forces(optimum, misfit, forces)
-    of_errors, errors, units = force_errors(optimum, misfit, identified)
-    sizes = np.ones(len(forces))  # of a term: the root mean square of its force, which is its scale here
-    return hypotheses + of_errors, of_terms.joined(errors), np.concatenate([sizes, units])
+    return dict(zip((link.name for link in structure.links), sizes.tolist(), strict=False))

@@ -31,7 +31,7 @@ from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
-from linkwise.likelihood.shooting.flow import Inputs, Trajectories, at_ends_and_middles
+from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import (
     Border,
     FactoredModel,
@@ -317,7 +317,7 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
     """
     with one_blas_thread():
         misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        candidates, units = candidate_forces(optimum, misfit, forces)
+        candidates, units = candidate_forces(optimum.segments, misfit, forces)
         augmented = augmented_quadratic(optimum, misfit, candidates)
     return in_their_units(optimum, augmented, units)
 
@@ -411,31 +411,14 @@ def _in_pieces(
 
 
 def candidate_forces(
-    optimum: Optimum, misfit: Misfit, forces: Sequence[CandidateForce]
-) -> tuple[CandidateForces, Floats]:
-    """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
-    return candidates_along(optimum.segments, misfit, forces)
-
-
-def candidates_along(
     segments: Segments, misfit: Misfit, forces: Sequence[CandidateForce]
 ) -> tuple[CandidateForces, Floats]:
-    """`candidate_forces` along the orbit of `misfit`."""
-    ends, middles = states_at_ends_and_middles(
-        misfit.trajectories,
-        segments.flow_steps_per_tangent,
-        segments.step,
-        segments.inputs,
-        segments.system.base_error,
-    )
-    points = segments.system.at(misfit.point.theta).points
+    """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
+    motion = _with_points(states_along(segments, misfit), segments.system.at(misfit.point.theta).points)
     pairs = {pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))}
-    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % (ends.shape[2] + len(points))
+    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % motion.shape[2]
     firsts, seconds = map(as_slice, places)
-    elongations = np.empty((len(ends) + len(middles), 2, len(pairs), segments.count))
-    for own, motion in ((elongations[::2], ends), (elongations[1::2], middles)):
-        of_places = _with_points(motion, points)
-        np.subtract(of_places[:, :, firsts], of_places[:, :, seconds], out=own)
+    elongations = motion[:, :, firsts] - motion[:, :, seconds]
     both = np.empty((len(elongations), len(forces), segments.count), np.float32)
     units = np.ones(len(forces))
     for laws, numbers in _of_equal_pairs(forces):
@@ -470,38 +453,39 @@ def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats
     plain = tuple(law.expression for law in laws if isinstance(law, Law))
     if plain:
         signals = segments.inputs.signals
-        along = np.empty((len(signals), len(motion), 1, segments.count))
-        for own, values in zip(along, signals.values(), strict=True):
-            own[::2, 0], own[1::2, 0] = at_ends_and_middles(values, segments.flow_steps_per_tangent)
+        along = [input_along(values, segments.flow_steps_per_tangent)[:, None] for values in signals.values()]
         return cached_program(plain, (*VARIABLES, *signals))(motion[:, 0], motion[:, 1], *along)
     return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
 
 
-def states_at_ends_and_middles(
-    orbit: Trajectories, refine: int, step: Floats, inputs: Inputs, base_error: int | None = None
-) -> tuple[Floats, Floats]:
-    """x and v (J + 1, 2, n + 2, K) at the ends of the steps of the tangents and (J, 2, n + 2, K) in their middles.
+def in_turn(ends: Floats, middles: Floats) -> Floats:
+    """(2 J + 1, ...) of values at the ends (J + 1, ...) of steps and in their middles (J, ...)."""
+    both = np.empty((len(ends) + len(middles), *ends.shape[1:]))
+    both[::2], both[1::2] = ends, middles
+    return both
 
-    The base, less the state `base_error`, and the ground follow the masses. The middles follow from x, v and a at both ends,
-    to the sixth order.
+
+def input_along(points: Floats, refine: int) -> Floats:
+    """(2 J + 1, ...) of an input (J refine, 5, ...) that is given at the points of every step of the flow."""
+    return in_turn(*at_ends_and_middles(points, refine))
+
+
+def states_along(segments: Segments, misfit: Misfit) -> Floats:
+    """x and v (2 J + 1, 2, n + 2, K) at the ends of the steps of the tangents and in their middles, in turn.
+
+    The base, less its error among the states, and the ground follow the masses. The middles follow from x, v and a at both
+    ends, to the sixth order.
     """
-    coarse = orbit.thinned(refine)
-    h = step * refine
-    ends, middles = coarse.states.copy(), coarse.middles(h)
-    ends[:, 1] /= h
-    middles[:, 1] /= h
-    base_ends, base_middles = _base(inputs, refine, len(ends), ends.shape[-1])
+    refine, base_error = segments.flow_steps_per_tangent, segments.system.base_error
+    orbit, step = misfit.trajectories.thinned(refine), segments.step * refine
+    masses = in_turn(orbit.states, orbit.middles(step))
+    masses[:, 1] /= step
+    base = np.zeros((len(masses), 2, 1, segments.count))
+    if segments.inputs.base is not None:
+        base[:, :, 0] = input_along(segments.inputs.base, refine)
     if base_error is not None:
-        base_ends = base_ends - np.stack([coarse.memory, 0.0 * coarse.memory], axis=1)[:, :, [base_error]]
-        between = coarse.middle_memory
-        base_middles = base_middles - np.stack([between, 0.0 * between], axis=1)[:, :, [base_error]]
-    return _with_base_and_ground(ends, base_ends), _with_base_and_ground(middles, base_middles)
-
-
-def _with_base_and_ground(motion: Floats, base: Floats) -> Floats:
-    """(J, 2, n + 2, K): after the masses the base (index -2) and the ground (index -1)."""
-    ground = np.zeros_like(base)
-    return np.concatenate([motion, base, ground], axis=2)
+        base[:, 0, 0] -= in_turn(orbit.memory, orbit.middle_memory)[:, base_error]
+    return np.concatenate([masses, base, np.zeros_like(base)], axis=2)
 
 
 def _with_points(motion: Floats, points: Floats) -> Floats:
@@ -511,14 +495,6 @@ def _with_points(motion: Floats, points: Floats) -> Floats:
     masses, supports = motion[:, :, :-2], motion[:, :, -2:]
     of_points = np.einsum("pn,jdnk->jdpk", points[::-1], masses)
     return np.concatenate([masses, of_points, supports], axis=2)
-
-
-def _base(inputs: Inputs, refine: int, ends: int, count: int) -> tuple[Floats, Floats]:
-    """(J + 1, 2, 1, K) and (J, 2, 1, K) of the base, at rest where it has no record."""
-    if inputs.base is None:
-        return np.zeros((ends, 2, 1, count)), np.zeros((ends - 1, 2, 1, count))
-    at_ends, middles = at_ends_and_middles(inputs.base, refine)
-    return at_ends[:, :, None], middles[:, :, None]
 
 
 _TERMS = tuple(
@@ -558,22 +534,19 @@ def in_units_of(hypotheses: Iterable[Hypothesis], structure: Structure) -> tuple
     )
 
 
-def missing_forces(
-    structure: Structure, estimated: Collection[str] = ()
-) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, and links that the structure may lack, with the force of each; as `missing_terms`."""
-    hypotheses, forces = missing_terms(structure, estimated)
-    of_links, added = _missing_links(structure)
-    return hypotheses + of_links, forces + added
+Lacking = list[tuple[Hypothesis, CandidateForce]]
+"""What links or the structure may lack, with the force of each."""
 
 
-def usual_terms(
-    structure: Structure, estimated: Collection[str] = ()
-) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """The few terms that links lack most often, with the force of each, for fits that leave no more than noise."""
-    hypotheses, forces = missing_terms(structure, estimated)
-    usual = which_usual(hypotheses, structure)
-    return [hypotheses[number] for number in usual], [forces[number] for number in usual]
+def missing_forces(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
+    """Terms that links may lack, and links that the structure may lack; as `missing_terms`."""
+    return missing_terms(structure, estimated) + _missing_links(structure)
+
+
+def usual_terms(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
+    """The few terms that links lack most often, for fits that leave no more than noise."""
+    every = missing_terms(structure, estimated)
+    return [every[number] for number in which_usual([hypothesis for hypothesis, _ in every], structure)]
 
 
 def which_usual(hypotheses: Sequence[Hypothesis], structure: Structure) -> list[int]:
@@ -590,22 +563,19 @@ def which_between_modes(hypotheses: Sequence[Hypothesis]) -> list[int]:
     return [number for number, hypothesis in enumerate(hypotheses) if hypothesis.kind == BETWEEN_MODES]
 
 
-def missing_terms(
-    structure: Structure, estimated: Collection[str] = ()
-) -> tuple[list[Hypothesis], list[CandidateForce]]:
-    """Terms that links may lack, with the force of each; modes of hosts come last.
+def missing_terms(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
+    """Terms that links may lack; modes of hosts come last.
 
     Terms whose coefficients are among those `estimated`, by name, are there: their scores are rounding.
     """
     names = [link.name for link in structure.links if _offered(link, structure)]
     tested = set(sorted(names, key=lambda name: name in structure.modes)[:_LINKS])
-    pairs = [
+    return [
         (_of_term(link.name, law, structure), CandidateForce(first, second, law))
         for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True)
         if link.name in tested
         for law in _lacking(link, structure, estimated)
     ]
-    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
 def _lacking(link: Link, structure: Structure, estimated: Collection[str]) -> list[Law | MemoryForce]:
@@ -637,7 +607,7 @@ def _of_term(link: str, law: Law | MemoryForce, structure: Structure) -> Hypothe
     return Hypothesis(kind, link, law.text, unit=unit)
 
 
-def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce]]:
+def _missing_links(structure: Structure) -> Lacking:
     """Links between masses or points, and from one to the ground, that are not there; none where there are too many of them.
 
     Where links end at the base, so may those; at the ground as well only where a link does. None joins a rotation and what
@@ -652,9 +622,9 @@ def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[Candida
     rotations = structure.rotations
     free = [pair for pair in ends if frozenset(pair) not in linked and not differ_in_unit(pair, rotations)]
     if len(free) > _PAIRS:
-        return [], []
+        return []
     index = structure.topology.index
-    pairs = [
+    return [
         (
             Hypothesis("link", "-".join(pair), law.text, unit=unit_in(structure, f"force:{pair[0]}")),
             CandidateForce(index[pair[0]], index[pair[1]], law),
@@ -662,7 +632,6 @@ def _missing_links(structure: Structure) -> tuple[list[Hypothesis], list[Candida
         for pair in free
         for law in _OF_LINKS
     ]
-    return [hypothesis for hypothesis, _ in pairs], [force for _, force in pairs]
 
 
 _STEP = 0.5  # deviations of its size: for the difference of the log determinant

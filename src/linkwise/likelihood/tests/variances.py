@@ -34,6 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -49,6 +50,7 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.segments import Segments
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE
 from linkwise.records.channel_units import unit_in
@@ -86,8 +88,6 @@ class VarianceScore:
 
     Attributes
     ----------
-    excess : float
-        The score: the sum of squares less its mean.
     gain : float
         What the variance would take off -2 log likelihood.
     """
@@ -95,7 +95,6 @@ class VarianceScore:
     normal: float
     deviation: float
     error: float
-    excess: float
     gain: float
 
     @classmethod
@@ -125,7 +124,6 @@ class VarianceScore:
             normal=normal_score(excess, square, cube),
             deviation=float(np.sqrt(max(excess, 0.0) / square)),
             error=float(np.sqrt(2.0 / square)),
-            excess=excess,
             gain=_gain(excess, square, cube),
         )
 
@@ -359,11 +357,6 @@ class InputNoise:
     unit: str
 
     @property
-    def description(self) -> str:
-        """In words, with its size."""
-        return f"noise of {self.channel} of {self.score.deviation:.3g} {self.unit}"
-
-    @property
     def cause(self) -> Cause | None:
         """The noise as a cause of the residuals, where it is significant and small enough to be noise."""
         score = self.score
@@ -393,8 +386,11 @@ def noise_of_inputs(
         return ()
     try:
         with one_blas_thread():
-            multipliers = _multipliers(*_beginning(optimum, misfit), free_of_bounds(fit))
+            equations = DrawnEquations.of(fit, *_beginning(optimum, misfit), _RELAXED)
+            multipliers = None if equations is None else _multipliers(equations)
     except np.linalg.LinAlgError:
+        return ()
+    if multipliers is None:
         return ()
     estimates = []
     for channel, rms, pattern in inputs:
@@ -502,54 +498,98 @@ def input_kicks(
         yield f"force:{name}", float(np.sqrt(np.mean(applied**2))), length * noisy * pattern
 
 
-def _multipliers(optimum: Optimum, misfit: Misfit, free: Bools) -> Floats:
+@dataclass(frozen=True, eq=False)
+class DrawnEquations:
+    """The linearised equations at an optimum and a relaxation, for right-hand sides of noise; unknowns follow where `free`."""
+
+    optimum: Optimum
+    misfit: Misfit
+    linear: Linearization
+    factor: BorderedFactor
+    free: Bools
+    q: float
+
+    @classmethod
+    def of(cls, fit: LikelihoodFit, optimum: Optimum, misfit: Misfit, q: float) -> DrawnEquations | None:
+        """Those of a fit, in all of its segments or their beginning; None where they are singular."""
+        linear = linearise(optimum.segments, misfit, optimum.scales, optimum.loss)
+        factor = linear.equations(q).factor()
+        return None if factor is None else cls(optimum, misfit, linear, factor, free_of_bounds(fit), q)
+
+    def rows(self, width: int) -> Iterator[tuple[slice, Floats]]:
+        """(k, M C, m + P + 1) the residuals by nodes and border, and themselves, in parts for so many right-hand sides."""
+        optimum, segments = self.optimum, self.optimum.segments
+        wide = at_once(segments.count, segments.samples[..., 0].size * width)
+        for part in min(chunks(segments, len(self.free)), wide, key=lambda parts: parts[0].stop):
+            rows, _ = whitened_jacobian(segments, self.misfit, optimum.scales, optimum.loss, part)
+            yield part, rows.astype(float)
+
+    def pulls(self, width: int, noise: Callable[[slice, Floats], Floats]) -> tuple[Floats, Floats]:
+        """Slopes by the nodes (K, m, width) and the border (P, width) of the `noise` of residuals in parts, by their rows."""
+        segments = self.optimum.segments
+        m = segments.system.dimension
+        nodes, border = np.zeros((segments.count, m, width)), np.zeros((len(self.free), width))
+        for part, rows in self.rows(width):
+            own = noise(part, rows)
+            nodes[part] = rows[..., :m].transpose(0, 2, 1) @ own
+            border += np.einsum("krp,krd->pd", rows[..., m:-1], own)
+        return nodes, border
+
+    def solved(self, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
+        """Solutions (K, m, d) and (P, d) for right-hand sides of the same shapes, zero where not `free`."""
+        (P, d), factor, free = border.shape, self.factor, self.free
+        columns = factor.forward[..., :P].reshape(-1, P)
+        forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
+        solved = np.zeros_like(border)
+        if free.any():
+            right = border - columns.T @ forward
+            solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
+        back, _ = lapack.dtbtrs(factor.chol, forward - columns @ solved, uplo="L", trans="T")
+        return back.reshape(nodes.shape), solved
+
+    def by_kicks(self, nodes: Floats, border: Floats) -> Floats:
+        """(K - 1, n, d) slopes of half the cost in s/m by kicks of the masses, from steps (K, m, d) and (P, d)."""
+        ends = np.einsum("kij,kjd->kid", self.linear.state_ends, nodes[:-1])
+        ends += self.linear.right_ends[..., : len(border)] @ border
+        return self.of_defects(nodes[1:] * self.linear.joined[:, :, None] - ends)
+
+    def of_defects(self, defects: Floats) -> Floats:
+        """The same from scaled defects (K - 1, m, d)."""
+        n = len(self.optimum.segments.system.incidence)
+        scale = self.optimum.scales.state[n : 2 * n, None]
+        return np.asarray(defects[:, n : 2 * n] / self.q**2 / scale)
+
+
+def _multipliers(equations: DrawnEquations) -> Floats:
     """(K - 1, n, 1 + draws) slopes of half the cost by kicks of the masses at the nodes, in s/m.
 
-    Those of the residuals first, then those of draws of noise of the same size; unknowns of the border follow where `free`.
+    Those of the residuals first, then those of draws of noise of the same size.
     """
-    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
-    linear = linearise(segments, misfit, scales, optimum.loss)
-    equations = linear.equations(_RELAXED)
-    factor = equations.factor()
-    if factor is None:
-        raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
-    kicked = np.empty((segments.count - 1, n, 1 + DRAWS))
+    segments = equations.optimum.segments
+    multipliers = np.empty((segments.count - 1, len(segments.system.incidence), 1 + DRAWS))
     draws = DRAWS if segments.count < _MANY else _FEW
     rng = np.random.default_rng(SEED)
     for first in range(0, DRAWS, draws):
-        nodes, border = _gradients(optimum, misfit, len(equations.corner), draws, rng)
+        drawn = _noise(equations.optimum, equations.misfit, draws, rng)
+        nodes, border = equations.pulls(1 + draws, partial(_with_draws, segments, drawn))
         for columns in at_once(1 + draws, nodes[..., 0].size):
-            steps = steps_of(factor, free, nodes[..., columns], border[:, columns])
             places = np.arange(columns.start, columns.stop)
             places[places > 0] += first
-            kicked[..., places] = changes_of_defects(linear, *steps)[:, n : 2 * n]
-    kicked /= _RELAXED**2
-    kicked /= scales.state[n : 2 * n, None]
-    return kicked
+            steps = equations.solved(nodes[..., columns], border[:, columns])
+            multipliers[..., places] = equations.by_kicks(*steps)
+    return multipliers
+
+
+def _with_draws(segments: Segments, drawn: Callable[[slice], Floats], part: slice, rows: Floats) -> Floats:
+    """(k, M C, 1 + draws) the residuals of a part of the segments, and draws of their noise."""
+    observed = segments.observed[..., part].transpose(2, 0, 1).reshape(len(rows), -1, 1)
+    return np.concatenate([rows[..., -1:], observed * drawn(part)], axis=2)
 
 
 def at_once(count: int, size: int) -> list[slice]:
     """Parts of `count` things of `size` numbers each, that take little memory together."""
     width = max(_AT_ONCE // max(size, 1), 1)
     return [slice(first, min(first + width, count)) for first in range(0, count, width)]
-
-
-def _gradients(
-    optimum: Optimum, misfit: Misfit, unknowns: int, draws: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Slopes by the nodes (K, m, 1 + draws) and by the border (P, 1 + draws) of residuals and of draws of their noise."""
-    segments, m = optimum.segments, optimum.segments.system.dimension
-    nodes, border = np.zeros((segments.count, m, 1 + draws)), np.zeros((unknowns, 1 + draws))
-    drawn = _noise(optimum, misfit, draws, rng)
-    wide_parts = at_once(segments.count, segments.samples[..., 0].size * (1 + draws))
-    for part in min(chunks(segments, unknowns), wide_parts, key=lambda parts: parts[0].stop):
-        rows, _ = whitened_jacobian(segments, misfit, optimum.scales, optimum.loss, part)
-        wide = rows.astype(float)
-        observed = segments.observed[..., part].transpose(2, 0, 1).reshape(len(wide), -1, 1)
-        noise = np.concatenate([wide[..., -1:], observed * drawn(part)], axis=2)
-        nodes[part] = wide[..., :m].transpose(0, 2, 1) @ noise
-        border += np.einsum("krp,krd->pd", wide[..., m:-1], noise)
-    return nodes, border
 
 
 def _noise(
@@ -569,23 +609,3 @@ def _noise(
         series = optimum.coloured.drawn(rng.standard_normal((K * M, draws)), channel)
         whole[:, :, channel] = series.reshape(K, M, draws)
     return lambda part: whole[part].reshape(-1, M * C, draws).astype(float)
-
-
-def steps_of(factor: BorderedFactor, free: Bools, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
-    """Solutions (K, m, d) and (P, d) of the equations for right-hand sides of the same shapes, zero where not `free`."""
-    P, d = border.shape
-    columns = factor.forward[..., :P].reshape(-1, P)
-    forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
-    solved = np.zeros_like(border)
-    if free.any():
-        right = border - columns.T @ forward
-        solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
-    back, _ = lapack.dtbtrs(factor.chol, forward - columns @ solved, uplo="L", trans="T")
-    return back.reshape(nodes.shape), solved
-
-
-def changes_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
-    """(K - 1, m, d) of the defects by steps of the nodes (K, m, d) and the border (P, d)."""
-    ends = np.einsum("kij,kjd->kid", linear.state_ends, nodes[:-1])
-    ends += linear.right_ends[..., : len(border)] @ border
-    return np.asarray(nodes[1:] * linear.joined[:, :, None] - ends)
