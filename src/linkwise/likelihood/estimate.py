@@ -44,7 +44,6 @@ from linkwise.likelihood.optima.profiles import profile_ends, with_profiles
 from linkwise.likelihood.optima.restarts import (
     FitFrom,
     fit_from_valleys,
-    fit_of_memory_beside_hosts,
     fit_or_another,
     fit_with_restarts,
 )
@@ -76,7 +75,12 @@ from linkwise.likelihood.shooting.segments import (
 )
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
-from linkwise.likelihood.starts.memory import Valley, memory_starts, memory_starts_by_links
+from linkwise.likelihood.starts.memory import (
+    Valley,
+    host_memory_starts,
+    memory_starts,
+    memory_starts_by_links,
+)
 from linkwise.likelihood.starts.states import shows_every_mass
 from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
 from linkwise.model.link import refuse_signals
@@ -619,7 +623,7 @@ class MaximumLikelihood(Estimator):
         if all(p.name in known for p in structure.parameters):
             return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
         if structure.hosts:
-            return fit_of_memory_beside_hosts(records, structure, given, options)
+            return fit(lambda: host_memory_starts(framed_ones, structure, given))
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         if not (knows_masses and needs_integration(framed_ones[0], structure)):
             return fit(lambda: memory_starts(framed_ones, structure, given))
