@@ -32,9 +32,9 @@ from linkwise.discovery.selection import (
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.optima.restarts import fit_from_valleys
+from linkwise.likelihood.optima.restarts import fit_from_starts
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
-from linkwise.likelihood.starts.memory import Valley, host_memory_starts, memory_starts, rough_memory_start
+from linkwise.likelihood.starts.memory import Start, host_memory_starts, memory_starts, rough_memory_start
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import Coefficient
@@ -74,7 +74,7 @@ class _Hypothesis:
     chosen: frozenset[str]
     structure: Structure
     memory: tuple[str, ...]
-    valleys: tuple[Valley, ...] = ()
+    valleys: tuple[Start, ...] = ()
     fit: LikelihoodFit | None = None
 
     @property
@@ -129,7 +129,7 @@ class _Hypothesis:
             return started.first_fit(self.structure, ceiling=_CEILING, steps=steps)
 
         try:
-            return fit_from_valleys(search, self.valleys)
+            return fit_from_starts(search, self.valleys)
         except (IdentificationError, np.linalg.LinAlgError):
             return None
 
@@ -268,7 +268,7 @@ def _suspected(
                 values = fitted | {f"{cause.where}.{key}": v for key, v in starts.get(law, {}).items()}
                 if all(parameter.name in values for parameter in own.structure.parameters):
                     start = np.array([values[parameter.name] for parameter in own.structure.parameters])
-                    hypotheses.append(replace(own, valleys=(Valley(start, 0.0),)))
+                    hypotheses.append(replace(own, valleys=(Start(start, 0.0),)))
     return hypotheses
 
 

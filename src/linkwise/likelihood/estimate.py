@@ -5,7 +5,7 @@ Sentences on what a fit found beside the coefficients: random forces, errors of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
@@ -51,10 +51,8 @@ from linkwise.likelihood.optima.other_optima import (
 )
 from linkwise.likelihood.optima.profiles import profile_ends, with_profiles
 from linkwise.likelihood.optima.restarts import (
-    FitFrom,
-    fit_from_valleys,
-    fit_of_memory_beside_hosts,
-    fit_or_another,
+    attempts,
+    fit_from_starts,
     fit_with_restarts,
 )
 from linkwise.likelihood.options import (
@@ -85,8 +83,12 @@ from linkwise.likelihood.shooting.segments import (
 )
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
-from linkwise.likelihood.starts.memory import Valley, memory_starts, memory_starts_by_links
-from linkwise.likelihood.starts.states import shows_every_mass
+from linkwise.likelihood.starts.memory import (
+    FindStarts,
+    host_memory_starts,
+    memory_starts,
+    memory_starts_by_links,
+)
 from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
 from linkwise.model.link import refuse_signals
 from linkwise.model.names import Name
@@ -562,34 +564,29 @@ class MaximumLikelihood(Estimator):
     ) -> LikelihoodFit:
         if structure.topology.states or structure.signals:
             return self._with_memory(structure, records, options)
-        search = partial(likelihood_fit, records, structure)
+        asked = structure, records, options
         if structure.hosts:
-            return self._beside_hosts(structure, records, options)
-        theta, spread = starting_values(records, structure, self.starts)
+            starts = self._from_forces, self._from_equivalent_links
+            return attempts(partial(start, *asked) for start in starts)[0]
         if needs_integration(framed(records[0], structure, integrated=True).record, structure):
-            about_rest = partial(fit_about_rest, records, structure, given=self.starts)
-            return fit_with_restarts(search, theta, options, another=about_rest)
+            return self._from_forces(*asked)
+        theta, spread = starting_values(records, structure, self.starts)
+        search = partial(likelihood_fit, records, structure)
         fit = search(theta, spread=spread, options=options)
         fit = lower_of_two(fit, lambda values: search(values, options=options))
         return tightest_smooth_fit(
             fit, lambda values, nodes, q: search(values, options=_near_optimum(options, nodes, q))
         )
 
-    def _beside_hosts(
+    def _from_forces(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit of a structure with hosts: from the forces of its links, else from equivalent springs and dampers."""
-        try:
-            theta, _ = starting_values(records, structure, self.starts)
-            search = partial(likelihood_fit, records, structure)
-            about_rest = partial(fit_about_rest, records, structure, given=self.starts)
-            fit = fit_with_restarts(search, theta, options, another=about_rest)
-        except IdentificationError as error:
-            try:
-                return self._from_equivalent_links(structure, records, options)
-            except IdentificationError:
-                raise error from None
-        return fit_or_another(fit, lambda: self._from_equivalent_links(structure, records, options))
+        """A fit that starts with the laws that the forces of links give, and about the places where hidden masses rest."""
+        theta, _ = starting_values(records, structure, self.starts)
+        about_rest = partial(fit_about_rest, records, structure, given=self.starts)
+        return fit_with_restarts(
+            partial(likelihood_fit, records, structure), theta, options, another=about_rest
+        )
 
     def _from_equivalent_links(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
@@ -605,26 +602,26 @@ class MaximumLikelihood(Estimator):
         given = dict(self.starts or {})
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure, integrated=True)
-        known = given if shows_every_mass(framed_ones[0], structure) and not structure.hosts else stated
+        shown = all(framed_ones[0].motions_of(name) for name in structure.mass_names)
+        known = given if shown and not structure.hosts else stated
         search = partial(likelihood_fit, records, structure, options=options)
-        fit = partial(_fit_from, partial(fit_from_valleys, search))
         if all(p.name in known for p in structure.parameters):
-            return fit(lambda: (Valley(np.array([known[p.name] for p in structure.parameters]), 0.0),))
-        if structure.hosts:
-            return fit_of_memory_beside_hosts(records, structure, given, options)
+            return search(np.array([known[p.name] for p in structure.parameters]))
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
-        if not (knows_masses and needs_integration(framed_ones[0], structure)):
-            return fit(lambda: memory_starts(framed_ones, structure, given))
-        return fit_or_another(
-            fit(lambda: memory_starts_by_links(framed_ones[0], structure, given)),
-            lambda: fit(lambda: memory_starts(framed_ones, structure, given)),
-        )
+        by_links = knows_masses and not structure.hosts and needs_integration(framed_ones[0], structure)
 
+        def fit(
+            kind: FindStarts,
+        ) -> LikelihoodFit:
+            with one_blas_thread():
+                starts = kind(framed_ones, structure, given)
+            return fit_from_starts(search, starts)
 
-def _fit_from(fitted: FitFrom, starts: Callable[[], Sequence[Valley]]) -> LikelihoodFit:
-    with one_blas_thread():
-        valleys = starts()
-    return fitted(valleys)
+        kinds = [
+            *[memory_starts_by_links] * by_links,
+            host_memory_starts if structure.hosts else memory_starts,
+        ]
+        return attempts(partial(fit, kind) for kind in kinds)[0]
 
 
 def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:

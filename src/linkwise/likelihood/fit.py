@@ -28,7 +28,7 @@ from linkwise.likelihood.noise import ColouredNoise, with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions, mean_by_precision
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
-from linkwise.likelihood.search import AllowedErrors, ExplainedFit, explained_fit, searched
+from linkwise.likelihood.search import ExplainedFit, explained_fit, searched
 from linkwise.likelihood.shooting.loss import Loss, with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.shooting.residuals import Misfit
@@ -460,9 +460,7 @@ def _fitted(
         segments, fit = marginal_fit(segments, fit, known, annealer)
     else:
         fit = with_noise_of_residuals(segments, fit, annealer, lowest)
-    inexact = options.model_error and segments.random is None
-    allowed = AllowedErrors(inexact, options.coloured_noise, options.relaxation is not None)
-    explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, allowed=allowed)
+    explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
     frame, point = sensing.frames[0], fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))

@@ -46,10 +46,8 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, car
 from linkwise.likelihood.shooting.steps import freedom
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
-BLOCKS = (
-    20,
-    10,
-)  # that are tried: short ones are many, long ones hold what residuals remember; each divides the one before
+# numbers that are tried: short blocks are many, long ones hold what residuals remember; each divides the one before
+BLOCKS = 20, 10
 FEWEST = 5  # segments in the shortest block
 EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
@@ -73,11 +71,7 @@ class BlockScores:
         """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
         chosen, blocks = np.flatnonzero(free), len(self.scores)
         moved = np.einsum("bij,bj->bi", self._inverses_without_each(chosen), self.scores[:, chosen])
-        variance = np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (blocks - 1) / blocks
-        quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
-        out = np.zeros(len(free))
-        out[chosen] = quantiles * np.sqrt(variance)
-        return out
+        return self._errors(free, moved, (blocks - 1) / blocks)
 
     def by_scores(self, free: Bools) -> Floats:
         """(p,) standard errors by the scores of blocks at the common optimum, widened to normal quantiles; zero where not
@@ -85,11 +79,16 @@ class BlockScores:
         """
         chosen, blocks = np.flatnonzero(free), len(self.scores)
         information = self.information.sum(axis=0)[np.ix_(chosen, chosen)]
-        moved = np.linalg.solve(information, self.scores[:, chosen].T)
-        variance = np.sum((moved - moved.mean(axis=1, keepdims=True)) ** 2, axis=1) * blocks / (blocks - 1)
-        quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
+        moved = np.linalg.solve(information, self.scores[:, chosen].T).T
+        return self._errors(free, moved, blocks / (blocks - 1))
+
+    def _errors(self, free: Bools, moved: Floats, factor: float) -> Floats:
+        """(p,) standard errors from how far each block moves the `free` unknowns (B, f)."""
+        variance = factor * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
         out = np.zeros(len(free))
-        out[chosen] = quantiles * np.sqrt(variance)
+        out[free] = (
+            scipy.special.stdtrit(len(moved) - 1, _LEVEL) / scipy.special.ndtri(_LEVEL) * np.sqrt(variance)
+        )
         return out
 
     def chances(self, free: Bools, noise: float) -> Floats:
@@ -317,15 +316,6 @@ _LARGEST_EXCESS = 2.0  # coloured residual power over the noise that no model er
 _SMALL = 0.005  # of what each channel shows: coloured residuals that blocks can judge, a tenth of what a free run may leave
 
 
-@dataclass(frozen=True)
-class AllowedErrors:
-    """What a fit may resort to: `coloured_noise` of sensors and a `model_error`; `known_model_error`, that there is one."""
-
-    model_error: bool
-    coloured_noise: bool
-    known_model_error: bool
-
-
 @dataclass(frozen=True, eq=False)
 class ExplainedFit:
     """A fit and its errors.
@@ -364,7 +354,7 @@ def explained_fit(
     *,
     limit: float,
     lowest: Floats,
-    allowed: AllowedErrors,
+    options: LikelihoodOptions,
 ) -> ExplainedFit:
     """`fit`, or, where noise as expected does not explain it, the likelier of fits with coloured noise and with model error.
 
@@ -382,8 +372,8 @@ def explained_fit(
         By how much chi-square may differ from 1.
     lowest : array of shape (C,)
         The least deviations of the noise that residuals may show, infinite where it is stated.
-    allowed : AllowedErrors
-        What it may resort to.
+    options : LikelihoodOptions
+        The options: what it may resort to, and whether a model error is known.
 
     Returns
     -------
@@ -392,21 +382,22 @@ def explained_fit(
     """
     any_stated = bool(np.isinf(lowest).any())
     off = _is_off(segments, fit, annealer.loss, limit, lowest)
-    exact = allowed.model_error and not allowed.known_model_error
-    coloured = with_coloured_noise(segments, fit, annealer) if exact and allowed.coloured_noise else None
+    inexact, known = options.model_error and segments.random is None, options.relaxation is not None
+    white_alone = known or not (inexact and options.coloured_noise)
+    coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
     candidate = None
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
-    inexact = unreached or (off and fit.chi_square > 1.0 and _is_coloured(fit))
-    if allowed.model_error and (allowed.known_model_error or inexact):
+    off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
+    if inexact and (known or unreached or off_by_laws):
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
-        return _with_coloured_noise(coloured, off=any_stated and off)
+        return _of_exact_laws(coloured, coloured.fit, off=any_stated and off, noise=coloured.noise)
     if candidate is not None and candidate.exact:
         fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
-        return _with_exact_laws(fit, off=_is_off(segments, fit, annealer.loss, limit, lowest))
+        return _of_exact_laws(fit, fit, off=_is_off(segments, fit, annealer.loss, limit, lowest))
     if candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
-    return _with_exact_laws(fit, off=off)
+    return _of_exact_laws(fit, fit, off=off)
 
 
 def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
@@ -427,26 +418,16 @@ def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, low
     return bool(samples) and not power >= least
 
 
-def _with_exact_laws(fit: AnnealingFit, *, off: bool) -> ExplainedFit:
-    return ExplainedFit(fit, fit.covariance, fit.chi_square, off, 0.0, 1.0, np.ones(len(fit.covariance)))
+def _of_exact_laws(
+    errors: AnnealingFit | ColouredFit, fit: AnnealingFit, *, off: bool, noise: ColouredNoise | None = None
+) -> ExplainedFit:
+    ones = np.ones(len(errors.covariance))
+    return ExplainedFit(fit, errors.covariance, errors.chi_square, off, 0.0, 1.0, ones, noise)
 
 
 def did_not_converge(fit: AnnealingFit) -> bool:
     """Whether a search ended without an optimum, and not by an interrupt."""
     return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
-
-
-def _with_coloured_noise(coloured: ColouredFit, *, off: bool) -> ExplainedFit:
-    return ExplainedFit(
-        coloured.fit,
-        coloured.covariance,
-        coloured.chi_square,
-        off,
-        0.0,
-        1.0,
-        np.ones(len(coloured.covariance)),
-        coloured.noise,
-    )
 
 
 def _with_model_error(
@@ -491,16 +472,13 @@ def _is_coloured(fit: AnnealingFit) -> bool:
     return fit.status is AnnealingStatus.CONVERGED and lag_one_autocorrelation(fit.misfit) > _WHITE
 
 
-_NEAR = AnnealingSchedule(
-    initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0
-)  # from a start with known deviations: the weak fit's
-_FAR_OF_MANY = AnnealingSchedule(
-    smallest_factor=0.1, trust_per_sample=1.0
-)  # of many masses: the mean of all hides that the quadratic model is wrong for one
+# from a start with known deviations: the weak fit's
+_NEAR = AnnealingSchedule(initial_q=0.1, smallest_factor=0.01, trust_per_sample=10.0)
+# of many masses: the mean of all hides that the quadratic model is wrong for one
+_FAR_OF_MANY = AnnealingSchedule(smallest_factor=0.1, trust_per_sample=1.0)
 _NEAR_OF_MANY = replace(_FAR_OF_MANY, initial_q=0.1)
-_WARM = AnnealingSchedule(
-    initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0
-)  # from the states of a fit to nearly the same laws
+# from the states of a fit to nearly the same laws
+_WARM = AnnealingSchedule(initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0)
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
 _NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way

@@ -23,7 +23,7 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.starts.values import regressed, starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, Link
@@ -164,19 +164,12 @@ def _moves_of_rest(
     moves = []
     for link in hidden:
         mean, size = float(np.mean(d[link.number])), float(np.std(d[link.number])) or 1.0
-        places = []
-        for valued in both:
-
-            def force(place: float, law: Link = valued.links[link.number]) -> float:
-                return float(law.force(np.array(place), np.array(0.0), {}))
-
-            place, report = scipy.optimize.newton(
-                force, mean, x1=mean + 0.1 * size, full_output=True, disp=False
-            )
-            places.append(float(place))
-            if not report.converged or not np.isfinite(place):
-                return None
-        moves.append(places[1] - places[0])
+        forces = [valued.links[link.number].force for valued in both]
+        near = {"x0": mean, "x1": mean + 0.1 * size, "full_output": True, "disp": False}
+        found = [scipy.optimize.newton(force, **near) for force in forces]
+        if not all(report.converged and np.isfinite(place) for place, report in found):
+            return None
+        moves.append(float(found[1][0] - found[0][0]))
     return moves
 
 
@@ -291,7 +284,6 @@ def _place_of_rest(
 
     Coefficients in which the law is not linear have the `numbers` of the fit, known ones their own.
     """
-    free = [name for name in link.law.linear if name in names]
     fixed = {
         name: numbers[name] if coefficient.value is None or name in names else float(coefficient.value)
         for name, coefficient in link.coefficients.items()
@@ -299,39 +291,11 @@ def _place_of_rest(
     size = float(np.std(d)) or 1.0
     ratios = np.linspace(np.log(_NEAREST), np.log(_FARTHEST), _GRID)
     places = size * np.concatenate([np.exp(ratios), -np.exp(ratios)])
-    best = (np.inf, 0.0, dict[str, float]())
+    best = np.inf, 0.0, dict[str, float]()
     for finer in range(_ROUNDS):
         for place in places.tolist():
-            best = min(best, _regressed(link, fixed, free, d + place, v, force, place), key=_left)
+            solved, left = regressed(link, d + place, v, force, fixed, tuple(names))
+            best = min(best, (left, place, solved), key=lambda trial: trial[0])
         step = float(ratios[1] - ratios[0]) * (4.0 / _GRID) ** finer
         places = best[1] * np.exp(np.linspace(-2.0, 2.0, _GRID) * step)
     return best[1], {name: best[2].get(name, fixed[name]) for name in names}
-
-
-def _regressed(
-    link: Link,
-    fixed: Mapping[str, float],
-    free: Sequence[str],
-    d: Floats,
-    v: Floats,
-    force: Floats,
-    place: float,
-) -> tuple[float, float, dict[str, float]]:
-    """What the law leaves of a force along a motion about a place of rest, the place, and the free coefficients."""
-    partials = link.law.partials(d, v, dict(fixed) | dict.fromkeys(free, 0.0), by=tuple(free))
-    right = force - np.broadcast_to(partials.force, d.shape)
-    if not np.isfinite(right).all():  # beyond where the law has a force
-        return np.inf, place, {}
-    if not free:
-        return float(right @ right), place, {}
-    columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in free], axis=1)
-    if not np.isfinite(columns).all():
-        return np.inf, place, {}
-    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    solved = np.linalg.lstsq(columns / size, right, rcond=None)[0] / size
-    left = right - columns @ solved
-    return float(left @ left), place, dict(zip(free, solved.tolist(), strict=True))
-
-
-def _left(trial: tuple[float, float, dict[str, float]]) -> float:
-    return trial[0]

@@ -36,7 +36,7 @@ the width of the one that it ends at.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -48,7 +48,7 @@ from linkwise.likelihood.fit import CostShape, LikelihoodFit, Optimum
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.segments import A, F, S, V, X
+from linkwise.likelihood.shooting.segments import A, F, Iterate, S, V, X
 from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 
@@ -57,8 +57,8 @@ _DOUBLED = 5.0  # more of them for twice the masses, of which the slowest to con
 _DIRECTIONS = 2  # in which the cost is evaluated
 _EXHAUSTED = AnnealingSchedule.max_steps  # steps after which a search was taken up again
 _DISTANCE = 2.0  # standard errors
-_PRECISION = 0.1  # of the cost there: 2.5 % of the rise that is expected at two standard errors
-_STEPS = 60  # of annealing at most in each direction
+# of annealing in each direction; a tenth of the cost there is 2.5 % of the rise that is expected at two standard errors
+_QUICK = AnnealingSchedule(tolerance=0.1, max_steps=60)
 _LOOSENED = 1e3  # times the last q: annealing starts from here once parameters were moved
 _LOOSEST = 1e-2
 _IRREGULAR = 4.0  # factor on the rise of the cost beyond which it is not quadratic
@@ -178,13 +178,16 @@ def is_quadratic(
         return True
     scale, vectors, deviations = axes
     root = scale[:, None] * (vectors * deviations)
-    rise = _rise if len(chosen) == len(tested) else rise_of_profile
+
+    def rise(step: Floats) -> tuple[float, bool]:
+        if len(chosen) < len(tested):
+            return rise_of_profile(fit, chosen, step, _DISTANCE)
+        return _rise(fit, *_held(fit, chosen, step), _DISTANCE)
+
     directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     return all(
-        _is_expected(*rise(fit, chosen, side * (root @ direction), _DISTANCE), factor)
-        for direction in directions
-        for side in sides
+        _is_expected(*rise(side * (root @ direction)), factor) for direction in directions for side in sides
     )
 
 
@@ -209,7 +212,7 @@ def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> b
         return True
     scale, vectors, deviations = axes
     return all(
-        _rise(fit, free, side * _FAR * scale * weak, _FAR, enough=_TOO_LITTLE)[0] > _TOO_LITTLE
+        rises_by(_TOO_LITTLE, fit, *_held(fit, free, side * _FAR * scale * weak), _FAR)
         for weak in (vectors * deviations).T[-_WEAKEST:]
         for side in (1.0, -1.0)
     )
@@ -230,16 +233,24 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
     bool
         Whether it does.
     """
-    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    for parameter in np.flatnonzero(fit.free).tolist():
-        if not (np.isfinite(errors[parameter]) and errors[parameter] > 0.0):
-            return False
-        is_fixed = np.zeros(len(fit.values), dtype=bool)
-        is_fixed[parameter] = True
-        for distance in (_FAR, -_FAR):
-            step = distance * fit.covariance[:, parameter] / errors[parameter]
-            if not rises_by(_TOO_LITTLE, fit, fit.values + step, is_fixed, distance):
-                return False
+    variances, free = fit.covariance.diagonal(), np.flatnonzero(fit.free)
+    determined = np.isfinite(variances[free]).all() and (variances[free] > 0.0).all()
+    return bool(determined) and all(
+        _profile_rises(fit, column, _FAR, _TOO_LITTLE) for column in free.tolist()
+    )
+
+
+def _profile_rises(fit: LikelihoodFit, column: int, distance: float, least: float) -> bool:
+    """Whether -2 log likelihood rises by a part of what is expected where a parameter is moved within its bounds and held."""
+    covariance, bounds = _covariance(fit), fit.segments.system.parameters
+    step = distance * covariance[column] / np.sqrt(covariance[column, column])
+    for theta in (fit.optimum.point.theta + step, fit.optimum.point.theta - step):
+        if bounds.lower[column] < theta[column] < bounds.upper[column]:
+            try:
+                if not rises_by(least, fit, theta, np.arange(len(step)) == column, distance):
+                    return False
+            except IdentificationError:  # the motion runs to infinity
+                continue
     return True
 
 
@@ -264,8 +275,7 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, d
     bool
         Whether it is.
     """
-    moved = _fitted_with(fit.optimum, theta, is_fixed, sufficient_cost=_raised_cost(fit, distance, least))
-    return _relative_rise(fit, moved, distance) > least
+    return _rise(fit, theta, is_fixed, distance, enough=least)[0] > least
 
 
 def rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: float) -> tuple[float, bool]:
@@ -292,8 +302,14 @@ def rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: 
     correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
     with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
     is_fixed = np.isin(np.arange(len(fit.values)), moved)
-    annealed = _fitted_with(fit.optimum, fit.optimum.point.theta + with_others, is_fixed)
-    return _relative_rise(fit, annealed, distance), annealed.status is AnnealingStatus.CONVERGED
+    return _rise(fit, fit.optimum.point.theta + with_others, is_fixed, distance)
+
+
+def _held(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Bools]:
+    """All parameters, some of them moved by a step (f,), and that they are held."""
+    theta = fit.optimum.point.theta.copy()
+    theta[moved] += step
+    return theta, np.ones(len(theta), dtype=bool)
 
 
 def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
@@ -336,72 +352,35 @@ def _is_expected(rise: float, converged: bool, factor: float) -> bool:
 
 
 def _rise(
-    fit: LikelihoodFit, free: Indices, step: Floats, distance: float, *, enough: float = np.inf
+    fit: LikelihoodFit, theta: Floats, is_fixed: Bools, distance: float, *, enough: float = np.inf
 ) -> tuple[float, bool]:
-    """The rise of the cost over that expected at a `distance` in standard errors, and whether the orbit was found there.
+    """The rise of -2 log likelihood over that expected at a `distance` in standard errors, and whether the orbit was found.
 
     An upper bound of it where it was not; a lower one where it is surely more than `enough`.
     """
     optimum = fit.optimum
-    theta = optimum.point.theta.copy()
-    theta[free] += step
-    moved = _motion_with(optimum, theta, sufficient_cost=_raised_cost(fit, distance, enough))
-    return _relative_rise(fit, moved, distance), moved.status is AnnealingStatus.CONVERGED
-
-
-def _relative_rise(fit: LikelihoodFit, moved: AnnealingFit, distance: float) -> float:
-    """By how much -2 log likelihood is higher after a move of a `distance` in standard errors, over what is expected."""
-    optimum = fit.optimum
+    lowest, expected = fit.misfit.cost(optimum.q), (distance * optimum.noise) ** 2
+    schedule = replace(_QUICK, sufficient_cost=float(lowest + enough * expected))
+    moved = refitted(optimum, replace(optimum.point, theta=theta), is_fixed, schedule)
     q = moved.q if moved.status is AnnealingStatus.COSTLY else optimum.q
-    rise = moved.misfit.cost(q) - fit.misfit.cost(optimum.q)
-    return float(rise / optimum.noise**2 / distance**2)
+    rise = float((moved.misfit.cost(q) - lowest) / expected)
+    return rise, moved.status is AnnealingStatus.CONVERGED
 
 
-def _raised_cost(fit: LikelihoodFit, distance: float, relative_rise: float) -> float:
-    """The cost that is higher than at the optimum by a multiple of what is expected at a `distance`."""
-    optimum = fit.optimum
-    return float(fit.misfit.cost(optimum.q) + relative_rise * (distance * optimum.noise) ** 2)
-
-
-def _fitted_with(
-    optimum: Optimum, theta: Floats, is_fixed: Bools, *, sufficient_cost: float = np.inf
+def refitted(
+    optimum: Optimum, point: Iterate, is_fixed: Bools, schedule: AnnealingSchedule | None = None
 ) -> AnnealingFit:
-    """The orbit fitted again from parameters `theta` (p,), those that `is_fixed` (p,) marks unchanged.
-
-    The search ends early where the cost is surely above `sufficient_cost`.
-    """
-    system = optimum.segments.system
-    lower = np.where(is_fixed, theta, system.parameters.lower)
-    upper = np.where(is_fixed, theta, system.parameters.upper)
+    """The orbit fitted again from loosened links, those parameters unchanged that `is_fixed` (p,) marks."""
+    system, q = optimum.segments.system, optimum.q
+    lower = np.where(is_fixed, point.theta, system.parameters.lower)
+    upper = np.where(is_fixed, point.theta, system.parameters.upper)
     constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
-    segments = replace(optimum.segments, system=constrained)
-    point = replace(optimum.point, theta=np.clip(theta, lower, upper))
-    return anneal(segments, point, optimum.scales, _tightened(optimum.q, sufficient_cost), loss=optimum.loss)
-
-
-def _motion_with(optimum: Optimum, theta: Floats, *, sufficient_cost: float) -> AnnealingFit:
-    """As `_fitted_with` all parameters held; without them as unknowns where nothing is known of them beforehand."""
-    segments, scales = optimum.segments, optimum.scales
-    if segments.prior is not None or segments.system.shapes is not None:
-        everything = np.ones(len(theta), dtype=bool)
-        return _fitted_with(optimum, theta, everything, sufficient_cost=sufficient_cost)
     return anneal(
-        replace(segments, system=segments.system.without_parameters(theta)),
-        replace(optimum.point, theta=np.empty(0)),
-        replace(scales, theta=scales.theta[len(theta) :]),
-        _tightened(optimum.q, sufficient_cost),
+        replace(optimum.segments, system=constrained),
+        replace(point, theta=np.clip(point.theta, lower, upper)),
+        optimum.scales,
+        replace(schedule or AnnealingSchedule(), initial_q=max(q, min(_LOOSENED * q, _LOOSEST)), final_q=q),
         loss=optimum.loss,
-    )
-
-
-def _tightened(q: float, sufficient_cost: float) -> AnnealingSchedule:
-    """From loosened links to a relaxation, which ends early where the cost is surely above a sufficient one."""
-    return AnnealingSchedule(
-        initial_q=max(q, min(_LOOSENED * q, _LOOSEST)),
-        final_q=q,
-        tolerance=_PRECISION,
-        max_steps=_STEPS,
-        sufficient_cost=sufficient_cost,
     )
 
 
@@ -504,28 +483,28 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     if converged and not low and _is_smooth(fit):
         return replace(fit, shape=CostShape.QUADRATIC)
     relaxed = list(_relaxed_fits(fit))
-    if not relaxed or relaxed[-1].fit.status is AnnealingStatus.INTERRUPTED:
+    if not relaxed or relaxed[-1][0].status is AnnealingStatus.INTERRUPTED:
         return fit
-    tightest = relaxed[-1].fit
+    tightest = relaxed[-1][0]
     agrees = (
         tightest.q <= fit.optimum.q
         and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
     )
     if agrees and converged and low and _is_smooth(fit) and rises_in_weak_directions(fit):
         return replace(fit, shape=CostShape.REGULAR)
-    least = min(relaxed_fit.evidence for relaxed_fit in relaxed)
-    for candidate in reversed(relaxed):
-        if candidate.evidence > least + _WORSE and candidate.fit.q < _SINGLE:
+    least = min(marginal for _, marginal in relaxed)
+    for candidate, marginal in reversed(relaxed):
+        if marginal > least + _WORSE and candidate.q < _SINGLE:
             continue
         try:
-            refitted = refit(candidate.fit.point.theta, candidate.fit.point.nodes, candidate.fit.q)
+            again = refit(candidate.point.theta, candidate.point.nodes, candidate.q)
         except IdentificationError:  # the motion runs away
             continue
-        if refitted.status is AnnealingStatus.INTERRUPTED:
+        if again.status is AnnealingStatus.INTERRUPTED:
             return fit
-        is_good = refitted.status is AnnealingStatus.CONVERGED and not refitted.chi_square_off
-        if is_good and _is_smooth(refitted) and profiles_rise(refitted):
-            return replace(refitted, shape=CostShape.QUADRATIC)
+        is_good = again.status is AnnealingStatus.CONVERGED and not again.chi_square_off
+        if is_good and _is_smooth(again) and profiles_rise(again):
+            return replace(again, shape=CostShape.QUADRATIC)
     return fit
 
 
@@ -546,23 +525,15 @@ def is_loosened(fit: LikelihoodFit) -> bool:
     return exact and fit.optimum.q > AnnealingSchedule.final_q
 
 
-@dataclass(frozen=True, eq=False)
-class _RelaxedFit:
-    """A fit at one relaxation, and -2 log of its marginal likelihood."""
-
-    fit: AnnealingFit
-    evidence: float
-
-
-def _relaxed_fits(fit: LikelihoodFit) -> Iterator[_RelaxedFit]:
-    """Fits at ever smaller relaxations, each from the one before, as long as they converge."""
+def _relaxed_fits(fit: LikelihoodFit) -> Iterator[tuple[AnnealingFit, float]]:
+    """Fits at ever smaller relaxations, each from the one before, as long as they converge, and -2 log marginal likelihood."""
     optimum, point = fit.optimum, fit.optimum.point
     for q in _LADDER:
         schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_RELAXED_STEPS)
         relaxed = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
         if relaxed.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
             return
-        yield _RelaxedFit(relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1])
+        yield relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1]
         if relaxed.status is AnnealingStatus.INTERRUPTED:
             return
         point = relaxed.point
@@ -644,7 +615,12 @@ def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[st
             if (energy[in_links[column]] < _FAINT).all()
             or (names[column] in elastic and information[column] > _BY_PHASE * energy[in_links[column]].sum())
         ]
-        undetermined = [column for column in tested if not _rises(fit, column)]
+        variances = _covariance(fit).diagonal()
+        undetermined = [
+            column
+            for column in tested
+            if 0.0 < variances[column] < np.inf and not _profile_rises(fit, column, _RIGID_SHIFT, _LOW_RISE)
+        ]
     return tuple(names[column] for column in undetermined)
 
 
@@ -715,25 +691,3 @@ def own_part(fit: LikelihoodFit) -> Floats:
             left = d[:, link] - columns @ np.linalg.lstsq(columns, d[:, link], rcond=None)[0]
             parts[link] = min(parts[link], float(np.vdot(left, left)) / power)
     return parts
-
-
-def _rises(fit: LikelihoodFit, column: int) -> bool:
-    """Whether the cost rises on both sides of the estimate, everything else fitted again."""
-    optimum = fit.optimum
-    covariance = fit.covariance if optimum.of_white is None else optimum.of_white
-    deviation = float(np.sqrt(covariance[column, column]))
-    if not 0.0 < deviation < np.inf:
-        return True
-    step = _RIGID_SHIFT * covariance[column] / deviation
-    is_fixed = np.arange(len(step)) == column
-    limits = optimum.segments.system.parameters
-    for side in (step, -step):
-        theta = optimum.point.theta + side
-        if not limits.lower[column] < theta[column] < limits.upper[column]:
-            continue
-        try:
-            if not rises_by(_LOW_RISE, fit, theta, is_fixed, _RIGID_SHIFT):
-                return False
-        except IdentificationError:  # the motion runs to infinity
-            continue
-    return True

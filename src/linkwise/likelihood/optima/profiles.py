@@ -15,13 +15,12 @@ from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.fit import Optimum
-from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.optima.other_optima import refitted
+from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingStatus
 from linkwise.likelihood.shooting.segments import Iterate
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.verdict import Grade
 
-_LOOSENED = 1e3  # times the last q: annealing starts from here once a parameter was moved
-_LOOSEST = 1e-2
 _CLOSE = 0.01  # of a standard error: accuracy of an end of an interval
 _FARTHEST = 30.0  # standard errors: an end beyond is infinite
 
@@ -196,24 +195,11 @@ class _Profile:
 
     def _fitted(self, start: Iterate, value: float | None = None) -> AnnealingFit:
         """The fit from `start`, the parameter held at `value` if that is given."""
-        optimum = self.optimum
-        system = optimum.segments.system
+        is_fixed = np.zeros(len(start.theta), dtype=bool)
         if value is not None:
-            lower, upper, theta = (
-                a.copy() for a in (system.parameters.lower, system.parameters.upper, start.theta)
-            )
-            lower[self.column] = upper[self.column] = theta[self.column] = value
-            system = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
-            start = replace(start, theta=theta)
-        fit = anneal(
-            replace(optimum.segments, system=system),
-            start,
-            optimum.scales,
-            AnnealingSchedule(
-                initial_q=max(optimum.q, min(_LOOSENED * optimum.q, _LOOSEST)), final_q=optimum.q
-            ),
-            loss=optimum.loss,
-        )
+            is_fixed[self.column] = True
+            start = replace(start, theta=np.where(is_fixed, value, start.theta))
+        fit = refitted(self.optimum, start, is_fixed)
         if fit.status is not AnnealingStatus.CONVERGED:
             raise IdentificationError(
                 f"the profile of {self.name} cannot be followed: with {self.name} = {start.theta[self.column]:.6g} the fit is "

@@ -22,7 +22,7 @@ A. J. Viterbi, IEEE Trans. Inf. Theory 13, 260 (1967).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +30,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Floats, Indices
+from linkwise.likelihood.starts.link_states import link_motion
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
@@ -79,14 +80,11 @@ def determines_links(record: Record, structure: Structure) -> bool:
     bool
         Whether it does.
     """
-    if not all(record.motions_of(name) for name in structure.mass_names):
-        return False
-    if any(mass.mass.value is None for mass in structure.masses):
-        return False
+    shown = all(record.motions_of(name) for name in structure.mass_names)
+    weighed = all(mass.mass.value is not None for mass in structure.masses)
     incidence = structure.incidence.toarray()
-    return bool(
-        incidence.shape[0] == incidence.shape[1] and np.linalg.matrix_rank(incidence) == len(incidence)
-    )
+    square = incidence.shape[0] == incidence.shape[1]
+    return shown and weighed and square and bool(np.linalg.matrix_rank(incidence) == len(incidence))
 
 
 def needs_integration(record: Record, structure: Structure) -> bool:
@@ -125,26 +123,17 @@ def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) 
     LinkSignals
         The signals.
     """
-    motions, orders, noise = [], [], []
-    for name in structure.mass_names:
-        channel = record.motions_of(name)[0]
-        motions.append(channel_motion(record, channel, sigma[channel]))
-        orders.append(channel.order)
-        noise.append(sigma[channel])
-    x, v, a = np.stack(motions, axis=1)
-    applied = np.stack(
-        [
-            record.channel(f"force:{name}") if f"force:{name}" in record.channels else np.zeros(len(record))
-            for name in structure.mass_names
-        ]
-    )
+    channels = [record.motions_of(name)[0] for name in structure.mass_names]
+    x, v, a = np.stack([channel_motion(record, channel, sigma[channel]) for channel in channels], axis=1)
+    orders, noise = ([channel.order for channel in channels], [sigma[channel] for channel in channels])
+    pushed = [f"force:{name}" for name in structure.mass_names]
+    none = np.zeros(len(record))
+    applied = np.stack([record.channel(name) if name in record.channels else none for name in pushed])
     incidence = structure.incidence.toarray()
-    base = record.channel("x:base") if "x:base" in record.channels else None
     connected = incidence.T != 0.0
     order = np.where(connected, orders, 0).max(axis=1)
     driven = connected & (np.asarray(orders) == order[:, None])
-    d = structure.elongations(x.T, base).T
-    rate = structure.elongations(v.T, None if base is None else np.gradient(base, record.step)).T
+    d, rate = (np.array(motion.T) for motion in link_motion(record, structure, x, v))
     for number in np.flatnonzero(order == 2).tolist():
         d[number], rate[number] = _without_offset(d[number], rate[number])
     return LinkSignals(
@@ -185,12 +174,10 @@ def masses_from_links(record: Record, structure: Structure, d: Floats, v: Floats
     x, x_rate : array of shape (n, N)
         Displacements in m and velocities in m/s.
     """
-    base = record.channel("x:base") if "x:base" in record.channels else np.zeros(len(record))
-    at_rest = np.zeros((len(record), structure.size))
-    d_of_base = structure.elongations(at_rest, base).T
-    v_of_base = structure.elongations(at_rest, np.gradient(base, record.step)).T
+    at_rest = np.zeros((2, structure.size, len(record)))
+    d_of_base, v_of_base = link_motion(record, structure, *at_rest)
     transposed = structure.incidence.toarray().T
-    return np.linalg.solve(transposed, d - d_of_base), np.linalg.solve(transposed, v - v_of_base)
+    return np.linalg.solve(transposed, d - d_of_base.T), np.linalg.solve(transposed, v - v_of_base.T)
 
 
 def window_half(signals: LinkSignals, link: int, periods: float) -> int:
@@ -213,13 +200,8 @@ def window_half(signals: LinkSignals, link: int, periods: float) -> int:
     motion = highpass(signals.d[link], 1.0 / signals.step, DRIFT_FREQUENCY)
     crossings = int(np.count_nonzero(np.diff(np.signbit(motion))))
     longest = (len(motion) - 1) // 4
-    return int(
-        np.clip(
-            round(periods * len(motion) / max(crossings, 1)),
-            min(_SHORTEST, longest),
-            longest,
-        )
-    )
+    samples = round(periods * len(motion) / max(crossings, 1))
+    return int(np.clip(samples, min(_SHORTEST, longest), longest))
 
 
 _REACH = 3.0  # of the largest motion within a window: how far its centre may be displaced
@@ -341,6 +323,11 @@ class DriftCandidates:
     cost: Floats
     spread: Floats
 
+    def taken(self, order: Indices) -> DriftCandidates:
+        """Those of each window with numbers in `order` (C, K)."""
+        lines, spread = (np.take_along_axis(both, order[None], axis=1) for both in (self.lines, self.spread))
+        return DriftCandidates(lines, np.take_along_axis(self.cost, order, axis=0), spread)
+
 
 def drift_candidates(
     windows: DriftWindows, link: Link, values: dict[str, float], *, rounds: int = 0
@@ -369,13 +356,9 @@ def drift_candidates(
     distinct = _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values)))
     for _ in range(rounds):
         new = _minimised(windows, link, values, _lines_of_neighbours(windows, distinct.lines))
-        distinct = _distinct(
-            DriftCandidates(
-                np.concatenate([distinct.lines, new.lines], axis=1),
-                np.concatenate([distinct.cost, new.cost]),
-                np.concatenate([distinct.spread, new.spread], axis=1),
-            )
-        )
+        lines = np.concatenate([distinct.lines, new.lines], axis=1)
+        spread = np.concatenate([distinct.spread, new.spread], axis=1)
+        distinct = _distinct(DriftCandidates(lines, np.concatenate([distinct.cost, new.cost]), spread))
     return distinct
 
 
@@ -393,22 +376,13 @@ def _lines_of_neighbours(windows: DriftWindows, lines: Floats) -> Floats:
 
 def _distinct(candidates: DriftCandidates) -> DriftCandidates:
     """The `_MINIMA` best lines of every window, each minimum once."""
-    order = np.argsort(candidates.cost, axis=0)
-    cost = np.take_along_axis(candidates.cost, order, axis=0)
-    line = np.take_along_axis(candidates.lines, order[None], axis=1)
-    spread = np.take_along_axis(candidates.spread, order[None], axis=1)
-    reach = np.abs(line[0]).max() * _NEAR
-    apart = np.abs(line[0][:, None] - line[0][None]) > reach
-    copies = np.array(
-        [(~apart[c, :c]).any(axis=0) if c else np.zeros(cost.shape[1], bool) for c in range(len(cost))]
-    )
+    ordered = candidates.taken(np.argsort(candidates.cost, axis=0))
+    cost, offset = ordered.cost, ordered.lines[0]
+    apart = np.abs(offset[:, None] - offset[None]) > np.abs(offset).max() * _NEAR
+    none = np.zeros(cost.shape[1], bool)
+    copies = np.array([(~apart[c, :c]).any(axis=0) if c else none for c in range(len(cost))])
     chosen = np.argsort(copies, axis=0, kind="stable")[:_MINIMA]
-    cost = np.where(copies, np.inf, cost)
-    return DriftCandidates(
-        np.take_along_axis(line, chosen[None], axis=1),
-        np.take_along_axis(cost, chosen, axis=0),
-        np.take_along_axis(spread, chosen[None], axis=1),
-    )
+    return replace(ordered, cost=np.where(copies, np.inf, cost)).taken(chosen)
 
 
 def _minimised(windows: DriftWindows, link: Link, values: dict[str, float], line: Floats) -> DriftCandidates:
@@ -435,11 +409,9 @@ def _normal_equations(
     partials = link.law.partials(d, v, values, by=())
     error = windows.force - partials.force
     by_offset = np.broadcast_to(partials.by_d, d.shape)
-    by_slope = (
-        by_offset * windows.time + partials.by_v
-        if windows.integration_order > 1
-        else np.zeros_like(by_offset)
-    )
+    by_slope = np.zeros_like(by_offset)
+    if windows.integration_order > 1:
+        by_slope = by_offset * windows.time + partials.by_v
     rows = (by_offset, by_slope)
     mixed = np.einsum("ckt,ckt->ck", *rows)
     own = [np.einsum("ckt,ckt->ck", row, row) for row in rows]
@@ -474,9 +446,7 @@ def _grid_minima(windows: DriftWindows, link: Link, values: dict[str, float]) ->
     count = max(1, _AT_ONCE // (len(offsets) * len(time)))
     for rows in (slice(first, first + count) for first in range(0, len(d), count)):
         for i, slope in enumerate(slopes):
-            with np.errstate(
-                over="ignore", invalid="ignore"
-            ):  # an exponential may overflow far from the motion
+            with np.errstate(over="ignore", invalid="ignore"):  # an exponential far from the motion
                 moved = d[rows] + slope * time + offsets[:, None, None]
                 error = force[rows] - link.law.force(moved, v[rows] + slope, values)
                 cost[i, :, rows] = np.einsum("okt,okt->ok", error, error)

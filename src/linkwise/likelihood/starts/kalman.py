@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import accumulate, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ _BLOCK = 4000  # rows of samples that are joined at a time
 
 
 @dataclass(frozen=True, eq=False)
-class FreeStates:
+class Smoothed:
     """States (N, m), their covariance (m, m) in the middle, whitened errors (N, C) of samples, and their log likelihood."""
 
     states: Floats
@@ -57,7 +58,7 @@ def determines(model: LinearModel, count: int) -> bool:
     return count * float(np.log(max(largest, 1.0))) < _GROWTH
 
 
-def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> FreeStates:
+def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
     """States by the most likely one at the start.
 
     Parameters
@@ -71,7 +72,7 @@ def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> FreeStates:
 
     Returns
     -------
-    FreeStates
+    Smoothed
         The states.
     """
     count, channels = samples.shape
@@ -83,12 +84,10 @@ def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> FreeStates:
     left = np.where(known, samples, 0.0) - inputs @ model.direct.T - forced @ model.observation.T
     left = np.where(known, left / noise, 0.0)
     length = max(1, min(count, _BLOCK // max(channels, 1)))
-    powers = _powers(model.transition, length)
+    powers = np.stack([*accumulate(repeat(model.transition, length), np.matmul, initial=np.eye(m))])
     rows = np.matmul(model.observation / noise[:, None], powers[:length])  # (length, C, m)
-    factor, at = (
-        np.eye(m, m + 1),
-        np.diag(size),
-    )  # of the state at the start in units of `size`, which is its prior
+    # of the state at the start in units of `size`, which is its prior
+    factor, at = np.eye(m, m + 1), np.diag(size)
     for first in range(0, count, length):
         part = slice(first, min(first + length, count))
         slopes = (rows[: part.stop - first] @ at) * known[part, :, None]
@@ -104,16 +103,7 @@ def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> FreeStates:
     total = -0.5 * misfit - float(np.sum(known @ np.log(noise)))
     total -= float(np.log(np.abs(triangle.diagonal())).sum())
     error = left - np.where(known, (states - forced) @ model.observation.T / noise, 0.0)
-    return FreeStates(states, root @ root.T, error, total)
-
-
-def _powers(matrix: Floats, count: int) -> Floats:
-    """(count + 1, m, m) powers 0 to `count` of a matrix, each the product of the one before."""
-    powers = np.empty((count + 1, *matrix.shape))
-    powers[0] = np.eye(len(matrix))
-    for number in range(count):
-        np.matmul(matrix, powers[number], out=powers[number + 1])
-    return powers
+    return Smoothed(states, root @ root.T, error, total)
 
 
 _TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
@@ -131,15 +121,6 @@ class _Gain(NamedTuple):
     log_determinant: float
     predicted: Floats
     updated: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Smoothed:
-    """Smoothed states (N, m), their covariance (m, m) in the middle of the record, and the log likelihood of the samples."""
-
-    states: Floats
-    covariance: Floats
-    log_likelihood: float
 
 
 def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
@@ -160,8 +141,7 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
         The states.
     """
     if determines(model, len(samples)):
-        free = fitted(model, samples, inputs)
-        return Smoothed(free.states, free.covariance, free.log_likelihood)
+        return fitted(model, samples, inputs)
     forward = _filtered(model, samples, inputs)
     count, which = len(samples), np.asarray(forward.which)
     middle, states = count // 2, np.empty_like(forward.predicted)
@@ -179,14 +159,12 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
         if end > middle:
             information = _accumulated(loop, root @ root.T, information, int(end - max(first, middle)))
     covariance = _reduced(forward.gains[which[middle]].predicted, information)
-    return Smoothed(states, covariance, forward.log_likelihood)
+    return Smoothed(states, covariance, forward.whitened, forward.log_likelihood)
 
 
 def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
     """Log likelihood of samples (N, C), less what does not depend on the model, with inputs (N, r)."""
-    if determines(model, len(samples)):
-        return fitted(model, samples, inputs).log_likelihood
-    return _filtered(model, samples, inputs, transient=1).log_likelihood
+    return _predicted(model, samples, inputs).log_likelihood
 
 
 def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
@@ -194,9 +172,13 @@ def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
 
     Where nothing is random, of those by the most likely state at the start.
     """
+    return _predicted(model, samples, inputs).whitened
+
+
+def _predicted(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed | _Forward:
     if determines(model, len(samples)):
-        return fitted(model, samples, inputs).whitened
-    return _filtered(model, samples, inputs, transient=1).whitened
+        return fitted(model, samples, inputs)
+    return _filtered(model, samples, inputs, transient=1)
 
 
 class _Forward(NamedTuple):
@@ -346,8 +328,7 @@ _ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by 
 
 def likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
     """The log likelihood, and by how much the forces of open links then change in a sample, relative to their size."""
-    first = slice(None, min(_TRIED, len(record)))
-    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+    samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
     return max(
         (log_likelihood(linear.model(record, sigma, change), samples, inputs), float(change))
         for change in _CHANGES
@@ -412,53 +393,39 @@ def _tuned(
         [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
     )
     stated = np.array([p.sigma < np.inf for p in free], dtype=bool)
-    first = slice(None, min(_TUNED, len(record)))
-    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+    samples, inputs = samples_of(record, linear)[:_TUNED], inputs_of(record)[:_TUNED]
 
-    untuned = LinearPart.of(structure, linear.equivalent)
-
-    def moved_values(moved: Floats) -> tuple[dict[str, float], Floats]:
-        values: dict[str, float] = dict(
-            zip((p.name for p in free), map(float, start + unit * moved[: len(free)]), strict=True)
-        )
-        equivalent = linear.equivalent
+    def part_of(moved: Floats) -> tuple[dict[str, float], LinearPart]:
+        values = dict(zip((p.name for p in free), (start + unit * moved[: len(free)]).tolist(), strict=True))
+        springs = linear.equivalent
         if units is not None:
-            equivalent = equivalent + units * moved[len(free) :].reshape(equivalent.shape)
-        return values, equivalent
+            springs = springs + units * moved[len(free) :].reshape(springs.shape)
+        return values, LinearPart.of(with_starts(structure, values), springs)
 
     def residual(moved: Floats) -> Floats:
-        model = untuned.with_values(*moved_values(moved)).model(record, sigma, change)
+        model = part_of(moved)[1].model(record, sigma, change)
         return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
 
-    count = len(free) + (0 if units is None else units.size)
-    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
-    for bound, side in ((lower, "lower"), (upper, "upper")):
-        bound[: len(free)] = [
-            (getattr(p, side) - value) / size for p, value, size in zip(free, start, unit, strict=True)
-        ]
+    limits = np.array([[p.lower, p.upper] for p in free]).reshape(-1, 2)
+    lower, upper = ((limits - start[:, None]) / unit[:, None]).T
     if units is not None:
-        limits = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
-        moves = (limits - linear.equivalent[..., None]) / units[..., None]
-        lower[len(free) :], upper[len(free) :] = moves[..., 0].ravel(), moves[..., 1].ravel()
-    lower, upper = (
-        np.minimum(lower, 0.0),
-        np.maximum(upper, 0.0),
-    )  # which rounding of a start at its bound exceeds
+        stable = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
+        least, most = np.moveaxis((stable - linear.equivalent[..., None]) / units[..., None], -1, 0)
+        lower, upper = np.append(lower, least), np.append(upper, most)
     optimum = scipy.optimize.least_squares(
         lambda shifted: residual(shifted - 1.0),  # from 1, of which a difference is a part
-        np.ones(count),
-        bounds=(lower + 1.0, upper + 1.0),
+        np.ones(len(lower)),
+        # rounding of a start at its bound exceeds it
+        bounds=(np.minimum(lower, 0.0) + 1.0, np.maximum(upper, 0.0) + 1.0),
         diff_step=_DIFFERENCE,
         max_nfev=_STEPS,
     )
-    values, equivalent = moved_values(np.asarray(optimum.x) - 1.0)
-    return values, LinearPart.of(with_starts(structure, values), equivalent)
+    return part_of(np.asarray(optimum.x) - 1.0)
 
 
 def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> LinearPart:
     """The linear system with a spring and a damper of the likeliest size in each open link, one after the other."""
-    first = slice(None, min(_TRIED, len(record)))
-    samples, inputs = samples_of(record, linear)[first], inputs_of(record)[first]
+    samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
 
     def likelihood(part: LinearPart) -> float:
         return log_likelihood(part.model(record, sigma, _STIFF), samples, inputs)
@@ -478,12 +445,12 @@ def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -
 
 def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
     """A structure with other starts of unknown coefficients."""
-    links = []
-    for link in structure.links:
+    links = list(structure.links)
+    for number, link in enumerate(links):
         own = {
             name: replace(coefficient, value=values[f"{link.name}.{name}"])
             for name, coefficient in link.coefficients.items()
             if f"{link.name}.{name}" in values
         }
-        links.append(replace(link, coefficients={**link.coefficients, **own}) if own else link)
+        links[number] = replace(link, coefficients={**link.coefficients, **own}) if own else link
     return replace(structure, links=tuple(links))

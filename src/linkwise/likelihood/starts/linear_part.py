@@ -8,8 +8,8 @@ Starts of linear links with which a structure is stable: noise gives springs and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from math import isqrt
 
 import numpy as np
@@ -20,7 +20,6 @@ from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.law import Law
 from linkwise.model.link import Link
-from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
@@ -111,49 +110,19 @@ class LinearPart:
 
     @classmethod
     def of(cls, structure: Structure, equivalent: Floats | None = None) -> LinearPart:
+        slopes = [_linear_slopes(link, mode=link.name in structure.modes) for link in structure.links]
+        open_links = tuple(number for number, own in enumerate(slopes) if own is None)
+        equivalent = np.zeros((len(open_links), 2)) if equivalent is None else equivalent
+        both = np.array([own or (0.0, 0.0) for own in slopes]).reshape(-1, 2)
+        both[list(open_links)] = equivalent
         incidence = structure.incidence.toarray()
-        n = structure.size
-        stiffness, damping, open_links = np.zeros((n, n)), np.zeros((n, n)), []
-        for number, link in enumerate(structure.links):
-            slopes = _linear_slopes(link, mode=link.name in structure.modes)
-            if slopes is None:
-                open_links.append(number)
-                continue
-            both = np.outer(incidence[:, number], incidence[:, number])
-            stiffness += slopes[0] * both
-            damping += slopes[1] * both
-        if equivalent is None:
-            equivalent = np.zeros((len(open_links), 2))
-        for number, (spring, damper) in zip(open_links, equivalent, strict=True):
-            both = np.outer(incidence[:, number], incidence[:, number])
-            stiffness += spring * both
-            damping += damper * both
-        return cls(structure, stiffness, damping, tuple(open_links), equivalent)
+        stiffness, damping = ((incidence * own) @ incidence.T for own in both.T)
+        return cls(structure, stiffness, damping, open_links, equivalent)
 
-    def with_values(self, values: Mapping[str, float], equivalent: Floats) -> LinearPart:
-        """With other coefficients of linear links, by the names of parameters, and other equivalents of open links.
-
-        The structure stays as it is, so that it serves a search for both.
-        """
-        incidence = self.structure.incidence.toarray()
-        stiffness, damping = self.stiffness.copy(), self.damping.copy()
-        changed = {Name.parse(name).owner for name in values}
-        for number, link in enumerate(self.structure.links):
-            if link.name not in changed:
-                continue
-            moved = {name: values.get(f"{link.name}.{name}", value) for name, value in link.values.items()}
-            before, after = (link.law.partials(0.0, 0.0, own) for own in (link.values, moved))
-            both = np.outer(incidence[:, number], incidence[:, number])
-            stiffness += (after.by_d - before.by_d) * both
-            damping += (after.by_v - before.by_v) * both
-        opened = incidence[:, list(self.open)]
-        spring, damper = (equivalent - self.equivalent).T
-        return replace(
-            self,
-            stiffness=stiffness + (opened * spring) @ opened.T,
-            damping=damping + (opened * damper) @ opened.T,
-            equivalent=equivalent,
-        )
+    @cached_property
+    def incidence(self) -> Floats:
+        """(n, U) rows of B of the open links."""
+        return np.asarray(self.structure.incidence.toarray()[:, list(self.open)])
 
     def model(
         self, record: Record, sigma: Mapping[str, float], change: float, reach: float = TIGHT
@@ -164,46 +133,33 @@ class LinearPart:
         size of the measured motion.
         """
         structure, n, u = self.structure, self.structure.size, len(self.open)
-        masses = structure.mass_values
-        incidence = structure.incidence.toarray()[:, list(self.open)]
-        m = 2 * n + 2 * u
+        masses, m = structure.mass_values[:, None], 2 * n + 2 * u
         rates = np.zeros((m, m))
         rates[:n, n : 2 * n] = np.eye(n)
-        rates[n : 2 * n, :n] = -self.stiffness / masses[:, None]
-        rates[n : 2 * n, n : 2 * n] = -self.damping / masses[:, None]
-        rates[n : 2 * n, 2 * n : 2 * n + u] = -incidence / masses[:, None]
+        rates[n : 2 * n, : 2 * n + u] = -np.hstack([self.stiffness, self.damping, self.incidence]) / masses
         rates[2 * n : 2 * n + u, 2 * n + u :] = np.eye(u)
-        applied = _applied(record, structure)
+        applied = [structure.topology.row(channel.place) for channel in record.forces]
         drive = np.zeros((m, len(applied)))
-        drive[n : 2 * n] = applied.T / masses[:, None]
-        motion_sizes = self._sizes(record)
-        size = self._force_sizes(*motion_sizes)
+        drive[n : 2 * n] = np.reshape(applied, (-1, n)).T / masses
+        x, v = self._sizes(record)
+        size = self._force_sizes(x, v)
         intensity = np.zeros(m)
         intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
         transition, process, input_effect = _discrete(rates, drive, intensity, record.step)
-        rows = np.stack([structure.topology.row(channel.place) for channel in record.motions])
-        kinds = [channel.order for channel in record.motions]
-        by_kind = np.stack([np.eye(m)[:n], np.eye(m)[n : 2 * n], rates[n : 2 * n]])
-        direct = np.stack([np.zeros_like(drive[:n]), np.zeros_like(drive[:n]), drive[n : 2 * n]])
-        observation = np.stack([row @ by_kind[kind] for row, kind in zip(rows, kinds, strict=True)])
-        bound = reach * motion_sizes[0]
-        bounded = np.concatenate([incidence.T, np.zeros((u, m - n))], axis=1)
-        noise = [sigma[name] ** 2 for name in record.motions]
-        start = np.zeros(m)
-        start[:n], start[n : 2 * n] = motion_sizes
-        start[2 * n : 2 * n + u], start[2 * n + u :] = size, size / record.step
+        whole = np.hstack([rates, drive])  # accelerations from states and inputs
+        by_kind = np.stack([np.eye(n, m + len(applied), kind * n) for kind in (0, 1)] + [whole[n : 2 * n]])
+        shown = [structure.topology.row(channel.place) @ by_kind[channel.order] for channel in record.motions]
+        bounded = np.pad(self.incidence.T, ((0, 0), (0, whole.shape[1] - n)))
+        observation = np.concatenate([np.stack(shown), bounded])
+        bound = (reach * x) ** 2 * _CORRELATED * record.rate
+        start = np.concatenate([[x] * n, [v] * n, size, size / record.step])
         return LinearModel(
             transition=transition,
             process=process,
-            observation=np.concatenate([observation, bounded]),
-            noise=np.array([*noise, *[bound**2 * _CORRELATED * record.rate] * u]),
+            observation=observation[:, :m],
+            noise=np.array([*(sigma[name] ** 2 for name in record.motions), *[bound] * u]),
             drive=input_effect,
-            direct=np.concatenate(
-                [
-                    np.stack([row @ direct[kind] for row, kind in zip(rows, kinds, strict=True)]),
-                    np.zeros((u, len(applied))),
-                ]
-            ),
+            direct=observation[:, m:],
             first=np.diag(np.square(10.0 * start)),
         )
 
@@ -218,8 +174,7 @@ class LinearPart:
 
         A spring may be as negative as the rest of the structure holds, and both as large as some steps a sample follow.
         """
-        direction = self.structure.incidence.toarray()[:, self.open[number]]
-        stiffness = LinearPart.of(self.structure).stiffness
+        direction, stiffness = self.incidence[:, number], LinearPart.of(self.structure).stiffness
         moved = np.linalg.lstsq(stiffness, direction, rcond=None)[0]
         is_held = np.linalg.norm(stiffness @ moved - direction) < _HELD * np.linalg.norm(direction)
         least = -_STABLE / float(direction @ moved) if is_held else 0.0
@@ -228,13 +183,12 @@ class LinearPart:
 
     def mass(self, number: int) -> float:
         """Mass in kg that open link `number` moves."""
-        direction = self.structure.incidence.toarray()[:, self.open[number]]
+        direction = self.incidence[:, number]
         return 1.0 / float(direction @ (direction / self.structure.mass_values))
 
     def _force_sizes(self, x: float, v: float) -> Floats:
         """(U,) sizes of the forces of open links: what would give their ends the acceleration of motion of these sizes."""
-        incidence = self.structure.incidence.toarray()[:, list(self.open)]
-        mobility = np.einsum("il,il->l", incidence, incidence / self.structure.mass_values[:, None])
+        mobility = np.einsum("il,il->l", self.incidence, self.incidence / self.structure.mass_values[:, None])
         return np.asarray(v**2 / max(x, np.finfo(float).tiny) / mobility)
 
     def _sizes(self, record: Record) -> tuple[float, float]:
@@ -253,22 +207,16 @@ class LinearPart:
 
 def _linear_slopes(link: Link, *, mode: bool) -> tuple[float, float] | None:
     """Stiffness and damping of a link that is part of the linear system, None for another one."""
-    coefficients = link.coefficients.values()
-    if any(coefficient.value is None for coefficient in coefficients):
-        if mode:
-            missing = next(
-                name for name, coefficient in link.coefficients.items() if coefficient.value is None
-            )
-            raise IdentificationError(
-                f"no starting value for {link.name}.{missing}: state {{ start = ... }} for it in the structure"
-            )
-        return None
-    if not mode and not all(coefficient.known for coefficient in coefficients):
+    missing = [name for name, coefficient in link.coefficients.items() if coefficient.value is None]
+    if missing and mode:
+        raise IdentificationError(
+            f"no starting value for {link.name}.{missing[0]}: state {{ start = ... }} for it in the structure"
+        )
+    if missing or not (mode or all(coefficient.known for coefficient in link.coefficients.values())):
         return None
     if not is_linear(link.law):
         return None
-    slopes = link.law.partials(0.0, 0.0, link.values)
-    return float(slopes.by_d), float(slopes.by_v)
+    return _slopes(link, link.values)
 
 
 @lru_cache(maxsize=512)
@@ -283,12 +231,6 @@ def samples_of(record: Record, linear: LinearPart) -> Floats:
     """(N, C + U) samples, and zeros that bound the elongations of open links."""
     shown = record.select(record.motions).values
     return np.concatenate([shown, np.zeros((len(record), len(linear.open)))], axis=1)
-
-
-def _applied(record: Record, structure: Structure) -> Floats:
-    """(r, n) parts of modes and masses in the applied forces."""
-    rows = [structure.topology.row(channel.place) for channel in record.forces]
-    return np.stack(rows) if rows else np.zeros((0, structure.size))
 
 
 def inputs_of(record: Record) -> Floats:
@@ -344,27 +286,23 @@ def stable_starts(
     values = dict(starts)
     for number, index in enumerate(linear.open):
         link = linear.structure.links[index]
-        own = {
-            name: coefficient.value
-            for name, coefficient in link.coefficients.items()
-            if coefficient.value is not None
-        }
+        own = {name: c.value for name, c in link.coefficients.items() if c.value is not None}
         own |= {name: values[key] for name in link.coefficients if (key := f"{link.name}.{name}") in values}
         free = [name for name in link.law.linear if f"{link.name}.{name}" in values.keys() - stated.keys()]
         if not free or own.keys() != link.coefficients.keys() or not is_linear(link.law):
             continue
-        slopes = _slopes(link, own)
+        slopes = np.array(_slopes(link, own))
         missing = np.clip(slopes, *np.transpose(linear.bounds(number, rate))) - slopes
         if not missing.any():
             continue
-        columns = [_slopes(link, own | {name: 2.0 * own[name] or 1.0}) - slopes for name in free]
+        columns = [np.array(_slopes(link, own | {name: 2.0 * own[name] or 1.0})) - slopes for name in free]
         change = np.linalg.lstsq(np.stack(columns, axis=1), missing, rcond=None)[0]
         for name, part in zip(free, change, strict=True):
             values[f"{link.name}.{name}"] += float(part) * (own[name] or 1.0)
     return values
 
 
-def _slopes(link: Link, values: Mapping[str, float]) -> Floats:
+def _slopes(link: Link, values: Mapping[str, float]) -> tuple[float, float]:
     """Stiffness in N/m and damping in N s/m of a linear link."""
     partials = link.law.partials(0.0, 0.0, dict(values))
-    return np.array([float(partials.by_d), float(partials.by_v)])
+    return float(partials.by_d), float(partials.by_v)

@@ -27,10 +27,8 @@ else:
 _HIDDEN = 0.1  # of its own size: the scale of a defect of a state that no channel shows, at q = 1
 _PERIODS = 4.0  # of the motion after which a state has forgotten where it started
 _SHORTEST = 32  # samples of a piece
-_FINER, _AWAY = (
-    8,
-    100.0,
-)  # steps a sample where states ran away, and by which factor beyond their reach they have
+# steps a sample where states ran away, and by which factor beyond their reach they have
+_FINER, _AWAY = 8, 100.0
 _NUDGE, _GROWN = 1e-6, 10.0  # change of a state at the start, and by which factor it may have grown
 
 
@@ -43,20 +41,16 @@ def link_states(
     d, rate = link_motion(record, structure, x, v)
     values, sizes = [], []
     for law, numbers in structure.topology.by_law:
-        if not law.states:
-            continue
-        signals = signals_of(record, law)
-        inside = [
-            follow_states(
-                law, structure.links[k].values, np.stack([d[:, k], rate[:, k], *signals]), record.step
-            )[:, 0]
-            for k in numbers.tolist()
-        ]
+        motion = [np.stack([d[:, k], rate[:, k], *signals_of(record, law)]) for k in numbers.tolist()]
+        inside = {
+            k: follow_states(law, structure.links[k].values, along, record.step)[:, 0]
+            for k, along in zip(numbers.tolist(), motion, strict=True)
+        }
         for row, name in enumerate(law.states):
-            for states, k in zip(inside, numbers.tolist(), strict=True):
+            for k in numbers.tolist():
                 channel = f"state:{structure.links[k].name}.{name}"
                 measured = channel in record.channels
-                state = smoothed(record, channel, sigma[channel])[0] if measured else states[row]
+                state = smoothed(record, channel, sigma[channel])[0] if measured else inside[k][row]
                 values.append(state)
                 size = float(np.sqrt(np.mean(state**2))) or 1.0
                 sizes.append(sigma[channel] if measured else _HIDDEN * size)
@@ -93,23 +87,20 @@ def follow_states(
     `values` are numbers, or (B, 1) for a `batch` of B links.
 
     The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
-    States whose rates are linear are filtered, which gives the same to rounding; those of sliders follow the elongation within
-    their bounds. States that run away from sample to sample, as those of a link that moves by many times the length at which
-    it yields, are followed again in steps of an eighth.
+    States whose rates are linear are filtered, which gives the same to rounding and much faster; those of sliders follow the
+    elongation within their bounds. States that run away from sample to sample, as those of a link that moves by many times the
+    length at which it yields, are followed again in steps of an eighth.
     """
     if not law.states:
         return np.empty((0, batch, motion.shape[1]))
     states = _followed(law, values, motion, step, batch, start)
-    if slider_parts(law) is not None or _decay_alone(law):
+    if slider_parts(law) is not None or _decay(law) is not None:
         return states
     away = np.flatnonzero(_run_away(law, values, states, motion, step, start))
     if len(away):
-        own = {
-            name: np.asarray(value)[away] if np.size(value) > 1 else value for name, value in values.items()
-        }
-        states[:, away] = _followed(law, own, _between(motion, step), step / _FINER, len(away), start)[
-            ..., ::_FINER
-        ]
+        own = {name: np.asarray(v)[away] if np.size(v) > 1 else v for name, v in values.items()}
+        finer = _followed(law, own, _between(motion, step), step / _FINER, len(away), start)
+        states[:, away] = finer[..., ::_FINER]
     return states
 
 
@@ -136,12 +127,9 @@ def _run_away(
 ) -> Bools:
     """Whether states (r, B, N) of each of B links leave what their rates at zero add up to, by far."""
     rates = _rates_at_zero(law, values, motion)
-    largest = np.abs(states).max(axis=-1)
-    away = np.zeros(largest.shape[1], dtype=bool)
-    for size, rate in zip(largest, rates, strict=True):
-        reach = np.abs(np.cumsum(np.broadcast_to(rate, states.shape[1:]), axis=-1)).max(axis=-1)
-        away |= ~(size <= _AWAY * (step * reach + abs(start)))
-    return away
+    sums = np.cumsum(np.stack([np.broadcast_to(rate, states.shape[1:]) for rate in rates]), axis=-1)
+    reach = step * np.abs(sums).max(axis=-1) + abs(start)
+    return np.asarray(~(np.abs(states).max(axis=-1) <= _AWAY * reach).all(axis=0))
 
 
 def _rates_at_zero(law: Law, values: Mapping[str, float | Floats], motion: Floats) -> tuple[Floats, ...]:
@@ -171,15 +159,8 @@ def _followed(
     if slider_parts(law) is not None:
         return _slid(law, values, along[0], batch, start)[..., : len(d)]
     middle = 0.5 * (along[:, :-1] + along[:, 1:])
-    if _decay_alone(law):
-        pieces = along.swapaxes(1, 2), middle.swapaxes(1, 2)
-        filtered = [
-            _filtered(
-                law, {name: _value_at(value, k) for name, value in values.items()}, *pieces, step, start
-            )
-            for k in range(batch)
-        ]
-        states = np.stack(filtered, axis=1)[..., piece:]
+    if _decay(law) is not None:
+        states = _filtered(law, values, (along, middle), step, batch, start)[..., piece:]
         return states.reshape(len(states), batch, -1)[..., : len(d)]
     out = np.empty((len(law.states), batch, count, piece))
     states = np.full((len(law.states), batch, count), start)
@@ -227,50 +208,47 @@ def _slid(law: Law, values: Mapping[str, float | Floats], along: Floats, batch: 
     return out.reshape(count, batch, -1)
 
 
-def _value_at(value: float | Floats, k: int) -> float:
-    """The value of link `k` of a batch, which may be that of all."""
-    return float(np.ravel(value)[k if np.size(value) > 1 else 0])
-
-
 @lru_cache(maxsize=256)
-def _decay_alone(law: Law) -> bool:
-    """Whether the rate of each state is linear in it, by a factor of coefficients alone, and does not depend on the others."""
+def _decay(law: Law) -> Program | None:
+    """The factor of each state in its rate, from the coefficients; None unless rates are linear in their own states alone."""
+    slopes = []
     for state, rate in law.named_rates:
         for by in law.states:
             slope = differentiate(rate, by)
             if set(law.variables) & set(symbols(slope)) or (by != state and slope != Number(0.0)):
-                return False
-    return True
-
-
-@lru_cache(maxsize=256)
-def _decay_program(law: Law) -> Program:
-    """The factor of each state in its rate, from the coefficients."""
-    return Program([differentiate(rate, state) for state, rate in law.named_rates], law.coefficients)
+                return None
+            slopes += [slope] if by == state else []
+    return Program(slopes, law.coefficients)
 
 
 def _filtered(
-    law: Law, values: Mapping[str, float], along: Floats, middle: Floats, step: float, start: float
+    law: Law,
+    values: Mapping[str, float | Floats],
+    along: tuple[Floats, Floats],
+    step: float,
+    batch: int,
+    start: float,
 ) -> Floats:
-    """States (r, C, M) of pieces whose rates are linear, s' = a s + g(d, v, u), by the same method of Runge and Kutta.
+    """States (r, B, C, M) of pieces whose rates are linear, s' = a s + g(d, v, u), by the same method of Runge and Kutta.
 
-    `along` (2 + U, C, M) are d, v and signals at the samples, `middle` (2 + U, C, M - 1) those between.
+    `along` are d, v and signals at the samples (2 + U, M, C), and between them (2 + U, M - 1, C).
     """
-    ends, between = (_rates_at_zero(law, values, motion) for motion in (along, middle))
-    slopes = _decay_program(law)(*(values[name] for name in law.coefficients))
-    out = np.empty((len(law.states), *along.shape[1:]))
-    for row, (end, mid, slope) in enumerate(zip(ends, between, slopes, strict=True)):
-        q = step * float(slope)
-        decay = 1.0 + q + q**2 / 2.0 + q**3 / 6.0 + q**4 / 24.0
-        end, mid = (np.broadcast_to(rate, on.shape[1:]) for rate, on in ((end, along), (mid, middle)))
-        pushed = (
-            (1.0 + q + q**2 / 2.0 + q**3 / 4.0) * end[:, :-1]
-            + (4.0 + 2.0 * q + q**2 / 2.0) * mid
-            + end[:, 1:]
-        )
-        out[row, :, 0] = start
-        before = np.full((len(end), 1), decay * start)
-        out[row, :, 1:] = signal.lfilter([step / 6.0], [1.0, -decay], pushed, zi=before)[0]
+    decay = _decay(law)
+    assert decay is not None
+    own = {name: np.reshape(value, (-1, 1, 1)) for name, value in values.items()}
+    ends, between = (_rates_at_zero(law, own, motion.swapaxes(1, 2)) for motion in along)
+    slopes = decay(*(np.ravel(values[name]) for name in law.coefficients))
+    count, pieces = along[0].shape[1:]
+    out = np.full((len(law.states), batch, pieces, count), start)
+    for states, end, mid, slope in zip(out, ends, between, slopes, strict=True):
+        end = np.broadcast_to(end, states.shape)
+        mid = np.broadcast_to(mid, (batch, pieces, count - 1))
+        for k, q in enumerate(np.broadcast_to(step * np.asarray(slope), batch).tolist()):
+            factor = 1.0 + q + q**2 / 2.0 + q**3 / 6.0 + q**4 / 24.0
+            pushed = (1.0 + q + q**2 / 2.0 + q**3 / 4.0) * end[k, :, :-1] + end[k, :, 1:]
+            pushed = pushed + (4.0 + 2.0 * q + q**2 / 2.0) * mid[k]
+            before = np.full((pieces, 1), factor * start)
+            states[k, :, 1:] = signal.lfilter([step / 6.0], [1.0, -factor], pushed, zi=before)[0]
     return out
 
 

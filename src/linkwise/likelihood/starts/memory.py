@@ -3,7 +3,7 @@
 The equation of every mass is integrated against test functions, so that no displacement is differentiated twice, and the force
 of a load cell is compared with its law. Along the smoothed motion the states follow from the coefficients in their rates; the
 rest of the coefficients, and unknown masses, are then a linear regression (variable projection). The cost may have several
-valleys: it is searched from many starts of the sizes that the units of the coefficients and the motion imply.
+minima: it is searched from many starts of the sizes that the units of the coefficients and the motion imply.
 
 Random starting values of the sizes that units and motion imply.
 
@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motio
 from linkwise.model.law import unit_dimension
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
@@ -100,7 +102,7 @@ _REFINED = 6  # ... so many of the best are refined
 _SEARCH = 40  # steps of a refinement, at most
 _FLAT = 1e-5  # relative change of the cost at which it ends
 _WINDOW = 0.2  # half width of a test function over the period of the motion
-_DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two valleys are different
+_DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two minima are different
 _MARGIN = 0.05  # of the room between two bounds, next to them
 _ROUNDING = (
     1e-20  # of the power of a force: a constant, of which no more is left without its slow part, says nothing
@@ -109,38 +111,33 @@ _SEED = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Valley:
+class Start:
     """Parameters `values` (p,) at a minimum, and `misfit`, the part of the forces in power that is left there."""
 
     values: Floats
     misfit: float
 
 
+FindStarts: TypeAlias = Callable[[Sequence[Record], Structure, Mapping[str, float]], tuple[Start, ...]]
+"""Gives starts from records, the best first; the values given by name are kept, or kept near."""
+
+
 def memory_starts(
     records: Sequence[Record], structure: Structure, given: Mapping[str, float]
-) -> tuple[Valley, ...]:
+) -> tuple[Start, ...]:
     """Starting values of all parameters, those that leave least of the forces first; `given` starts by name are kept near.
 
     Raises IdentificationError where a mass has no displacement or velocity channel, or nothing sets the scale of the forces.
     """
-    return MemorySearch.of(records[0], structure, given).valleys()
+    return MemorySearch.of(records[0], structure, given).minima()
 
 
-def rough_memory_start(records: Sequence[Record], structure: Structure) -> Valley:
+def rough_memory_start(records: Sequence[Record], structure: Structure) -> Start:
     """The best of random starts on the first samples of a record: quick, to rank structures before any is fitted.
 
     Raises IdentificationError as `memory_starts` does.
     """
     return MemorySearch.of(records[0][:_ROUGH_SAMPLES], structure, {}).rough()
-
-
-def _distinct(valleys: Sequence[Valley]) -> tuple[Valley, ...]:
-    distinct: list[Valley] = []
-    for valley in valleys:
-        sizes = np.maximum(np.abs(valley.values), 1e-300)
-        if all(np.max(np.abs(valley.values - previous.values) / sizes) > _DISTINCT for previous in distinct):
-            distinct.append(valley)
-    return tuple(distinct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,32 +186,35 @@ class MemorySearch:
                 "state starts of all unknowns"
             )
         d, rate = link_motion(record, structure, x, v)
-        of_links = (channel for channel in record.channels if channel.of_link)
-        shown: dict[str, Floats] = {name: smoothed(record, name, sigma[name])[0] for name in of_links}
         signals = {name: record.channel(f"signal:{name}") for name in structure.signals}
-        return cls(structure, record.step, d, rate, _balances(record, structure, x), shown, given, signals)
+        balances, shown = _balances(record, structure, x), _shown(record, {})
+        return cls(structure, record.step, d, rate, balances, shown, given, signals)
 
-    def valleys(self) -> tuple[Valley, ...]:
+    def minima(self) -> tuple[Start, ...]:
         """The minima that are found, the lowest first."""
-        if not self.curved:
-            return (Valley(*self.solved(np.zeros(0))),)
         refined = self.refined(self.trials()[:_REFINED])
         lasting = self._forget_start(refined)
         refined = refined[lasting] if lasting.any() else refined
-        valleys = [Valley(*self.solved(curved)) for curved in refined]
-        return _distinct(sorted(valleys, key=lambda valley: valley.misfit))
+        distinct: list[Start] = []
+        for start in sorted(map(self.solved, refined), key=lambda start: start.misfit):
+            sizes = np.maximum(np.abs(start.values), 1e-300)
+            if all(np.max(np.abs(start.values - other.values) / sizes) > _DISTINCT for other in distinct):
+                distinct.append(start)
+        return tuple(distinct)
 
-    def rough(self) -> Valley:
+    def rough(self) -> Start:
         """The best of random starts: quick, to rank structures or motions before any search."""
-        if not self.curved:
-            return Valley(*self.solved(np.zeros(0)))
-        return Valley(*self.solved(self.trials(_ROUGH_TRIALS)[0]))
+        return self.solved(self.trials(_ROUGH_TRIALS)[0])
 
     def trials(self, count: int = _TRIALS) -> Floats:
         """Starts (B, q) of the curved parameters, the best first, last those whose states amplify their start."""
+        if not self.curved:
+            return np.zeros((1, 0))
         rng = np.random.default_rng(_SEED)
-        trials = np.stack([self.trial(rng, first=number == 0) for number in range(count)])
-        costs = [float(np.mean(left**2)) for _, left in self.regressed(trials)]
+        trials = np.stack(
+            [trial_values(self.curved, self.given, self.sizes, rng, first=k == 0) for k in range(count)]
+        )
+        costs = np.mean(self.regressed(trials)[1] ** 2, axis=1)
         return np.asarray(trials[np.lexsort(np.stack([costs, ~self._forget_start(trials)]))])
 
     def _forget_start(self, curved: Floats) -> Bools:
@@ -274,72 +274,60 @@ class MemorySearch:
         margin = np.where(np.isfinite(high - low), _MARGIN * (high - low), 0.0)
         return low + margin, high - margin
 
-    def trial(self, rng: np.random.Generator, *, first: bool) -> Floats:
-        """Values of the curved parameters to start from."""
-        return trial_values(self.curved, self.given, self.sizes, rng, first=first)
-
-    def solved(self, curved: Floats) -> tuple[Floats, float]:
-        """Values (p,) of all parameters, and the part in power that is left."""
-        ((linear, left),) = self.regressed(curved[None])
-        values_by_name = dict(zip((p.name for p in self.curved), curved, strict=True))
-        values_by_name |= dict(zip((p.name for p in self.straight), linear, strict=True))
-        values = np.array([values_by_name[p.name] for p in self.structure.parameters])
-        return values, float(np.mean(left**2))
+    def solved(self, curved: Floats) -> Start:
+        """All parameters, and the part in power that is left."""
+        (linear,), (left,) = self.regressed(curved[None])
+        values = {p.name: value for p, value in zip(self.curved, curved, strict=True)}
+        values |= {p.name: value for p, value in zip(self.straight, linear, strict=True)}
+        return Start(np.array([values[p.name] for p in self.structure.parameters]), float(np.mean(left**2)))
 
     def refined(self, trials: Floats) -> Floats:
         """Minima (B, q) near trials (B, q), by the method of Levenberg and Marquardt, all side by side."""
+        if not self.curved:
+            return trials
         best, damping = trials.copy(), np.full(len(trials), 1e-2)
         low, high = self.bounds
         sizes = np.array([self.sizes[p.name] for p in self.curved])
-        left = [rows for _, rows in self.regressed(best)]
-        slopes: list[Floats] = [np.empty(0)] * len(best)  # (R, q) of each, in units of `scales`
-        scales, moved = np.empty_like(best), np.ones(len(best), dtype=bool)
+        count, left = len(sizes), self.regressed(best)[1]
+        slopes, moved = np.empty((len(best), count, left.shape[1])), np.ones(len(best), dtype=bool)
         for _ in range(_SEARCH):
             nudge = 1e-6 * (np.abs(best) + 1e-3 * sizes)
-            nudge = np.where(best + nudge > high, -nudge, nudge)
-            nudged = (best[:, None, :] + nudge[:, None, :] * np.eye(best.shape[1]))[moved]
-            around = [rows for _, rows in self.regressed(nudged.reshape(-1, best.shape[1]))]
-            for number, k in enumerate(np.flatnonzero(moved).tolist()):
-                own = np.stack(around[number * len(sizes) : (number + 1) * len(sizes)], axis=1)
-                own = (own - left[k][:, None]) / nudge[k]
-                scales[k] = np.maximum(np.sqrt(np.einsum("ij,ij->j", own, own)), 1e-300)
-                slopes[k] = own / scales[k]
+            nudge = np.where(best + nudge > high, -nudge, nudge)[moved, :, None]
+            if moved.any():
+                around = self.regressed((best[moved, None] + nudge * np.eye(count)).reshape(-1, count))[1]
+                slopes[moved] = (around.reshape(*nudge.shape[:2], -1) - left[moved, None]) / nudge
+            scales = np.maximum(np.linalg.norm(slopes, axis=2), 1e-300)
             proposed = best.copy()
             for k, rows in enumerate(left):
-                damped = np.vstack([slopes[k], np.sqrt(damping[k]) * np.eye(len(sizes))])
-                right = np.concatenate([rows, np.zeros(len(sizes))])
+                damped = np.vstack([slopes[k].T / scales[k], np.sqrt(damping[k]) * np.eye(count)])
+                right = np.concatenate([rows, np.zeros(count)])
                 proposed[k] -= np.linalg.lstsq(damped, right, rcond=None)[0] / scales[k]
             proposed = np.clip(proposed, low, high)
-            tried = [rows for _, rows in self.regressed(proposed)]
-            gains = []
-            for k, rows in enumerate(tried):
-                gains.append(1.0 - float(np.sum(rows**2)) / max(float(np.sum(left[k] ** 2)), 1e-300))
-                moved[k] = gains[-1] > 0.0
-                damping[k] *= 0.2 if moved[k] else 5.0
-                if moved[k]:
-                    best[k], left[k] = proposed[k], rows
-            if max(np.abs(gains)) < _FLAT:
+            tried = self.regressed(proposed)[1]
+            gains = 1.0 - np.sum(tried**2, axis=1) / np.maximum(np.sum(left**2, axis=1), 1e-300)
+            moved = gains > 0.0
+            damping *= np.where(moved, 0.2, 5.0)
+            best[moved], left[moved] = proposed[moved], tried[moved]
+            if np.abs(gains).max() < _FLAT:
                 break
         return best
 
     @np.errstate(all="ignore")  # values that are far off may leave the numbers; such a trial is the worst
-    def regressed(self, curved: Floats) -> list[tuple[Floats, Floats]]:
+    def regressed(self, curved: Floats) -> tuple[Floats, Floats]:
         """For each of B values (B, q) the linear parameters, and the rows that are left, relative to the forces."""
-        if not len(curved):
-            return []
         numbers = [self._numbers(number, curved) for number in range(len(self.structure.links))]
-        states = [
-            follow_states(
-                link.law, {key: value[:, None] for key, value in values.items()},
-                self._motion(number), self.step, len(curved),
+        states = []
+        for number, (link, values) in enumerate(zip(self.structure.links, numbers, strict=True)):
+            own = {key: value[:, None] for key, value in values.items()}
+            states.append(follow_states(link.law, own, self._motion(number), self.step, len(curved)))
+        solved = [
+            self._regressed(
+                [{key: float(value[k]) for key, value in link.items()} for link in numbers],
+                [inside[:, k] for inside in states],
             )
-            for number, (link, values) in enumerate(zip(self.structure.links, numbers, strict=True))
-        ]  # fmt: skip
-        return [
-            self._regressed([{key: float(value[k]) for key, value in link.items()} for link in numbers],
-                            [inside[:, k] for inside in states])
             for k in range(len(curved))
-        ]  # fmt: skip
+        ]
+        return np.stack([linear for linear, _ in solved]), np.stack([left for _, left in solved])
 
     def _numbers(self, number: int, curved: Floats) -> dict[str, Floats]:
         """Values (B,) of the coefficients of a link, 0 for those that the regression finds."""
@@ -460,40 +448,42 @@ def _balances(record: Record, structure: Structure, x: Floats) -> tuple[Balance,
     return tuple(balances)
 
 
+def _shown(record: Record, inferred: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Forces and states (N,) of links, by channel: those measured, smoothed, before what is inferred."""
+    sigma, of_links = channel_noise(record), (channel for channel in record.channels if channel.of_link)
+    return {**inferred, **{name: smoothed(record, name, sigma[name])[0] for name in of_links}}
+
+
 def _projection(d: Floats, v: Floats, step: float) -> Callable[[Floats, int], Floats]:
     """Integrals of signals (N, ...) against test functions, or against their second derivatives (order 2)."""
     period = 2.0 * np.pi * np.std(d) / (np.std(v) or 1.0) / step
     half = int(np.clip(_WINDOW * period, 4, max(len(d) // 20, 4)))
     s = np.arange(-half, half + 1) / (half + 1)
     q = 1.0 - s**2
-    plain = q**4
-    second = (48.0 * s**2 * q**2 - 8.0 * q**3) / ((half + 1) * step) ** 2
+    kernels = {0: q**4, 2: (48.0 * s**2 * q**2 - 8.0 * q**3) / ((half + 1) * step) ** 2}
 
     def project(signal: Floats, order: int) -> Floats:
-        kernel = second if order else plain
         windows = np.lib.stride_tricks.sliding_window_view(signal, 2 * half + 1, axis=0)[:: max(half // 2, 1)]
-        projected: Floats = windows @ kernel / plain.sum()
-        return projected
+        return np.asarray(windows @ kernels[order] / kernels[0].sum())
 
     return project
 
 
-_CUTOFFS = tuple(
-    2.0 ** (-0.5 * k) for k in range(10)
-)  # times the frequency below which all is drift elsewhere
+# times the frequency below which all is drift elsewhere
+_CUTOFFS = tuple(2.0 ** (-0.5 * k) for k in range(10))
 _WORTHWHILE = 0.8  # of the misfit of a rough start: what a search leaves that did not merely follow the drift
 _MOST = 3  # minima of a link whose elongation was measured
 
 
 def memory_starts_by_links(
-    record: Record, structure: Structure, given: Mapping[str, float]
-) -> tuple[Valley, ...]:
+    records: Sequence[Record], structure: Structure, given: Mapping[str, float]
+) -> tuple[Start, ...]:
     """Starting values of all parameters of a structure whose masses are known and move as `needs_integration` says.
 
     Parameters
     ----------
-    record : Record
-        The record.
+    records : sequence of Record
+        The records, of which the first is taken.
     structure : Structure
         The structure.
     given : mapping of str to float
@@ -501,29 +491,28 @@ def memory_starts_by_links(
 
     Returns
     -------
-    tuple of Valley
+    tuple of Start
         Minima of what the laws leave of the forces of the links, the lowest of every link together first.
     """
-    record = record[:MOST_SAMPLES]
+    record = records[0][:MOST_SAMPLES]
     sigma = channel_noise(record)
     signals = link_signals(record, structure, sigma)
-    shown = {f"f:{link.name}": force for link, force in zip(structure.links, signals.force, strict=True)}
-    shown |= {
-        name: smoothed(record, name, sigma[name])[0]
-        for name in record.channels
-        if name.startswith(("f:", "state:"))
-    }
+    inferred = {f"f:{link.name}": force for link, force in zip(structure.links, signals.force, strict=True)}
+    shown = _shown(record, inferred)
     shown |= {f"signal:{name}": record.channel(f"signal:{name}") for name in structure.signals}
     by_group = [
-        (group, _group_valleys(structure, group, signals, shown, given)) for group in _connected(structure)
+        (_alone(structure, group).parameters, _group_starts(structure, group, signals, shown, given))
+        for group in _connected(structure)
     ]
-    valleys = []
+    starts = []
     for rank in range(max(len(own) for _, own in by_group)):
-        chosen = [(group, own[min(rank, len(own) - 1)]) for group, own in by_group]
-        values = {name: value for group, valley in chosen for name, value in _named(structure, group, valley)}
-        misfit = float(np.mean([valley.misfit for _, valley in chosen]))
-        valleys.append(Valley(np.array([values[p.name] for p in structure.parameters]), misfit))
-    return tuple(valleys)
+        chosen = [(parameters, own[min(rank, len(own) - 1)]) for parameters, own in by_group]
+        values = {
+            p.name: x for parameters, own in chosen for p, x in zip(parameters, own.values, strict=True)
+        }
+        misfit = float(np.mean([own.misfit for _, own in chosen]))
+        starts.append(Start(np.array([values[p.name] for p in structure.parameters]), misfit))
+    return tuple(starts)
 
 
 def _connected(structure: Structure) -> tuple[tuple[int, ...], ...]:
@@ -542,36 +531,32 @@ def _alone(structure: Structure, group: tuple[int, ...]) -> Structure:
     return replace(structure, masses=(), links=links)
 
 
-def _named(structure: Structure, group: tuple[int, ...], valley: Valley) -> list[tuple[str, float]]:
-    parameters = _alone(structure, group).parameters
-    return list(zip((p.name for p in parameters), valley.values.tolist(), strict=True))
-
-
-def _group_valleys(
+def _group_starts(
     structure: Structure,
     group: tuple[int, ...],
     signals: LinkSignals,
     shown: Mapping[str, Floats],
     given: Mapping[str, float],
-) -> tuple[Valley, ...]:
+) -> tuple[Start, ...]:
     """Starts for the links of a group, with the filters that leave least of their forces."""
     alone, chosen = _alone(structure, group), list(group)
-    own = {name: values for name, values in shown.items() if _belongs(name, alone)}
+    links = [link.name for link in alone.links]
+    own = {name: values for name, values in shown.items() if Channel.parse(name).link in links}
     named = {name: shown[f"signal:{name}"] for name in alone.signals}
 
     def search(cutoff: float) -> MemorySearch:
-        d, v = _without_drift(signals.d[chosen], signals.v[chosen], signals.step, cutoff)
-        cosines = int(2.0 * cutoff * signals.step * len(d.T)) + 1
+        d, v = signals.d[chosen], signals.v[chosen]
+        d, v = _without_drift(d, v, signals.step, cutoff) if cutoff else (d, v)
+        cosines = int(2.0 * cutoff * signals.step * len(d.T)) + bool(cutoff)
         return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, named, slow=cosines)
 
     if not signals.integration_order[chosen].any():
-        d, v = signals.d[chosen], signals.v[chosen]
-        return MemorySearch(alone, signals.step, d.T, v.T, (), own, given, named).valleys()[:_MOST]
+        return search(0.0).minima()[:_MOST]
     highest = min(
         drift_frequency(np.gradient(signals.v[number], signals.step), 1.0 / signals.step) for number in group
     )
     searches = sorted((search(part * highest) for part in _CUTOFFS), key=lambda search: search.rough().misfit)
-    rough, refined = searches[0].rough(), searches[0].valleys()[0]
+    rough, refined = searches[0].rough(), searches[0].minima()[0]
     first = (refined, rough) if refined.misfit < _WORTHWHILE * rough.misfit else (rough, refined)
     return *first, searches[1].rough()
 
@@ -582,12 +567,6 @@ def _without_drift(d: Floats, v: Floats, step: float, cutoff: float) -> tuple[Fl
     return np.stack([highpass(integral(row, step), 1.0 / step, cutoff) for row in rates]), rates
 
 
-def _belongs(channel: str, structure: Structure) -> bool:
-    """Whether a channel shows the force or a state of one of the links."""
-    owner = channel.partition(":")[2]
-    return any(owner == link.name or owner.startswith(f"{link.name}.") for link in structure.links)
-
-
 _HARDLY_MORE = 1.3  # times the misfit of the best random start
 _APART = 0.6  # relative distance of a parameter beyond which starts are far from each other: a factor of 2.5
 _SPREAD = 10  # of these at most
@@ -595,7 +574,7 @@ _SPREAD = 10  # of these at most
 
 def host_memory_starts(
     records: Sequence[Record], structure: Structure, given: Mapping[str, float]
-) -> tuple[Valley, ...]:
+) -> tuple[Start, ...]:
     """Starting values of all parameters of a structure with hosts.
 
     Parameters
@@ -609,7 +588,7 @@ def host_memory_starts(
 
     Returns
     -------
-    tuple of Valley
+    tuple of Start
         The lowest minimum of what the laws leave of the forces of links, then starts far from each other that leave hardly
         more: beside a host these forces are known roughly.
 
@@ -625,12 +604,12 @@ def host_memory_starts(
     try:
         tuned, linear = tuned_part(record, structure, sigma)
         by_motion = [
-            _motion_valleys(motion, record, structure, {**given, **tuned}, sigma)
+            _motion_starts(motion, record, structure, {**given, **tuned})
             for motion in host_motions(record, linear, sigma)
         ]
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
-    return min(by_motion, key=lambda valleys: valleys[0].misfit)
+    return min(by_motion, key=lambda starts: starts[0].misfit)
 
 
 def _liveliest(records: Sequence[Record]) -> Record:
@@ -641,56 +620,42 @@ def _liveliest(records: Sequence[Record]) -> Record:
     ]
 
 
-def _motion_valleys(
+def _motion_starts(
     motion: HostMotion,
     record: Record,
     structure: Structure,
     given: Mapping[str, float],
-    sigma: Mapping[str, float],
-) -> tuple[Valley, ...]:
+) -> tuple[Start, ...]:
     """Starts along one motion, in all parameters of the structure; those in no open link keep their starts."""
     fixed: dict[str, float] = {}
     for parameter in structure.parameters:
-        if any(link in motion.open for link, _ in parameter.members):
-            continue
-        start = given.get(parameter.name, parameter.start)
-        assert start is not None  # which the smoother needs of modes and masses
-        fixed[parameter.name] = start
-    names = [structure.links[number].name for number in motion.open]
-    shown = {f"f:{name}": motion.signals.force[k] for name, k in zip(names, motion.open, strict=True)}
-    measured = [
-        name for name in record.channels if name.startswith(("f:", "state:"))
-    ]  # before what the smoother infers
-    shown |= {name: smoothed(record, name, sigma[name])[0] for name in measured}
-    search = MemorySearch(
-        structure.with_values(fixed) if fixed else structure,
-        record.step,
-        motion.signals.d.T,
-        motion.signals.v.T,
-        (),
-        shown,
-        given,
-        {},
-    )
-    return tuple(
-        Valley(np.array([(fixed | values)[p.name] for p in structure.parameters]), valley.misfit)
-        for valley in (*search.valleys()[:1], *_spread(search))
-        for values in [dict(zip((p.name for p in search.structure.parameters), valley.values, strict=True))]
-    )
+        if not any(link in motion.open for link, _ in parameter.members):
+            start = given.get(parameter.name, parameter.start)
+            assert start is not None  # which the smoother needs of modes and masses
+            fixed[parameter.name] = start
+    inferred = {f"f:{structure.links[k].name}": motion.signals.force[k] for k in motion.open}
+    valued = structure.with_values(fixed) if fixed else structure
+    d, v = motion.signals.d.T, motion.signals.v.T
+    search = MemorySearch(valued, record.step, d, v, (), _shown(record, inferred), given, {})
+    starts = []
+    for found in (*search.minima()[:1], *_spread(search)):
+        values = fixed | dict(zip((p.name for p in search.structure.parameters), found.values, strict=True))
+        starts.append(Start(np.array([values[p.name] for p in structure.parameters]), found.misfit))
+    return tuple(starts)
 
 
-def _spread(search: MemorySearch) -> tuple[Valley, ...]:
+def _spread(search: MemorySearch) -> tuple[Start, ...]:
     """Random starts far from each other that leave hardly more of the forces than the best of them, that first."""
     if not search.curved:
         return ()
-    chosen: list[tuple[Floats, Valley]] = []
+    chosen: list[tuple[Floats, Start]] = []
     for curved in search.trials():
-        valley = Valley(*search.solved(curved))
-        if chosen and valley.misfit > _HARDLY_MORE * chosen[0][1].misfit:
+        start = search.solved(curved)
+        if chosen and start.misfit > _HARDLY_MORE * chosen[0][1].misfit:
             break
         if all(_are_apart(curved, earlier) for earlier, _ in chosen):
-            chosen.append((curved, valley))
-    return tuple(valley for _, valley in chosen[:_SPREAD])
+            chosen.append((curved, start))
+    return tuple(start for _, start in chosen[:_SPREAD])
 
 
 def _are_apart(first: Floats, second: Floats) -> bool:

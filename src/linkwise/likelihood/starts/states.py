@@ -40,33 +40,22 @@ def motion_from_states(
     transducer or a coil; displacements are integrals from 0.
     """
     names = structure.mass_names
-    known_velocities = {name: row for name, row in zip(names, v, strict=True) if row.any()}
-    known_velocities[GROUND] = np.zeros(len(record))
+    known = {name: row for name, row in zip(names, v, strict=True) if row.any()}
+    known[GROUND] = np.zeros(len(record))
     if f"x:{BASE}" in record.channels:
-        known_velocities[BASE] = np.gradient(record.channel(f"x:{BASE}"), record.step)
-    filled, waiting = [], list(structure.links)
-    while waiting:
-        links, waiting = waiting, []
-        for link in links:
-            first, second = link.between
-            if first not in known_velocities and second not in known_velocities:
-                waiting.append(link)  # until a link of one of its ends gives it
-            if (first in known_velocities) == (second in known_velocities):
-                continue
-            rate = _rate(link, record, sigma)
-            if rate is None:
-                continue
-            name = second if first in known_velocities else first
-            known_velocities[name] = (
-                known_velocities[first] - rate
-                if first in known_velocities
-                else known_velocities[second] + rate
-            )
+        known[BASE] = np.gradient(record.channel(f"x:{BASE}"), record.step)
+    filled: list[int] = []
+    for link in structure.links * len(
+        structure.links
+    ):  # again, once other links have given the motion of an end
+        first, second = link.between
+        rate = _rate(link, record, sigma) if (first in known) != (second in known) else None
+        if rate is not None:
+            name = second if first in known else first
+            known[name] = known[first] - rate if first in known else known[second] + rate
             number = names.index(name)
-            v[number], x[number] = known_velocities[name], integral(known_velocities[name], record.step)
+            v[number], x[number] = known[name], integral(known[name], record.step)
             filled.append(number)
-        if len(waiting) == len(links):
-            break
     return tuple(filled)
 
 
@@ -157,18 +146,15 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     """
     if structure.hosts:
         return _states_with_hosts(record, structure, sigma)
-    kinds = _kinds(record, structure)
-    x, v = _motion(record, structure, sigma, kinds)
+    x, v = _motion(record, structure, sigma)
     scale = np.full((2, structure.size), np.nan)
     reach = np.sqrt(samples) / 4.0
     for i, name in enumerate(structure.mass_names):
-        if not kinds[name]:
-            continue
-        channel = f"{kinds[name][0]}:{name}"
-        ratio = max(sigma[channel] / np.sqrt(np.nanmean(record.channel(channel) ** 2)), 1e-12)
-        displaced = kinds[name][0] == "x"
-        scale[0, i] = sigma[channel] if displaced else ratio * _rms(x[i])
-        scale[1, i] = sigma[channel] * record.rate * reach if displaced else ratio * _rms(v[i])
+        for channel in record.motions_of(name)[:1]:
+            noise = sigma[channel]
+            ratio = max(noise / np.sqrt(np.nanmean(record.channel(channel) ** 2)), 1e-12)
+            rough = ratio * _rms(x[i]), ratio * _rms(v[i])
+            scale[:, i] = (noise, noise * record.rate * reach) if channel.kind == "x" else rough
     for number in motion_from_states(record, structure, sigma, x, v):
         scale[:, number] = _FROM_STATES * _rms(x[number]), _FROM_STATES * _rms(v[number])
     hidden = np.isnan(scale[0])
@@ -197,65 +183,37 @@ def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, fl
     return StartStates(motion.x, motion.v, memory, np.concatenate([scale.ravel(), sizes]))
 
 
-def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
-    """Displacements and velocities (n, N) of the masses, smoothed, integrated where need be; zero without a sensor."""
-    return _smoothed_motion(record, structure, sigma, _kinds(record, structure))
-
-
-def shows_every_mass(record: Record, structure: Structure) -> bool:
-    """Whether every mass has a channel of its displacement, velocity or acceleration."""
-    return all(_kinds(record, structure).values())
-
-
-def _kinds(record: Record, structure: Structure) -> dict[str, list[str]]:
-    """Kinds of sensors on each mass."""
-    return {name: [channel.kind for channel in record.motions_of(name)] for name in structure.mass_names}
-
-
-def _motion(
-    record: Record,
-    structure: Structure,
-    sigma: dict[str, float],
-    kinds: dict[str, list[str]],
-) -> tuple[Floats, Floats]:
+def _motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
-    integrated = any(kinds[name][:1] in (["v"], ["a"]) for name in structure.mass_names)
     plain = all(link.law.is_plain for link in structure.links)
-    if integrated and plain and determines_links(record, structure) and _has_all_numbers(structure):
+    integrated = any(
+        channels[0].kind != "x" for name in structure.mass_names if (channels := record.motions_of(name))
+    )
+    numbers = all(c.value is not None for link in structure.links for c in link.coefficients.values())
+    if integrated and plain and numbers and determines_links(record, structure):
         signals = link_signals(record, structure, sigma)
         return masses_from_links(record, structure, *elongations_from_forces(signals, structure.links))
-    return _smoothed_motion(record, structure, sigma, kinds)
+    return measured_motion(record, structure, sigma)
 
 
-def _smoothed_motion(
-    record: Record, structure: Structure, sigma: dict[str, float], kinds: dict[str, list[str]]
-) -> tuple[Floats, Floats]:
-    x, v = np.zeros((structure.size, len(record))), np.zeros((structure.size, len(record)))
+def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
+    """Displacements and velocities (n, N) of the masses, smoothed, integrated where need be; zero without a sensor."""
+    x, v = np.zeros((2, structure.size, len(record)))
     for i, name in enumerate(structure.mass_names):
-        if not kinds[name]:
-            continue
-        measured = {kind: smoothed(record, f"{kind}:{name}", sigma[f"{kind}:{name}"]) for kind in kinds[name]}
+        measured = {c.kind: smoothed(record, c, sigma[c]) for c in record.motions_of(name)}
         if "v" in measured:
             v[i] = measured["v"][0]
         elif "x" in measured:
             v[i] = measured["x"][1]
-        else:
+        elif "a" in measured:
             cutoff = drift_frequency(measured["a"][0], record.rate)
             v[i] = highpass(integral(measured["a"][0], record.step), record.rate, cutoff)
         if "x" in measured:
             x[i] = measured["x"][0]
-        else:
-            integrated_v = integral(v[i], record.step)
-            x[i] = integrated_v if "v" in measured else highpass(integrated_v, record.rate, cutoff)
+        elif measured:
+            x[i] = integral(v[i], record.step)
+            x[i] = x[i] if "v" in measured else highpass(x[i], record.rate, cutoff)
     return x, v
-
-
-def _has_all_numbers(structure: Structure) -> bool:
-    return all(
-        structure.coefficient(f"{link.name}.{name}").value is not None
-        for link in structure.links
-        for name in link.coefficients
-    )
 
 
 def segment_nodes(states: Sequence[StartStates], samples: int) -> Floats:

@@ -74,11 +74,7 @@ _TOLERANCE = 1e-3  # of the cost
 
 
 def link_start(
-    signals: LinkSignals,
-    number: int,
-    link: Link,
-    values: Mapping[str, float],
-    free: tuple[str, ...],
+    signals: LinkSignals, number: int, link: Link, values: Mapping[str, float], free: tuple[str, ...]
 ) -> dict[str, float]:
     """Starting values of coefficients in which the law of a link is jointly linear.
 
@@ -105,27 +101,27 @@ def link_start(
     trials = []
     for cutoff in _CUTOFFS:
         d, v = (highpass(signal[number], 1.0 / signals.step, cutoff) for signal in (signals.d, signals.v))
-        start = dict(values) | _regressed(link, d, v, signals.force[number], values, free)
+        start = {**values, **regressed(link, d, v, signals.force[number], values, free)[0]}
         trials.append(_improved(windows, link, start, free))
     return min(trials, key=lambda trial: trial[0])[1]
 
 
-def _regressed(
-    link: Link,
-    d: Floats,
-    v: Floats,
-    force: Floats,
-    values: Mapping[str, float],
-    free: tuple[str, ...],
-) -> dict[str, float]:
-    """The free coefficients in which the law is linear, by least squares on the forces (N,); others keep their values."""
+def regressed(
+    link: Link, d: Floats, v: Floats, force: Floats, values: Mapping[str, float], free: Iterable[str]
+) -> tuple[dict[str, float], float]:
+    """The free coefficients in which a law is linear, by least squares on forces (N,), others at their values, and the squares
+    that are left; infinite where the law has no force.
+    """
     linear = [name for name in free if name in link.law.linear]
-    if not linear:
-        return {}
-    partials = link.law.partials(d, v, dict(values) | dict.fromkeys(linear, 0.0))
-    columns = np.stack([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in linear], axis=1)
-    solved = _least_squares(columns, force - partials.force)
-    return dict(zip(linear, map(float, solved), strict=True))
+    partials = link.law.partials(d, v, {**values, **dict.fromkeys(linear, 0.0)}, by=tuple(linear))
+    parts = (partials.force, *(partials.by_coefficient[name] for name in linear))
+    columns = np.stack([np.broadcast_to(part, d.shape) for part in parts], axis=1)
+    if not np.isfinite(columns).all():
+        return dict.fromkeys(linear, 0.0), np.inf
+    right, columns = force - columns[:, 0], columns[:, 1:]
+    solved = _least_squares(columns, right)
+    left = right - columns @ solved
+    return dict(zip(linear, solved.tolist(), strict=True)), float(left @ left)
 
 
 def _least_squares(columns: Floats, right: Floats) -> Floats:
@@ -155,11 +151,7 @@ def _improved(
 
 
 def _projected_step(
-    windows: DriftWindows,
-    link: Link,
-    values: dict[str, float],
-    free: tuple[str, ...],
-    lines: Floats,
+    windows: DriftWindows, link: Link, values: dict[str, float], free: tuple[str, ...], lines: Floats
 ) -> Floats:
     """The Gauss-Newton step (p,) of the coefficients with the lines (2, K) of all windows eliminated."""
     d, v = windows.motion(lines)
@@ -174,36 +166,6 @@ def _projected_step(
         columns = columns - q @ (q.transpose(0, 2, 1) @ columns)
         error = error - (q @ (q.transpose(0, 2, 1) @ error[..., None]))[..., 0]
     return _least_squares(columns.reshape(-1, len(free)), error.ravel())
-
-
-def law_start(
-    record: Record, structure: Structure, sigma: dict[str, float], given: Mapping[str, float]
-) -> dict[str, float]:
-    """Starting values of all parameters of a structure whose links the record determines.
-
-    Parameters
-    ----------
-    record : Record
-        The record.
-    structure : Structure
-        The structure.
-    sigma : dict of str to float
-        Standard deviations of the noise by channel.
-    given : mapping of str to float
-        Starting values by name of the parameter.
-
-    Returns
-    -------
-    dict of str to float
-        Starting values by name of the parameter.
-
-    Raises
-    ------
-    IdentificationError
-        If a coefficient that enters its law nonlinearly has no starting value.
-    """
-    signals = link_signals(record, structure, sigma)
-    return start_of_links(signals, structure, given, range(len(structure.links)))
 
 
 def start_of_links(
@@ -239,11 +201,7 @@ def start_of_links(
         free = tuple(name for name in link.law.coefficients if (number, name) in names)
         if not free:
             continue
-        values = {
-            name: float(coefficient.value)
-            for name, coefficient in link.coefficients.items()
-            if coefficient.value is not None
-        }
+        values = {name: float(c.value) for name, c in link.coefficients.items() if c.value is not None}
         values |= {name: given[names[number, name]] for name in free if names[number, name] in given}
         missing = [name for name in free if name not in values and name not in link.law.linear]
         if missing:
@@ -261,11 +219,9 @@ def require_placed(record: Record, structure: Structure) -> None:
 
     Accelerations and velocities, and forces between points that move alike, are the same wherever a free structure is.
     """
-    rigid = [
-        number
-        for number, name in enumerate(structure.mass_names)
-        if name in structure.modes and _is_rigid(structure, name)
-    ]
+    modes = [(number, name) for number, name in enumerate(structure.mass_names) if name in structure.modes]
+    frequencies = [(number, structure.link(name).coefficients["frequency"]) for number, name in modes]
+    rigid = [number for number, frequency in frequencies if frequency.known and frequency.value == 0.0]
     if not rigid:
         return
     rows = [structure.topology.row(channel.place) for channel in record.responses if channel.kind == "x"]
@@ -288,11 +244,6 @@ def require_placed(record: Record, structure: Structure) -> None:
 def _acts_by_place(link: Link) -> bool:
     """Whether a force depends on the elongation; that of a damper does not."""
     return bool(link.law.states) or "d" in symbols(link.law.expression)
-
-
-def _is_rigid(structure: Structure, mode: str) -> bool:
-    frequency = structure.link(mode).coefficients["frequency"]
-    return frequency.known and frequency.value == 0.0
 
 
 _FEWEST = 50  # samples that a smoother needs to forget its start
@@ -367,64 +318,52 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
         The motion; where elongations drift, that which fits the forces best.
     """
     require_supported(record, structure)
-    try:
-        linear = LinearPart.of(structure)
-        tracked = [motion.with_drift_tracked(structure) for motion in host_motions(record, linear, sigma)]
-    except np.linalg.LinAlgError:
-        raise IdentificationError(TOO_LITTLE) from None
+    motions = host_motions(record, LinearPart.of(structure), sigma)
+    tracked = [motion.with_drift_tracked(structure) for motion in motions]
     return min(tracked, key=lambda motion: motion.misfit(structure))
 
 
 def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
-    """The motion for several bounds on elongations; for one alone where none drifts."""
+    """The motion for several bounds on elongations; for one alone where none drifts.
+
+    Raises IdentificationError where the record does not determine it.
+    """
     samples, inputs = samples_of(record, linear), inputs_of(record)
-    _, change = likeliest_change(record, linear, sigma)
-    for reach in _ELONGATIONS:
-        smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
-        motion = _motion(linear, smoothed, record)
-        yield motion
-        if not motion.signals.integration_order.any():
-            return
+    try:
+        _, change = likeliest_change(record, linear, sigma)
+        for reach in _ELONGATIONS:
+            smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
+            motion = _motion(linear, smoothed, record)
+            yield motion
+            if not motion.signals.integration_order.any():
+                return
+    except np.linalg.LinAlgError:
+        raise IdentificationError(TOO_LITTLE) from None
 
 
 def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
-    structure, open_links = linear.structure, linear.open
-    n = structure.size
-    x, v = smoothed.states[:, :n].T, smoothed.states[:, n : 2 * n].T
+    structure, open_links = linear.structure, list(linear.open)
+    n, u = structure.size, len(open_links)
+    x, v, inside = np.split(smoothed.states[:, : 2 * n + u].T, [n, 2 * n])
     d, rate = structure.elongations(x.T).T, structure.elongations(v.T).T
-    force = np.zeros_like(d)
-    force[list(open_links)] = smoothed.states[:, 2 * n : 2 * n + len(open_links)].T
-    for number, (spring, damper) in zip(open_links, linear.equivalent, strict=True):
-        force[number] += spring * d[number] + damper * rate[number]
-    incidence = structure.incidence.toarray()
+    force, walk = np.zeros_like(d), np.zeros(len(d))
+    springs, dampers = linear.equivalent.T[..., None]
+    force[open_links] = inside + springs * d[open_links] + dampers * rate[open_links]
+    incidence, deviation = structure.incidence.toarray(), np.sqrt(smoothed.covariance.diagonal()[: 2 * n + u])
     covariance = smoothed.covariance[:n, :n]
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
     drifts = variance > (_DETERMINED**2) * np.mean(d**2, axis=1)
-    is_open = np.isin(np.arange(len(structure.links)), open_links)
     remembers = np.array([bool(link.law.states) for link in structure.links])
-    of_force = smoothed.covariance.diagonal()[2 * n : 2 * n + len(open_links)]
-    walk = np.zeros(len(d))
-    gain = np.abs(incidence.T @ (incidence / structure.mass_values[:, None]))
-    walk[list(open_links)] = np.sqrt(of_force) * gain.diagonal()[list(open_links)]
-    return HostMotion(
-        x=x,
-        v=v,
-        deviation=np.sqrt(smoothed.covariance.diagonal()[: 2 * n]),
-        signals=LinkSignals(
-            d=d,
-            v=rate,
-            force=force,
-            integration_order=np.where(is_open & drifts & ~remembers, 2, 0),
-            random_walk_intensity=walk,
-            step=record.step,
-        ),
-        open=open_links,
-        coupling=(covariance @ incidence) / np.where(variance > 0.0, variance, 1.0),
-    )
+    gain = np.einsum("il,il->l", incidence, incidence / structure.mass_values[:, None])
+    walk[open_links] = deviation[2 * n :] * gain[open_links]
+    order = np.where(np.isin(np.arange(len(d)), open_links) & drifts & ~remembers, 2, 0)
+    coupling = (covariance @ incidence) / np.where(variance > 0.0, variance, 1.0)
+    signals = LinkSignals(d, rate, force, order, walk, record.step)
+    return HostMotion(x, v, deviation[: 2 * n], signals, linear.open, coupling)
 
 
 def host_start(
-    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
+    record: Record, structure: Structure, given: Mapping[str, float], *, equivalent: bool = False
 ) -> dict[str, float]:
     """Starting values of all parameters of a structure with hosts, by the forces of its links.
 
@@ -434,10 +373,10 @@ def host_start(
         The record.
     structure : Structure
         The structure.
-    sigma : mapping of str to float
-        Standard deviations of the noise by channel, in SI units.
     given : mapping of str to float
         Starting values by name of the parameter.
+    equivalent : bool, optional
+        Take the laws that come closest to equivalent springs and dampers of the links.
 
     Returns
     -------
@@ -449,28 +388,10 @@ def host_start(
     IdentificationError
         If an unknown has no starting value, and the forces of the links do not give one.
     """
-    return _started(_best_start, record, structure, sigma, given)
-
-
-def equivalent_start(
-    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
-) -> dict[str, float]:
-    """As `host_start`, with the laws that come closest to equivalent springs and dampers of the links."""
-    return _started(_equivalent_start, record, structure, sigma, given)
-
-
-def _started(
-    start: Callable[[Record, Structure, Mapping[str, float], Mapping[str, float]], dict[str, float]],
-    record: Record,
-    structure: Structure,
-    sigma: Mapping[str, float],
-    given: Mapping[str, float],
-) -> dict[str, float]:
-    """Values by a kind of start; raises IdentificationError for those that are missing."""
     require_supported(record, structure)
-    own = {name: value for name, value in given.items() if not name.endswith(".mass")}
+    stated = with_starts(structure, {name: v for name, v in given.items() if not name.endswith(".mass")})
     try:
-        values = start(record, with_starts(structure, own), sigma, dict(given))
+        values = _start_by_forces(record, stated, given, equivalent=equivalent)
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
     missing = [p.name for p in structure.parameters if p.name not in values]
@@ -478,16 +399,12 @@ def _started(
         raise IdentificationError(
             f"no starting value for {', '.join(missing)}: state {{ start = ... }} for it in the structure"
         )
-    valued = LinearPart.of(with_starts(structure, {name: values[name] for name in _modal(structure)}))
-    values = stable_starts(valued, values, given, record.rate)
-    return {p.name: values[p.name] for p in structure.parameters}
-
-
-def _modal(structure: Structure) -> list[str]:
-    """Unknown frequencies and damping of modes."""
-    return [
+    of_modes = [
         p.name for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape
     ]
+    valued = LinearPart.of(with_starts(structure, {name: values[name] for name in of_modes}))
+    values = stable_starts(valued, values, given, record.rate)
+    return {p.name: values[p.name] for p in structure.parameters}
 
 
 TOO_LITTLE = (
@@ -518,37 +435,29 @@ def require_supported(record: Record, structure: Structure) -> None:
     require_placed(record, structure)
 
 
-def _best_start(
-    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
+def _start_by_forces(
+    record: Record, structure: Structure, given: Mapping[str, float], *, equivalent: bool
 ) -> dict[str, float]:
-    tuned = tuned_modes(record, structure, sigma)
-    known = _shapes(structure) | dict(given) | tuned
+    """Values by forces of links along the motion that the laws explain best, or by those of equivalent springs and dampers."""
+    sigma = channel_noise(record)
+    if equivalent:
+        tuned, linear = tuned_part(record, structure, sigma)
+    else:
+        tuned = tuned_modes(record, structure, sigma)
+        linear = LinearPart.of(with_starts(structure, tuned))
+    shapes = [p for p in structure.parameters if p.name.is_shape or is_between_modes(p.name)]
+    known = {p.name: p.start for p in shapes if p.start is not None} | dict(given) | tuned
     trials: list[tuple[float, int, dict[str, float]]] = []
-    for motion in host_motions(record, LinearPart.of(with_starts(structure, tuned)), sigma):
-        start = start_of_links(motion.signals, structure, given, motion.open) | known
+    for motion in host_motions(record, linear, sigma):
+        signals = _equivalent(motion.signals, linear) if equivalent else motion.signals
+        start = start_of_links(signals, structure, given, motion.open) | known
+        if equivalent:
+            return start
         valued = structure.with_values(
             {p.name: start[p.name] for p in structure.parameters if p.name in start}
         )
         trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), start))
     return min(trials)[-1]
-
-
-def _equivalent_start(
-    record: Record, structure: Structure, sigma: Mapping[str, float], given: Mapping[str, float]
-) -> dict[str, float]:
-    tuned, linear = tuned_part(record, structure, sigma)
-    motion = next(host_motions(record, linear, sigma))
-    start = start_of_links(_equivalent(motion.signals, linear), structure, given, linear.open)
-    return start | _shapes(structure) | dict(given) | tuned
-
-
-def _shapes(structure: Structure) -> dict[str, float]:
-    """Starts of the shapes of hosts that are known to within, and of damping between their modes."""
-    return {
-        p.name: p.start
-        for p in structure.parameters
-        if p.start is not None and (p.name.is_shape or is_between_modes(p.name))
-    }
 
 
 def _equivalent(signals: LinkSignals, linear: LinearPart) -> LinkSignals:
@@ -632,10 +541,9 @@ def equivalent_values(
 
     Raises IdentificationError if a parameter has no starting value.
     """
-    record, parameters = framed_records(records, structure, integrated=True)[0], structure.parameters
-    known = {p.name: p.start for p in parameters if p.start is not None} | dict(given or {})
-    values = equivalent_start(record, structure, channel_noise(record), known)
-    return np.array([values[p.name] for p in parameters])
+    record = framed_records(records, structure, integrated=True)[0]
+    known = {p.name: p.start for p in structure.parameters if p.start is not None} | dict(given or {})
+    return np.array([*host_start(record, structure, known, equivalent=True).values()])
 
 
 def _beside_priors(
@@ -646,18 +554,16 @@ def _beside_priors(
     weak: WeakStart | None,
 ) -> tuple[Floats, Floats | None]:
     """Starting values with the parameters `fixed` at the most likely values of their priors."""
-    priors = {p.name: p for p in structure.parameters if p.name in fixed}
-    reduced = structure.with_values({name: _start(p) for name, p in priors.items()}) if priors else structure
+    priors = {p.name: (_start(p), p.sigma) for p in structure.parameters if p.name in fixed}
+    reduced = structure.with_values({n: value for n, (value, _) in priors.items()}) if priors else structure
     values, deviations = (
         _values(records, reduced, given, weak) if reduced.parameters else (np.zeros(0), np.zeros(0))
     )
     names = [p.name for p in reduced.parameters]
-    values_by_name = dict(zip(names, values, strict=True)) | {name: _start(p) for name, p in priors.items()}
-    start = np.array([values_by_name[p.name] for p in structure.parameters])
-    if deviations is None:
-        return start, None
-    spread = dict(zip(names, deviations, strict=True)) | {name: p.sigma for name, p in priors.items()}
-    return start, np.array([spread[p.name] for p in structure.parameters])
+    spread = np.full(len(names), np.nan) if deviations is None else deviations
+    both = priors | dict(zip(names, zip(values.tolist(), spread.tolist(), strict=True), strict=True))
+    starts, deviated = np.array([both[p.name] for p in structure.parameters]).reshape(-1, 2).T
+    return starts, None if deviations is None else deviated
 
 
 def _start(parameter: Parameter) -> float:
@@ -673,44 +579,45 @@ def _values(
     weak: WeakStart | None,
 ) -> tuple[Floats, Floats | None]:
     parameters = structure.parameters
-    known = {p.name: p.start for p in parameters if p.start is not None} | dict(given)
-    if parameters and all(p.name in given for p in parameters):
-        return np.array([given[p.name] for p in parameters]), None
+    known: dict[str, float] = {p.name: p.start for p in parameters if p.start is not None} | dict(given)
+
+    def of(values: Mapping[str, float]) -> tuple[Floats, None]:
+        return np.array([values[p.name] for p in parameters]), None
+
+    if all(p.name in given for p in parameters):
+        return of(given)
     if structure.hosts:
-        values = host_start(records[0], structure, channel_noise(records[0]), known)
-        return np.array([values[p.name] for p in parameters]), None
+        return of(host_start(records[0], structure, known))
     if needs_integration(records[0], structure):
-        values = known | law_start(records[0], structure, channel_noise(records[0]), known)
-        return np.array([values[p.name] for p in parameters]), None
+        signals = link_signals(records[0], structure, channel_noise(records[0]))
+        return of(known | start_of_links(signals, structure, known, range(len(structure.links))))
     integrated = _integrated(records, structure)
     try:
         with one_blas_thread():
             estimated, deviations = (weak or partial(_best_weak_fit, integrated or records))(structure, known)
     except IdentificationError as error:
         missing = [p.name for p in parameters if p.name not in known]
-        if 0 < len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
-            values = {p.name: known[p.name] for p in parameters if p.name in known}
+        if not missing:
+            return of(known)
+        if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
+            values: dict[str, float] = {p.name: known[p.name] for p in parameters if p.name in known}
             others = _values(records, structure.with_values(values), {}, weak)[0]
-            values |= dict(zip(missing, others, strict=True))
-            return np.array([values[p.name] for p in parameters]), None
-        if missing:
-            more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
-            raise IdentificationError(
-                f"no starting value for {', '.join(missing[:_NAMED])}{more}: the weak form, which would estimate one, fails "
-                f"because {error}. State {{ start = ... }} for it in the structure"
-            ) from error
-        return np.array([known[p.name] for p in parameters]), None
+            return of(values | dict(zip(missing, others, strict=True)))
+        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        raise IdentificationError(
+            f"no starting value for {', '.join(missing[:_NAMED])}{more}: the weak form, which would estimate one, fails "
+            f"because {error}. State {{ start = ... }} for it in the structure"
+        ) from error
     start = np.array([given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)])
     return start, None if integrated else deviations  # integration takes more than noise from them
 
 
 def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]:
     """The records with integrated displacements, if they lack some and every mass has a sensor; else none."""
-    displaced = all(f"x:{name}" in records[0].channels for name in structure.mass_names)
-    measured = all(records[0].motions_of(name) for name in structure.mass_names)
-    if displaced or not measured:
-        return []
-    return [with_displacements(record, structure.masses) for record in records]
+    names = structure.mass_names
+    displaced = all(f"x:{name}" in records[0].channels for name in names)
+    measured = all(records[0].motions_of(name) for name in names)
+    return [with_displacements(r, structure.masses) for r in records] if measured and not displaced else []
 
 
 def _best_weak_fit(
