@@ -110,9 +110,10 @@ def identify(
         estimate = lw.identify(
             records[0] if len(records) == 1 else records, subject, method=estimator, progress=step
         )
-    result = lw.report.result_of(estimate, true)
-    errors = nmse_lines(result, "\nagainst the truth: NMSE of the force (paper Eq. 8)")
-    return deliver("estimate", estimate, result, output, as_json=as_json, more=errors, truth=true)
+    errors = nmse_lines(
+        lw.report.result_of(estimate, true), "\nagainst the truth: NMSE of the force (paper Eq. 8)"
+    )
+    return deliver(estimate, output, as_json=as_json, more=errors, truth=true)
 
 
 def _estimator(

@@ -4,15 +4,10 @@ fails.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
-from linkwise import __version__
-from linkwise.errors import expect
 from linkwise.files import write_record
 from linkwise.identification.validation.result import (
     CHANNEL_HEAD,
@@ -24,39 +19,21 @@ from linkwise.identification.validation.result import (
 )
 from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
-from linkwise.progress import Progress, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+from linkwise.registry import lazy_module
+from linkwise.report.page import (
+    Build,
+    Head,
+    Reported,
+    ResultFolder,
+    Section,
+    headed,
+    sections_of,
+)
 
 if TYPE_CHECKING:
     from linkwise.plot import validations as validation_figures
 else:  # matplotlib loads where a figure is drawn
     validation_figures = lazy_module("linkwise.plot.validations")
-
-
-def validation_of(validation: Validation) -> dict[str, Any]:
-    """Return the content of validation.json as plain data.
-
-    Parameters
-    ----------
-    validation : Validation
-        A result of `validate`.
-
-    Returns
-    -------
-    dict
-        The result as plain data, and the version of linkwise.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.report.validation_of(lw.validate(record, chain))
-    >>> result["free_run"], result["channels"]["x:m1"]["unit"]
-    (True, 'm')
-    """
-    return {**validation.to_dict(), "version": __version__}
 
 
 def _scores(reported: Reported[Validation]) -> Section:
@@ -136,66 +113,15 @@ def _coefficients(reported: Reported[Validation]) -> Section | None:
     )
 
 
-SECTIONS: Registry[Build[Validation]] = Registry(
-    "section",
-    {
-        "prediction": _scores,
-        "findings": _findings,
-        "error": _error,
-        "motion": _profiles,
-        "spectrum": _spectra,
-        "coefficients": _coefficients,
-    },
-)
+SECTIONS: dict[str, Build[Validation]] = {
+    "prediction": _scores,
+    "findings": _findings,
+    "error": _error,
+    "motion": _profiles,
+    "spectrum": _spectra,
+    "coefficients": _coefficients,
+}
 """The sections of a validation, in order; the name of a section is that of its figure's files."""
-
-
-def validation_page(
-    reported: Reported[Validation], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
-) -> str:
-    """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    result = reported.result
-    return section_page(result, sections, pictures, verdict=headline(result), structure=result.structure)
-
-
-def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
-
-    Parameters
-    ----------
-    validation : Validation
-        What `validate` returned.
-    folder : path-like
-        The folder. An earlier result of `validate` in it is replaced when the new one is complete.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validate(record, chain)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_validation(result, f"{folder}/validation")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['report.html', 'structure.toml', 'validation.json']
-    """
-    expect("write_validation(validation, folder): validation", validation, Validation)
-    expect("write_validation(validation, folder): folder", folder, str, Path)
-    return VALIDATION_FOLDER.write(validation, folder, progress=progress)
 
 
 def _write_data(reported: Reported[Validation], folder: Path) -> None:
@@ -206,9 +132,8 @@ def _write_data(reported: Reported[Validation], folder: Path) -> None:
 
 VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
     mark=VALIDATION,
-    document=lambda validation, _: validation_of(validation),
     data=_write_data,
     sections=partial(sections_of, SECTIONS),
-    page=validation_page,
+    page=headed(lambda result: Head(headline(result), result.structure)),
 )
 """What `validate` hands over."""
