@@ -62,9 +62,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
             text = "scatter" if name == "noise" else name
             if points:
                 levels, powers = np.array(points).T
-                axes.plot(
-                    levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=text
-                )
+                axes.plot(levels, powers, color=colour, marker=marker, ms=4, lw=1.0, label=text)
         log_scale(axes, "x")
         axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
@@ -121,8 +119,8 @@ def level_modes(
                 2.0 * errors[:, mode],
                 color=SERIES[mode % len(SERIES)],
                 marker="o",
-                markersize=3.5,
-                linewidth=1.0,
+                ms=3.5,
+                lw=1.0,
                 capsize=2.0,
                 label=label(f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"),
             )
@@ -186,7 +184,7 @@ def level_response(
                 response.frequency,
                 values,
                 color=colour,
-                linewidth=0.9,
+                lw=0.9,
                 label=label(f"{level:.3g} {comparison.unit}"),
             )
         if quantity == "magnitude":
@@ -342,7 +340,7 @@ def acceleration_surface(
                 force[some],
                 ".",
                 color=SERIES[0],
-                markersize=2.0,
+                ms=2.0,
                 label="at no velocity",
             )
             axes.set_ylabel(of_force)
