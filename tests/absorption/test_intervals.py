@@ -16,7 +16,7 @@ from problems import chain_record
 from structures import equal_sinks
 
 import linkwise as lw
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

@@ -12,9 +12,15 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.absorption.harvesters import SUFFIX, delivered_powers, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
-from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
+from linkwise.absorption.sinks import (
+    SUFFIX,
+    Sink,
+    delivered_powers,
+    find_sinks,
+    primary_masses,
+    with_harvesters,
+)
 from linkwise.analysis.linear_modes import modes, natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError

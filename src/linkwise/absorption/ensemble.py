@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.motion import Decay, Vibration, comparable, reduction, root_sum_square
-from linkwise.absorption.sinks import dissipators, link_motion, mean_host_energies
+from linkwise.absorption.sinks import SUFFIX, dissipators, link_motion, mean_host_energies
 from linkwise.absorption.wells import Potentials, Runs, batch_runs, rest_positions
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel_units import unit_in

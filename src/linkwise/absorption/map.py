@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
-from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Rows, closure_verdict
-from linkwise.absorption.sinks import find_sinks
+from linkwise.absorption.sinks import SUFFIX, find_sinks, with_harvesters
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.errors import (
@@ -27,7 +26,7 @@ from linkwise.errors import (
     options_given,
     require_known,
 )
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linkwise.absorption.harvesters import delivered_energy
-from linkwise.absorption.sinks import have_equal_shapes, moving_alike, place_motion
+from linkwise.absorption.sinks import delivered_energy, have_equal_shapes, moving_alike, place_motion
 from linkwise.analysis.potential_wells import RestPoint, rest_points
 from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Bools, Floats, Indices

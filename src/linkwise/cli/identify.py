@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     truth_option,
 )
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
-from linkwise.identification.methods import METHODS
+from linkwise.identification.identify import METHODS
 from linkwise.model import link
 from linkwise.output import RESULT
 

@@ -26,7 +26,6 @@ from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
-from linkwise.identification.compare import Comparison
 from linkwise.identification.force_error import nmse
 from linkwise.likelihood.noise import whiteness_text
 from linkwise.model.structure import Link, Structure
@@ -41,6 +40,7 @@ from linkwise.verdict import Grade, status_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from linkwise.identification.compare import Comparison
     from linkwise.plot import estimates as fit_figures
     from linkwise.plot import links as link_figures
     from linkwise.plot import records as record_figures

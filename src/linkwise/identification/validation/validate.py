@@ -45,9 +45,9 @@ from linkwise.identification.validation.result import (
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.channel import COMMON, SensorUncertainty
 from linkwise.records.channel_units import in_units_of, places_of, unit_in
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.signals.base_frame import framed
 from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Verdict

@@ -18,9 +18,9 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
+from linkwise.model.coefficient import Name
 from linkwise.model.law import Law
 from linkwise.model.link import Link
-from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 

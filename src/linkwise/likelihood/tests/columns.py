@@ -36,10 +36,10 @@ from linkwise.likelihood.tests.score_test import (
     in_their_units,
     states_at_ends_and_middles,
 )
+from linkwise.model.coefficient import SHAPE
 from linkwise.model.host import DAMPING, Host, Pair, damping_link
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import GROUND, Link
-from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.runtime import one_blas_thread
