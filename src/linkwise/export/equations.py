@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from pkgutil import resolve_name
 
-from linkwise.errors import OutputError, expect
+from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.export.answer import ExportedAnswer, ExportFormat, identifiers
+from linkwise.export.answer import ExportedAnswer, ExportFormat, format_writer, identifiers
 from linkwise.expression import (
     Expression,
     Number,
@@ -520,18 +519,8 @@ def export_equations(answer: Structure | Estimate | Posterior | str | Path, path
     expect("export_equations(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
     expect("export_equations(answer, path): path", path, str, Path)
     path = Path(path)
-    write = equations_writer(path)
+    write = format_writer(path, EQUATIONS, "equations")
     equations = EquationsOfMotion(ExportedAnswer.of(answer))
     with atomic_file(path) as partial:
         write(equations, partial, path.stem)
     return path
-
-
-def equations_writer(path: Path) -> Callable[[EquationsOfMotion, Path, str], None]:
-    """What writes equations into a file of this suffix; OutputError for another one."""
-    suffix = path.suffix.lower()
-    if suffix not in EQUATIONS:
-        kind, choices = path.suffix or "a file without suffix", ", ".join(EQUATIONS)
-        raise OutputError(f"{path}: equations cannot be exported to {kind}; choose from {choices}")
-    write: Callable[[EquationsOfMotion, Path, str], None] = resolve_name(EQUATIONS[suffix].writer)
-    return write

@@ -190,13 +190,8 @@ def backbone(
 def backbone_figure(result: Backbone) -> Figure:
     """The channels, each in a strip of its own; of more than 6 the first."""
     title = f"{result.structure.name} without damping, mode {result.mode}: half of peak to peak"
-    draw = partial(_backbone_strip, result)
     title += not_shown(result.channels, _MOST, "channels")
-    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
-
-
-def _backbone_strip(result: Backbone, channel: str, *, ax: Axes) -> Axes:
-    return backbone(result, channel, legend=False, ax=ax)
+    return strips(result.channels[:_MOST], partial(backbone, result, legend=False), (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
@@ -250,9 +245,4 @@ def basins_figure(result: Basins) -> Figure:
 def response_figure(result: Response) -> Figure:
     """The channels, each in a strip of its own; of more than 6 the first."""
     title = f"{result.structure.name}: half of peak to peak" + not_shown(result.channels, _MOST, "channels")
-    draw = partial(_strip, result)
-    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
-
-
-def _strip(result: Response, channel: str, *, ax: Axes) -> Axes:
-    return response(result, channel, legend=False, ax=ax)
+    return strips(result.channels[:_MOST], partial(response, result, legend=False), (1.5, 1.7), title=title)
