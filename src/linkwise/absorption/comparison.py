@@ -258,12 +258,9 @@ class Comparison:
         self, structure: Structure, excitation: Excitation, baseline: WithoutSinks | None = None
     ) -> Comparison:
         """The same comparison of another structure of this shape, harvesters included; `baseline` if it is known."""
-        return replace(
-            self,
-            structure=structure,
-            baseline=baseline or without_sinks(structure, self.sinks, excitation, self.options.without),
-            options=replace(self.options, excitation=excitation),
-        )
+        without = baseline or without_sinks(structure, self.sinks, excitation, self.options.without)
+        options = replace(self.options, excitation=excitation)
+        return replace(self, structure=structure, baseline=without, options=options)
 
     @cached_property
     def powers(self) -> Mapping[str, Expression]:

@@ -305,11 +305,9 @@ class _Runner:
                 if stopped.is_set():
                     break
                 group = some[first : first + LANES]
+                own = potentials.of_runs(group)
                 runs, ended = batch_runs(
-                    [schedules[run] for run in group],
-                    potentials.of_runs(group),
-                    self.powers,
-                    one_by_one=self.one_by_one,
+                    [schedules[run] for run in group], own, self.powers, one_by_one=self.one_by_one
                 )
                 completed[group] = ended
                 if ended.any():
@@ -360,19 +358,9 @@ def run_ensemble(
             [positions[run] for run in owners],
             _Runner(workers, one_by_one, part(progress, 0.0, share), "without sinks"),
         )
-        return _with_sinks(
-            comparisons,
-            positions,
-            baseline.of_runs(baseline_of),
-            envelopes,
-            _Runner(
-                workers,
-                one_by_one,
-                part(progress, share, 1.0),
-                f"{len(comparisons)} runs with sinks",
-                comparisons[0].powers,
-            ),
-        )
+        activity = f"{len(comparisons)} runs with sinks"
+        runner = _Runner(workers, one_by_one, part(progress, share, 1.0), activity, comparisons[0].powers)
+        return _with_sinks(comparisons, positions, baseline.of_runs(baseline_of), envelopes, runner)
 
 
 def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:

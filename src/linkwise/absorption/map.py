@@ -308,11 +308,8 @@ def absorption_map(
     comparison = comparison_at(structure, middle, chosen)
     progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
     variants = Variants.of(equipped, comparison, names)
-    ensemble = run_ensemble(
-        [variants.at(dict(zip(names, point, strict=True))) for point in points],
-        workers=workers,
-        progress=progress,
-    )
+    comparisons = [variants.at(dict(zip(names, point, strict=True))) for point in points]
+    ensemble = run_ensemble(comparisons, workers=workers, progress=progress)
     if not ensemble.completed.any():
         raise LinkwiseError(
             f"none of the {len(points)} runs came to its end: the motion diverges over the whole grid; check the ranges of "

@@ -274,15 +274,9 @@ class Potentials:
             for number, link in enumerate(first.links)
         )
         masses = np.stack([structure.mass_values for structure in structures], axis=1)
-        return cls(
-            tuple(structures),
-            values,
-            masses,
-            tuple(
-                barriers(link.law, numbers, len(structures))
-                for link, numbers in zip(first.links, values, strict=True)
-            ),
-        )
+        count, pairs = len(structures), zip(first.links, values, strict=True)
+        of_links = tuple(barriers(link.law, numbers, count) for link, numbers in pairs)
+        return cls(tuple(structures), values, masses, of_links)
 
     @property
     def floor(self) -> Floats:

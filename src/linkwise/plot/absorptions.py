@@ -269,15 +269,9 @@ def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) ->
     axes.plot(across.values, values, ".-" if len(values) <= 60 else "-", color=IDENTIFIED, ms=4)
     for missing, color in ((~result.completed, WELL), (np.isnan(values) & result.completed, MEASURED)):
         if missing.any():
-            axes.plot(
-                across.values[missing],
-                np.zeros(int(missing.sum())),
-                "x",
-                color=color,
-                ms=5,
-                clip_on=False,
-                transform=axes.get_xaxis_transform(),
-            )
+            heights = np.zeros(int(missing.sum()))
+            along = axes.get_xaxis_transform()
+            axes.plot(across.values[missing], heights, "x", color=color, ms=5, clip_on=False, transform=along)
     _scale_axes(axes, across, None)
     edges = _edges(across)
     axes.set(xlim=(min(edges), max(edges)), ylabel=unit or "number")
@@ -380,15 +374,9 @@ def crossings(
         for top in shown.tops:
             axes.axhline(top * factor, color=TRUE, lw=0.6, ls=":", label="top between wells")
         if len(shown.crossings):
-            axes.plot(
-                shown.crossings,
-                np.full(len(shown.crossings), 0.97),
-                "|",
-                color=WELL,
-                ms=7,
-                transform=axes.get_xaxis_transform(),
-                label="crossing",
-            )
+            heights = np.full(len(shown.crossings), 0.97)
+            across = axes.get_xaxis_transform()
+            axes.plot(shown.crossings, heights, "|", color=WELL, ms=7, transform=across, label="crossing")
         mark_chaos(axes, plain)
         count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
         axes.set_title(literal(f"{shown.sink.link}: {count}"))

@@ -354,14 +354,8 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
         width = _width(edge, stiffnesses)
         dashes = (0, (_DASH / width, _LABEL_GAP / width))  # matplotlib counts in line widths
         style = ":" if not edge.selected else "-" if edge.certain else dashes
-        axes.plot(
-            *np.stack([a, b], axis=1),
-            color=_color(edge),
-            ls=style,
-            lw=width,
-            solid_capstyle="round",
-            zorder=1,
-        )
+        ends = np.stack([a, b], axis=1)
+        axes.plot(*ends, color=_color(edge), ls=style, lw=width, solid_capstyle="round", zorder=1)
         if labelled and edge.selected:
             x, y = 0.5 * (a + b)
             axes.text(

@@ -107,13 +107,8 @@ def histories_figure(record: Record) -> Figure:
     """Each channel over time in a strip of its own; of more than 10 channels the first."""
     channels = (*record.inputs, *record.responses)
     title = f"{record.source or 'record'}{not_shown(channels, _MOST, 'channels')}"
-    return strips(
-        [[name] for name in channels[:_MOST]],
-        partial(histories, record),
-        (0.9, 0.95),
-        title=title,
-        legend=False,
-    )
+    shown = [[name] for name in channels[:_MOST]]
+    return strips(shown, partial(histories, record), (0.9, 0.95), title=title, legend=False)
 
 
 def _shown(record: Record) -> tuple[str, ...]:
@@ -225,14 +220,8 @@ def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
         if largest > 0.0:
             power = np.maximum(density.power.T, largest * 10.0**-_DECADES)
             norm = LogNorm(max(float(np.quantile(power, 0.05)), largest * 10.0**-_DECADES), largest)
-            axes.pcolormesh(
-                record.start + density.time,
-                density.frequency,
-                power,
-                norm=norm,
-                cmap="Greys",
-                rasterized=True,
-            )
+            time = record.start + density.time
+            axes.pcolormesh(time, density.frequency, power, norm=norm, cmap="Greys", rasterized=True)
         axes.set(ylim=(0.0, 0.5 * record.rate), xlabel="time, s", ylabel=f"{literal(name)}\nHz")
     return axes
 

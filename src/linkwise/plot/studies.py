@@ -177,28 +177,15 @@ def _table(result: StudySummary | Iterable[Row]) -> StudySummary:
 def _draw_curve(axes: Axes, style: CurveStyle, values: Floats) -> None:
     bold: dict[str, Any] = {"marker": style.marker, "ms": 4, "zorder": 3}
     faint: dict[str, Any] = {"lw": 0.6, "zorder": 1}
-    axes.plot(
-        range(len(values)),
-        values,
-        color=style.color,
-        label=label(style.label),
-        **(faint if style.faint else bold),
-    )
+    look = faint if style.faint else bold
+    axes.plot(range(len(values)), values, color=style.color, label=label(style.label), **(look))
 
 
 def _draw_published(axes: Axes, table: StudySummary, published: PublishedValues) -> None:
     at = [index for index, structure in enumerate(table.structures) if structure in published.values]
-    axes.plot(
-        at,
-        [published.values[table.structures[index]] for index in at],
-        color=TRUE,
-        ls=(0, (4, 2)),
-        marker="s",
-        ms=5.5,
-        mfc="none",
-        label=published.label,
-        zorder=4,
-    )
+    values = [published.values[table.structures[index]] for index in at]
+    text = published.label
+    axes.plot(at, values, color=TRUE, ls=(0, (4, 2)), marker="s", ms=5.5, mfc="none", label=text, zorder=4)
 
 
 def _values(cells: Iterable[Cell | None], name: str) -> Floats:

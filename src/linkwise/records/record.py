@@ -197,14 +197,9 @@ class Record(NotebookView):
         columns = {Channel.parse(name): samples for name, samples in channels.items()}
         timeline, values, remarks = sampled_columns(time, columns, file, lines)
         named = tuple(columns)
+        origin = source or (file or "")
         return cls(
-            timeline.start,
-            timeline.rate,
-            named,
-            values,
-            noise or {},
-            source=source or (file or ""),
-            notes=(*notes, *remarks),
+            timeline.start, timeline.rate, named, values, noise or {}, source=origin, notes=(*notes, *remarks)
         )
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:

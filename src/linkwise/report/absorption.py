@@ -28,16 +28,7 @@ from linkwise.absorption.result import (
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION, DESIGN
 from linkwise.registry import lazy_module
-from linkwise.report.page import (
-    Build,
-    Head,
-    Reported,
-    ResultFolder,
-    Section,
-    csv_table,
-    headed,
-    sections_of,
-)
+from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, csv_table, headed, sections_of
 
 if TYPE_CHECKING:
     from linkwise.plot import absorptions as absorption_figures
@@ -66,12 +57,8 @@ def _masses(reported: Reported[Answer]) -> Section:
         "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "
         "of an exponential through the peaks that none later exceeds."
     )
-    return Section(
-        primary(plain).capitalize(),
-        [text],
-        rows=mass_rows(plain),
-        figure=lambda: absorption_figures.decay_figure(reported.result),
-    )
+    figure = partial(absorption_figures.decay_figure, reported.result)
+    return Section(primary(plain).capitalize(), [text], rows=mass_rows(plain), figure=figure)
 
 
 def _energy(reported: Reported[Answer]) -> Section:
@@ -81,22 +68,15 @@ def _energy(reported: Reported[Answer]) -> Section:
         "Energies count from the lowest wells of all links, so the energy supplied is the energy stored and "
         f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
-    return Section(
-        "Energy",
-        [text],
-        rows=energy_rows(plain),
-        figure=lambda: absorption_figures.energy_figure(reported.result),
-    )
+    figure = partial(absorption_figures.energy_figure, reported.result)
+    return Section("Energy", [text], rows=energy_rows(plain), figure=figure)
 
 
 def _crossings(reported: Reported[Answer]) -> Section:
     """How the sinks cross from well to well."""
     plain = without_intervals(reported.result)
-    return Section(
-        "Wells crossed",
-        rows=crossing_rows(plain),
-        figure=lambda: absorption_figures.crossings_figure(reported.result),
-    )
+    figure = partial(absorption_figures.crossings_figure, reported.result)
+    return Section("Wells crossed", rows=crossing_rows(plain), figure=figure)
 
 
 def _harvesters(reported: Reported[Answer]) -> Section | None:
@@ -110,7 +90,7 @@ def _harvesters(reported: Reported[Answer]) -> Section | None:
 def _map(reported: Reported[AbsorptionMap]) -> Section:
     """The quantities over the swept parameters."""
     swept = reported.result
-    return Section("Map", rows=map_rows(swept), figure=lambda: absorption_figures.map_figure(swept))
+    return Section("Map", rows=map_rows(swept), figure=partial(absorption_figures.map_figure, swept))
 
 
 SECTIONS: dict[str, Build[Answer]] = {
@@ -188,26 +168,22 @@ def _trade_off(reported: Reported[Design]) -> Section | None:
     if len(result.trade_off) < 2:
         return None
     text = "No lighter design that was tried is as good. Grey: the other designs within the limits."
-    return Section(
-        "Trade-off",
-        [text],
-        rows=trade_off_rows(result),
-        figure=lambda: design_figures.trade_off_figure(result),
-    )
+    figure = partial(design_figures.trade_off_figure, result)
+    return Section("Trade-off", [text], rows=trade_off_rows(result), figure=figure)
 
 
 def _designs(reported: Reported[Design]) -> Section:
     """Where the designs lie that were tried."""
     result = reported.result
     text = "Every design that was simulated; where neighbours differ, thresholds or chance decide, and no surface is smooth."
-    return Section("Designs", [text], figure=lambda: design_figures.designs_figure(result))
+    return Section("Designs", [text], figure=partial(design_figures.designs_figure, result))
 
 
 def _best_motion(reported: Reported[Design]) -> Section:
     """The motion with the best sinks, and without."""
     plain = reported.result.absorption
     return Section(
-        "Motion of the best", rows=mass_rows(plain), figure=lambda: absorption_figures.decay_figure(plain)
+        "Motion of the best", rows=mass_rows(plain), figure=partial(absorption_figures.decay_figure, plain)
     )
 
 

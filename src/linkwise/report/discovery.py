@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,11 +112,8 @@ def _doubts(reported: Reported[Discovery]) -> Section | None:
 def _path(reported: Reported[Discovery]) -> Section:
     """The path over model sizes and the next best models."""
     discovery = reported.result
-    return Section(
-        "Why these terms",
-        rows=runner_up_rows(discovery),
-        figure=lambda: result_figures.path_figure(discovery),
-    )
+    figure = partial(result_figures.path_figure, discovery)
+    return Section("Why these terms", rows=runner_up_rows(discovery), figure=figure)
 
 
 def _sizes(reported: Reported[Discovery]) -> Section | None:
@@ -132,22 +130,20 @@ def _average(reported: Reported[Discovery]) -> Section | None:
     )
     if link is None:
         return None
+    figure = partial(result_figures.departures_figure, discovery, link)
     return Section(
         "Other models that survive",
         ["Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."],
-        figure=lambda: result_figures.departures_figure(discovery, link),
+        figure=figure,
         folded=True,
     )
 
 
 def _evidence(reported: Reported[Discovery]) -> Section:
     """What each term explains."""
-    return Section(
-        "The evidence term by term",
-        ["terms.csv lists all candidates that were tested."],
-        figure=lambda: result_figures.evidence_figure(reported.result),
-        folded=True,
-    )
+    figure = partial(result_figures.evidence_figure, reported.result)
+    text = ["terms.csv lists all candidates that were tested."]
+    return Section("The evidence term by term", text, figure=figure, folded=True)
 
 
 SECTIONS: dict[str, Build[Discovery]] = {

@@ -69,17 +69,13 @@ def _record(reported: Reported[Estimate]) -> Section:
     """The record: where it comes from, its noise and its histories."""
     estimate = reported.result
     record = estimate.record
-    return Section(
-        "Record",
-        text=[
-            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
-            f"{record.time[-1]:g} s."
-        ],
-        items=record.notes,
-        rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
-        figure=lambda: record_figures.histories_figure(record),
-        folded=True,
+    text = (
+        f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+        f"{record.time[-1]:g} s."
     )
+    figure = partial(record_figures.histories_figure, record)
+    rows = [NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else ()
+    return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
 def _unseen(reported: Reported[Estimate]) -> Section | None:
@@ -110,13 +106,9 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
         "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
     )
-    return Section(
-        "Residuals",
-        text=[text],
-        items=[whiteness_text(name, values) for name, values in left.items()],
-        figure=lambda: fit_figures.residuals_figure(estimate),
-        folded=True,
-    )
+    figure = partial(fit_figures.residuals_figure, estimate)
+    items = [whiteness_text(name, values) for name, values in left.items()]
+    return Section("Residuals", text=[text], items=items, figure=figure, folded=True)
 
 
 def _fit(reported: Reported[Estimate]) -> Section | None:
@@ -125,7 +117,7 @@ def _fit(reported: Reported[Estimate]) -> Section | None:
     if not overlaid:
         return None
     return Section(
-        "Measured and fitted", figure=lambda: fit_figures.fit_figure(reported.result.record, overlaid)
+        "Measured and fitted", figure=partial(fit_figures.fit_figure, reported.result.record, overlaid)
     )
 
 
@@ -381,27 +373,19 @@ ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
 
 
 def _side_by_side(reported: Reported[Comparison]) -> Section:
-    return Section(
-        "Side by side",
-        [
-            "Maximum likelihood (ml) fits the raw samples, the weak form integrates the equations against test functions, and "
-            "sindy is the sparse regression of the paper on differentiated signals. A free run starts from the first samples "
-            "and follows the inputs alone, or from those of windows where the motion is chaotic; its error is a root mean "
-            "square in % of the deviation of the channel, of which noise alone leaves a part."
-        ],
-        items=reported.result.findings,
-        rows=reported.result.rows,
+    text = (
+        "Maximum likelihood (ml) fits the raw samples, the weak form integrates the equations against test functions, and "
+        "sindy is the sparse regression of the paper on differentiated signals. A free run starts from the first samples "
+        "and follows the inputs alone, or from those of windows where the motion is chaotic; its error is a root mean "
+        "square in % of the deviation of the channel, of which noise alone leaves a part."
     )
+    return Section("Side by side", [text], items=reported.result.findings, rows=reported.result.rows)
 
 
 def _compared_forces(reported: Reported[Comparison]) -> Section:
-    return Section(
-        "Forces",
-        [
-            "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
-        ],
-        figure=lambda: link_figures.comparison_figure(reported.result),
-    )
+    text = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
+    figure = partial(link_figures.comparison_figure, reported.result)
+    return Section("Forces", [text], figure=figure)
 
 
 COMPARISON_SECTIONS: dict[str, Build[Comparison]] = {"table": _side_by_side, "forces": _compared_forces}

@@ -20,15 +20,7 @@ from linkwise.identification.validation.result import (
 from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
 from linkwise.registry import lazy_module
-from linkwise.report.page import (
-    Build,
-    Head,
-    Reported,
-    ResultFolder,
-    Section,
-    headed,
-    sections_of,
-)
+from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, headed, sections_of
 
 if TYPE_CHECKING:
     from linkwise.plot import validations as validation_figures
@@ -40,19 +32,16 @@ def _scores(reported: Reported[Validation]) -> Section:
     """The scores of the channels, and the record against the prediction."""
     validation = reported.result
     record = validation.record
-    return Section(
-        "Prediction",
-        [
-            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
-            f"{record.time[-1]:g} s. RMSE is the root mean square of measured minus predicted; allowed is the RMSE "
-            f"that noise and the errors of the answer exceed in one record of a thousand. One step is the error of "
-            "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
-            "samples, fit is 100 % minus its root."
-        ],
-        items=record.notes,
-        rows=[CHANNEL_HEAD, *channel_rows(validation)],
-        figure=lambda: validation_figures.prediction_figure(validation),
+    text = (
+        f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+        f"{record.time[-1]:g} s. RMSE is the root mean square of measured minus predicted; allowed is the RMSE "
+        f"that noise and the errors of the answer exceed in one record of a thousand. One step is the error of "
+        "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
+        "samples, fit is 100 % minus its root."
     )
+    figure = partial(validation_figures.prediction_figure, validation)
+    rows = [CHANNEL_HEAD, *channel_rows(validation)]
+    return Section("Prediction", [text], items=record.notes, rows=rows, figure=figure)
 
 
 def _findings(reported: Reported[Validation]) -> Section | None:
@@ -63,38 +52,28 @@ def _findings(reported: Reported[Validation]) -> Section | None:
 
 def _error(reported: Reported[Validation]) -> Section:
     """The error over time."""
-    return Section(
-        "Error over time",
-        [
-            "The band is twice the standard deviation that noise and the errors of the answer give the difference."
-        ],
-        figure=lambda: validation_figures.prediction_error_figure(reported.result),
-    )
+    text = "The band is twice the standard deviation that noise and the errors of the answer give the difference."
+    figure = partial(validation_figures.prediction_error_figure, reported.result)
+    return Section("Error over time", [text], figure=figure)
 
 
 def _profiles(reported: Reported[Validation]) -> Section:
     """The error over the motion of the links."""
-    return Section(
-        "Where in the motion it fails",
-        [
-            "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
-            "of the links along the predicted motion."
-        ],
-        figure=lambda: validation_figures.prediction_profile_figure(reported.result),
+    text = (
+        "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
+        "of the links along the predicted motion."
     )
+    figure = partial(validation_figures.prediction_profile_figure, reported.result)
+    return Section("Where in the motion it fails", [text], figure=figure)
 
 
 def _spectra(reported: Reported[Validation]) -> Section | None:
     """The error over frequency, where the record is long enough."""
     if not reported.result.spectra:
         return None
-    return Section(
-        "Error over frequency",
-        [
-            "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
-        ],
-        figure=lambda: validation_figures.prediction_spectrum_figure(reported.result),
-    )
+    text = "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
+    figure = partial(validation_figures.prediction_spectrum_figure, reported.result)
+    return Section("Error over frequency", [text], figure=figure)
 
 
 def _coefficients(reported: Reported[Validation]) -> Section | None:
@@ -103,14 +82,11 @@ def _coefficients(reported: Reported[Validation]) -> Section | None:
     if not validation.coefficients:
         return None
     limit = validation.coefficients[0].limit
-    return Section(
-        "Coefficients",
-        [
-            "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
-            f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
-        ],
-        rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)],
+    text = (
+        "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
+        f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
     )
+    return Section("Coefficients", [text], rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)])
 
 
 SECTIONS: dict[str, Build[Validation]] = {

@@ -453,11 +453,6 @@ def _predictor(
 
 
 def _like(record: Record, values: Floats, label: str) -> Record:
-    return Record(
-        record.start,
-        record.rate,
-        record.responses,
-        values,
-        source=f"{record.source or 'record'}, {label}",
-        units=record.select(record.responses).units,
-    )
+    source = f"{record.source or 'record'}, {label}"
+    units = record.select(record.responses).units
+    return Record(record.start, record.rate, record.responses, values, source=source, units=units)
