@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.response.continuation import Steps, follow, solve, turned
-from linkwise.response.drive import Drive
-from linkwise.response.shooting import Shooting, phase_integrator
+from linkwise.response.options import Drive
+from linkwise.response.shooting import Shooting, driven_phase
 
 POINTS = 200
 
@@ -20,7 +20,7 @@ POINTS = 200
 def shooting(masses: int) -> Shooting:
     chain = lw.bnes_chain(masses)
     drive, bounds = Drive("force", "m1"), (120.0, 230.0)
-    integrator = phase_integrator(chain, drive)
+    integrator = driven_phase(chain, drive)
     assert integrator is not None
     return Shooting(chain, drive, 0.3, bounds, integrator)
 

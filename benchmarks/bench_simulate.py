@@ -15,7 +15,7 @@ from linkwise.model.excitation import Sampled
 from linkwise.model.law import Law
 from linkwise.model.structure import Coefficient, Link, Mass, Structure
 from linkwise.records.record import Record
-from linkwise.simulation.integrator.compiled import system_of_thread
+from linkwise.simulation.integrator.formulas import system_of_thread
 from linkwise.simulation.simulate import simulate
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "reference"

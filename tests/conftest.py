@@ -135,7 +135,7 @@ def discovery_folder(
     """A result folder as `discover --truth` writes it, its figures not rendered; not to be changed."""
     with pytest.MonkeyPatch.context() as patch:
         _unrendered(patch)
-        return lw.report.write_discovery(discovered, tmp_path_factory.mktemp("found") / "answer", truth=chain)
+        return lw.report.write_result(discovered, tmp_path_factory.mktemp("found") / "answer", truth=chain)
 
 
 @pytest.fixture(scope="session")

@@ -54,7 +54,7 @@ DOORS: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = [
     (lw.study.read_study, (CHAIN,), {}, "read_study(study): study must be of type str or Path, got Structure"),
     (lw.study.run_study, ("paper", CHAIN), {}, "run_study(study, folder): folder must be of type str or Path, got Structure"),
     (lw.nmse, (CHAIN, CHAIN, RECORD), {}, "nmse(true, estimated, record): true must be of type Link, got Structure"),
-    (lw.report.write_result, (Path("answer"), "fit"), {}, "estimate must be of type Estimate, got PosixPath('answer')"),
+    (lw.report.write_result, (Path("answer"), "fit"), {}, "result must be of type Absorption, "),
     (lw.Mass, ("m1", None), {}, 'mass "m1" must be of type Coefficient, float or str, got NoneType; Coefficient.unknown()'),
     (lw.Link, ("leaf", ENDS, b"k*d", {"k": 1.0}), {}, 'link "leaf": law must be of type Law or str, got bytes; Law.parse'),
     (lw.Link, ("leaf", ENDS, LAW, {"k": None}), {}, 'link "leaf", coefficient k must be of type Coefficient, float or str'),

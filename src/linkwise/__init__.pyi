@@ -42,9 +42,9 @@ from linkwise.identification.validation.validate import validate as validate
 from linkwise.inspection.inspect import inspect as inspect
 from linkwise.likelihood.estimate import MaximumLikelihood as MaximumLikelihood
 from linkwise.model.chains import bnes_chain as bnes_chain
+from linkwise.model.chains import rig as rig
 from linkwise.model.host import Host as Host
 from linkwise.model.law import Law as Law
-from linkwise.model.rig import rig as rig
 from linkwise.model.structure import Coefficient as Coefficient
 from linkwise.model.structure import Link as Link
 from linkwise.model.structure import Mass as Mass

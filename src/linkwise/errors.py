@@ -93,16 +93,17 @@ def expect(argument: str, value: object, *kinds: type) -> None:
     accepted = tuple(numbers.get(kind, kind) for kind in kinds)
     if type(value) in kinds or (type(value) is not bool and isinstance(value, accepted)):
         return
-    names = [kind.__name__.replace("NoneType", "None") for kind in kinds]
-    given = (
-        repr(value)
-        if isinstance(value, str | Path | Real)
-        else getattr(value, "__name__", type(value).__name__)
-    )
+    raise wrong_type(argument, value, [kind.__name__.replace("NoneType", "None") for kind in kinds])
+
+
+def wrong_type(argument: str, value: object, names: Sequence[str]) -> ArgumentTypeError:
+    """The error of `expect`, by the names of the types."""
+    name = getattr(value, "__name__", type(value).__name__)
+    given = repr(value) if isinstance(value, str | Path | Real) else name
     advice = next((_NEXT_STEPS[name] for name in names if name in _NEXT_STEPS), "")
     expected = " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
     message = f"{argument} must be of type {expected}, got {shortened(given)}"
-    raise ArgumentTypeError(f"{message}; {advice}" if advice else message)
+    return ArgumentTypeError(f"{message}; {advice}" if advice else message)
 
 
 def require_known(
@@ -319,7 +320,7 @@ class OutputError(LinkwiseError):
     >>> import linkwise as lw
     >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=100.0)
     >>> try:
-    ...     lw.report.write_inspection(lw.inspect(record), "/")
+    ...     lw.report.write_result(lw.inspect(record), "/")
     ... except lw.OutputError as error:
     ...     print(str(error).partition(";")[0])
     /: already exists and is not a result of linkwise (no valid inspection.json)

@@ -16,7 +16,7 @@ from problems import chain_record
 from structures import equal_sinks
 
 import linkwise as lw
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -141,7 +141,7 @@ def test_the_folder_of_a_discovery_keeps_what_is_for_dropped_terms(
     own, whole = np.diag(posterior.beside_terms_kept), np.diag(posterior.covariance)
     assert (own > 0.0).all() and (own < whole).all()
     unsettled = replace(discovered, verdicts=(*discovered.verdicts, lw.Verdict.SEARCH_UNSETTLED))
-    lw.report.write_discovery(unsettled, tmp_path / "unsettled")
+    lw.report.write_result(unsettled, tmp_path / "unsettled")
     assert not (tmp_path / "unsettled" / "covariance.csv").exists()
 
 

@@ -10,7 +10,7 @@ import pytest
 from commands import said
 
 import linkwise as lw
-from linkwise.inspection.forces import driven_mass
+from linkwise.inspection.relations import driven_mass
 
 MASSES = {"frame": 2.3, "sink": 0.21}
 LINKS = {"leaf": "frame - ground: k*d + c*v", "nes": "sink - frame: alpha*d + beta*d**3 + c*v"}

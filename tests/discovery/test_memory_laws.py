@@ -52,7 +52,7 @@ def test_finds_the_link_that_has_memory() -> None:
     assert_within(found.estimate, of("m2-m1", HYSTERETIC), 5.0)
     text = str(found)
     assert "m2-m1 has memory: bouc-wen." in text and "of memory" in text
-    (told,) = json.loads(json.dumps(lw.report.discovery_of(found)["memory"]))
+    (told,) = json.loads(json.dumps(lw.report.result_of(found)["memory"]))
     assert told["link"] == "m2-m1" and told["decision"] == "certain"
     assert told["coefficients"] == ["m2-m1.F", "m2-m1.s", "m2-m1.x0"]
     assert lw.plot.graph(found).get_title("left")

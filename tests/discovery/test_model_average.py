@@ -82,7 +82,7 @@ def test_the_page_shows_the_models_that_survive_where_they_tell_another_force(tm
     faint, clear = found(2e4, 43), found(4e5, 41)
     assert faint.average.departing(faint.estimate.links) == "m1-ground"
     assert clear.average.weights[0] < 1.0 and clear.average.departing(clear.estimate.links[:0]) is None
-    folder = lw.report.write_discovery(faint, tmp_path / "faint")
+    folder = lw.report.write_result(faint, tmp_path / "faint")
     assert (folder / "average.png").is_file()
     assert "Other models that survive" in (folder / "report.html").read_text(encoding="utf-8")
     [axes] = departures_figure(faint, "m1-ground").axes

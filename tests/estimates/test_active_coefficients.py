@@ -10,7 +10,7 @@ from structures import link, oscillator
 import linkwise as lw
 from linkwise.estimates.findings import energy_findings
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 
 RIG = oscillator("k*d + c*v + fc*tanh(v/0.01)", name="spring", k=1000.0, c=2.0, fc=-0.5)
 

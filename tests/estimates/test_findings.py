@@ -13,7 +13,7 @@ from structures import link, structure
 import linkwise as lw
 from linkwise.estimates.findings import bound_findings, link_findings, supplied_power
 from linkwise.estimates.link_estimate import CoefficientEstimate, LinkEstimate
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 
 TIME = np.arange(400) / 1000.0
 

@@ -12,7 +12,7 @@ from problems import PROBLEMS, chain_record
 from structures import link
 
 import linkwise as lw
-from linkwise.identification.methods import METHODS
+from linkwise.identification.identify import METHODS
 from linkwise.signals.states import DifferentiationMethod
 
 UNKNOWN = lw.Coefficient.unknown

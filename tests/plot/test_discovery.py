@@ -198,7 +198,7 @@ def test_result_json_holds_the_discovery(discovery_folder: Path, discovered: lw.
     assert {"path", "runners_up", "remarks", "links", "noise", "fit"} <= set(result)
     assert result["truth"]["missing"] == result["truth"]["extra"] == [] and len(result["truth"]["right"]) == 5
     assert set(result["nmse_percent"]) == {"m1-ground", "m2-m1"}
-    alone = lw.report.discovery_of(discovered)
+    alone = lw.report.result_of(discovered)
     assert "truth" not in alone and "nmse_percent" not in alone
 
 
@@ -236,7 +236,7 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discov
     assert discovered.trusted and not bad.trusted and text.splitlines()[0].endswith("NOT to be trusted")
     assert lw.Verdict.SEARCH_UNSETTLED.value in " ".join(text.split())
     assert "! m2 <b>hardly</b> moved." in text
-    page = (lw.report.write_discovery(bad, tmp_path / "bad") / "report.html").read_text()
+    page = (lw.report.write_result(bad, tmp_path / "bad") / "report.html").read_text()
     assert 'class="verdict refused"' in page and 'class="verdict explained"' not in page
     assert "NOT to be trusted" in page and "Against the truth" not in page
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
@@ -247,9 +247,9 @@ def test_nothing_is_left_where_writing_fails(
 ) -> None:
     other = replace(chain, masses=chain.masses[:1], links=chain.links[:1])
     with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
-        lw.report.write_discovery(discovered, tmp_path / "answer", truth=other)
+        lw.report.write_result(discovered, tmp_path / "answer", truth=other)
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     with pytest.raises(lw.LinkwiseError, match="is not a result of linkwise"):
-        lw.report.write_discovery(discovered, tmp_path / "thesis")
+        lw.report.write_result(discovered, tmp_path / "thesis")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

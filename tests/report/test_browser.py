@@ -45,12 +45,12 @@ def test_absorption_pages(chain: lw.Structure, tmp_path: Path) -> None:
     options: dict[str, Any] = {"duration": 0.5, "rate": 500.0, "release": {"v:m1": 1.0}}
     over = {"nes1.alpha": [-150.0, -100.0], "nes1.beta": [5e5, 1e6]}
     absorption, swept = lw.absorb(chain, **options), lw.absorption.absorption_map(chain, over, **options)
-    shown(lw.report.write_absorption(absorption, tmp_path / "absorbed"), tmp_path / "first", figures=3)
-    shown(lw.report.write_absorption_map(swept, tmp_path / "map"), tmp_path / "second", figures=1)
+    shown(lw.report.write_result(absorption, tmp_path / "absorbed"), tmp_path / "first", figures=3)
+    shown(lw.report.write_result(swept, tmp_path / "map"), tmp_path / "second", figures=1)
 
 
 def test_discovery_page(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
-    folder = lw.report.write_discovery(discovered, tmp_path / "answer", truth=chain)
+    folder = lw.report.write_result(discovered, tmp_path / "answer", truth=chain)
     shown(folder, tmp_path / "browser", figures=8)
 
 

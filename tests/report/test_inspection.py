@@ -26,7 +26,7 @@ def clipped() -> lw.Record:
 
 def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Path) -> None:
     inspection = lw.inspect([clipped, chain(2, 30.0)])
-    folder = lw.report.write_inspection(inspection, tmp_path / "looked")
+    folder = lw.report.write_result(inspection, tmp_path / "looked")
     names = {path.name for path in folder.iterdir()}
     assert {"inspection.json", "report.html"} <= names
     assert {

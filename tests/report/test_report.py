@@ -172,7 +172,7 @@ def test_a_discovery_from_a_simulated_record_with_memory_is_written(
     with_memory = replace(simulated, structure=replace(chain, links=(chain.links[0], joint)))
     record = replace(discovered.estimate.record, simulated=with_memory)
     discovery = replace(discovered, estimate=replace(discovered.estimate, record=record))
-    folder = lw.report.write_discovery(discovery, tmp_path / "answer")
+    folder = lw.report.write_result(discovery, tmp_path / "answer")
     assert "truth" not in json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert (folder / "force_m2-m1.png").exists()
 

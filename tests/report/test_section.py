@@ -60,11 +60,11 @@ def test_a_figure_of_an_answer_is_a_function_and_a_line(
 
     def write_absorbed(folder: Path) -> Path:
         absorbed = lw.absorb(lw.bnes_chain(2), duration=0.1, rate=500.0, release={"v:m1": 1.0})
-        return lw.report.write_absorption(absorbed, folder)
+        return lw.report.write_result(absorbed, folder)
 
     kinds: dict[str, tuple[Registry[Build[Any]], Callable[[Path], Path]]] = {
         "Estimate": (estimate.SECTIONS, partial(lw.report.write_result, fitted)),
-        "Discovery": (discovery.SECTIONS, partial(lw.report.write_discovery, discovered)),
+        "Discovery": (discovery.SECTIONS, partial(lw.report.write_result, discovered)),
         "Absorption": (absorption.SECTIONS, write_absorbed),
     }
     sections, write = kinds[kind]

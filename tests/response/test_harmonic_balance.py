@@ -7,8 +7,8 @@ import pytest
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
-from linkwise.response.drive import Drive
 from linkwise.response.harmonic_balance import HarmonicBalance
+from linkwise.response.options import Drive
 
 BOUC_WEN = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
 JOINT = structure(

@@ -104,7 +104,7 @@ def test_no_text_of_an_answer_adds_anything_that_runs(
 def test_no_cell_of_an_absorption_is_a_formula(tmp_path: Path) -> None:
     subject = chain_with(NAMES["formula"])
     absorption = lw.absorb(subject, duration=1.0, release={"v:m1": 1.0})
-    lw.report.write_absorption(absorption, tmp_path / "absorbed")
+    lw.report.write_result(absorption, tmp_path / "absorbed")
     for name in ("decay.csv", "energy.csv", "crossings.csv"):
         with (tmp_path / "absorbed" / name).open(newline="") as file:
             header, *rows = csv.reader(file)

@@ -8,8 +8,7 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.model.excitation import Excitation
-from linkwise.simulation.integrator.compiled import compiled_system
-from linkwise.simulation.integrator.formulas import SCALE, Placement
+from linkwise.simulation.integrator.formulas import SCALE, Placement, compiled_system
 from linkwise.simulation.run import RunSchedule, branches_hold
 
 FRICTION = oscillator(

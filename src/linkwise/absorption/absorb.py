@@ -8,10 +8,10 @@ from typing import Unpack
 import numpy as np
 
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.motion import Vibration
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
+from linkwise.absorption.sinks import SUFFIX
 from linkwise.absorption.wells import Potentials, Runs, rest_positions, single_run
 from linkwise.arrays import Floats, finite
 from linkwise.errors import SimulationError, expect, options_given

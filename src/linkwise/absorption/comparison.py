@@ -12,9 +12,15 @@ from functools import cached_property
 
 import numpy as np
 
-from linkwise.absorption.harvesters import SUFFIX, delivered_powers, with_harvesters
 from linkwise.absorption.options import AbsorptionOptions
-from linkwise.absorption.sinks import Sink, find_sinks, primary_masses
+from linkwise.absorption.sinks import (
+    SUFFIX,
+    Sink,
+    delivered_powers,
+    find_sinks,
+    primary_masses,
+    with_harvesters,
+)
 from linkwise.analysis.linear_modes import modes, natural_frequencies
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
@@ -252,12 +258,9 @@ class Comparison:
         self, structure: Structure, excitation: Excitation, baseline: WithoutSinks | None = None
     ) -> Comparison:
         """The same comparison of another structure of this shape, harvesters included; `baseline` if it is known."""
-        return replace(
-            self,
-            structure=structure,
-            baseline=baseline or without_sinks(structure, self.sinks, excitation, self.options.without),
-            options=replace(self.options, excitation=excitation),
-        )
+        without = baseline or without_sinks(structure, self.sinks, excitation, self.options.without)
+        options = replace(self.options, excitation=excitation)
+        return replace(self, structure=structure, baseline=without, options=options)
 
     @cached_property
     def powers(self) -> Mapping[str, Expression]:

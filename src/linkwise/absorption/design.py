@@ -24,10 +24,10 @@ from linkwise import __version__
 from linkwise.absorption.absorb import compare
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
-from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
+from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.errors import (

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.harvesters import SUFFIX
 from linkwise.absorption.motion import Decay, Vibration, comparable, reduction, root_sum_square
-from linkwise.absorption.sinks import dissipators, link_motion, mean_host_energies
+from linkwise.absorption.sinks import SUFFIX, dissipators, link_motion, mean_host_energies
 from linkwise.absorption.wells import Potentials, Runs, batch_runs, rest_positions
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel_units import unit_in
@@ -306,11 +305,9 @@ class _Runner:
                 if stopped.is_set():
                     break
                 group = some[first : first + LANES]
+                own = potentials.of_runs(group)
                 runs, ended = batch_runs(
-                    [schedules[run] for run in group],
-                    potentials.of_runs(group),
-                    self.powers,
-                    one_by_one=self.one_by_one,
+                    [schedules[run] for run in group], own, self.powers, one_by_one=self.one_by_one
                 )
                 completed[group] = ended
                 if ended.any():
@@ -361,19 +358,9 @@ def run_ensemble(
             [positions[run] for run in owners],
             _Runner(workers, one_by_one, part(progress, 0.0, share), "without sinks"),
         )
-        return _with_sinks(
-            comparisons,
-            positions,
-            baseline.of_runs(baseline_of),
-            envelopes,
-            _Runner(
-                workers,
-                one_by_one,
-                part(progress, share, 1.0),
-                f"{len(comparisons)} runs with sinks",
-                comparisons[0].powers,
-            ),
-        )
+        activity = f"{len(comparisons)} runs with sinks"
+        runner = _Runner(workers, one_by_one, part(progress, share, 1.0), activity, comparisons[0].powers)
+        return _with_sinks(comparisons, positions, baseline.of_runs(baseline_of), envelopes, runner)
 
 
 def _distinct(objects: Sequence[T]) -> tuple[list[T], Indices]:

@@ -10,9 +10,9 @@ import numpy as np
 from linkwise.absorption.absorb import compare
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
-from linkwise.absorption.harvesters import with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
+from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Floats, finite
 from linkwise.display import JudgedView, align_columns
 from linkwise.errors import LinkwiseError, expect, options_given, require_known

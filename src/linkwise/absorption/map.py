@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 
 from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
-from linkwise.absorption.harvesters import SUFFIX, with_harvesters
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Rows, closure_verdict
-from linkwise.absorption.sinks import find_sinks
+from linkwise.absorption.sinks import SUFFIX, find_sinks, with_harvesters
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.errors import (
@@ -27,7 +26,7 @@ from linkwise.errors import (
     options_given,
     require_known,
 )
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
@@ -309,11 +308,8 @@ def absorption_map(
     comparison = comparison_at(structure, middle, chosen)
     progress(ProgressReport(0.0, f"preparing {len(points)} runs"))
     variants = Variants.of(equipped, comparison, names)
-    ensemble = run_ensemble(
-        [variants.at(dict(zip(names, point, strict=True))) for point in points],
-        workers=workers,
-        progress=progress,
-    )
+    comparisons = [variants.at(dict(zip(names, point, strict=True))) for point in points]
+    ensemble = run_ensemble(comparisons, workers=workers, progress=progress)
     if not ensemble.completed.any():
         raise LinkwiseError(
             f"none of the {len(points)} runs came to its end: the motion diverges over the whole grid; check the ranges of "

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.absorption.harvesters import damping_unit
 from linkwise.absorption.motion import comparable
-from linkwise.absorption.sinks import Sink, dissipators, host_energy, place_motion
-from linkwise.analysis.hilltops import hilltop_finding
+from linkwise.absorption.sinks import Sink, damping_unit, dissipators, host_energy, place_motion
+from linkwise.analysis.rest_positions import hilltop_finding
 from linkwise.arrays import Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
-from linkwise.model.names import index_of
+from linkwise.model.coefficient import index_of
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.verdict import Verdict

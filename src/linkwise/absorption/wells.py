@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linkwise.absorption.harvesters import delivered_energy
-from linkwise.absorption.sinks import have_equal_shapes, moving_alike, place_motion
+from linkwise.absorption.sinks import delivered_energy, have_equal_shapes, moving_alike, place_motion
 from linkwise.analysis.potential_wells import RestPoint, rest_points
 from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Bools, Floats, Indices
@@ -275,15 +274,9 @@ class Potentials:
             for number, link in enumerate(first.links)
         )
         masses = np.stack([structure.mass_values for structure in structures], axis=1)
-        return cls(
-            tuple(structures),
-            values,
-            masses,
-            tuple(
-                barriers(link.law, numbers, len(structures))
-                for link, numbers in zip(first.links, values, strict=True)
-            ),
-        )
+        count, pairs = len(structures), zip(first.links, values, strict=True)
+        of_links = tuple(barriers(link.law, numbers, count) for link, numbers in pairs)
+        return cls(tuple(structures), values, masses, of_links)
 
     @property
     def floor(self) -> Floats:

@@ -117,8 +117,7 @@ def absorb(
     keywords = {**options, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})
-    kind = "map" if repetition.sweep else "absorption"
-    return deliver(kind, result, lw.report.absorption_of(result), output, as_json=as_json, answer=structure)
+    return deliver(result, output, as_json=as_json, answer=structure)
 
 
 def _answer(

@@ -83,5 +83,4 @@ def backbone(structure: Path, chosen: ModeOptions, output: Path | None, as_json:
     result = result if measured is None else result.beside(measured)
     if remark := stated_grade(structure)[1]:
         tell(f"note: {structure}: {remark}")
-    document = lw.report.backbone_of(result)
-    return deliver("backbone", result, document, output, as_json=as_json, answer=structure)
+    return deliver(result, output, as_json=as_json, answer=structure)

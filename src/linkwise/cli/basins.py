@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise import __version__
 from linkwise.cli.console import deliver, progress
 from linkwise.cli.options import folder_option, json_option, number, pairs, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
@@ -42,8 +41,7 @@ def basins(structure: Path, plane: str, points: int, output: Path | None, as_jso
     subject = read_told(structure)
     with progress("free motion") as step, unstarted_is_usage():
         result = lw.response.basins(subject, ranges, points=points, progress=step)
-    document = {**result.to_dict(), "version": __version__}
-    return deliver("basins", result, document, output, as_json=as_json, answer=structure)
+    return deliver(result, output, as_json=as_json, answer=structure)
 
 
 def _range(text: str) -> tuple[float, float]:

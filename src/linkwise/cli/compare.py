@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-import linkwise as lw
 from linkwise.cli.console import deliver, progress, tell
 from linkwise.cli.options import FILE, folder_option, json_option
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
@@ -39,5 +38,4 @@ def compare(source: RecordOptions, structure: Path, output: Path | None, as_json
     with progress("reading") as step:
         record = source.read_motion_of(subject)
         comparison = comparisons.compare(record, subject, progress=step)
-    document = {**comparison.to_dict(), "version": lw.__version__}
-    return deliver("comparison", comparison, document, output, as_json=as_json)
+    return deliver(comparison, output, as_json=as_json)

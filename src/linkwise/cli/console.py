@@ -19,7 +19,7 @@ from linkwise.display import shortened
 from linkwise.errors import OutputError
 from linkwise.output import to_json
 from linkwise.progress import Progress, silent
-from linkwise.registry import Registry, lazy_module
+from linkwise.registry import lazy_module
 from linkwise.verdict import Grade
 
 if TYPE_CHECKING:
@@ -29,30 +29,12 @@ if TYPE_CHECKING:
     from linkwise.display import JudgedView
     from linkwise.estimates import estimate as estimates
     from linkwise.model.structure import Structure
-    from linkwise.report.page import ResultFolder
+    from linkwise.report import page as pages
 else:  # rich is for terminals
+    pages = lazy_module("linkwise.report.page")
     estimates = lazy_module("linkwise.estimates.estimate")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
-
-
-FOLDERS: Registry[ResultFolder[Any]] = Registry(
-    "result folder",
-    {
-        "absorption": "linkwise.report.absorption:ABSORPTION_FOLDER",
-        "map": "linkwise.report.absorption:MAP_FOLDER",
-        "comparison": "linkwise.report.comparison:COMPARISON_FOLDER",
-        "design": "linkwise.report.design:DESIGN_FOLDER",
-        "backbone": "linkwise.report.response:BACKBONE_FOLDER",
-        "basins": "linkwise.report.response:BASINS_FOLDER",
-        "discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
-        "estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
-        "inspection": "linkwise.report.inspection:INSPECTION_FOLDER",
-        "response": "linkwise.report.response:RESPONSE_FOLDER",
-        "validation": "linkwise.report.validation:VALIDATION_FOLDER",
-    },
-)
-"""The folder that a command writes; figures are for those who want one, so it is loaded then."""
 
 
 def fail(message: str) -> None:
@@ -73,9 +55,7 @@ def ended(result: JudgedView, answer: Path | None = None) -> int:
 
 
 def deliver(
-    kind: str,
     result: JudgedView,
-    document: dict[str, Any],
     folder: Path | None,
     *,
     as_json: bool,
@@ -83,7 +63,7 @@ def deliver(
     truth: Structure | None = None,
     answer: Path | None = None,
 ) -> int:
-    """Print a result with `more` lines, or its `document`, then write it as a `folder` of this `kind`, if one was asked for,
+    """Print a result with `more` lines, or as JSON, then write it as a `folder`, if one was asked for,
     even where printing fails; the exit code.
 
     Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone. It is
@@ -91,20 +71,22 @@ def deliver(
     """
     unheard: OSError | None = None
     try:
-        click.echo(to_json(document) if as_json else "\n".join([str(result), *more]))
+        click.echo(
+            to_json(lw.report.result_of(result, truth)) if as_json else "\n".join([str(result), *more])
+        )
         sys.stdout.flush()
     except OSError as error:
         unheard = error
     if folder is not None:
         try:
             with progress("writing") as step:
-                FOLDERS[kind].write(result, folder, truth=truth, progress=step)
+                lw.report.write_result(result, folder, truth=truth, progress=step)
         except Exception as error:
-            _keep(FOLDERS[kind], result, folder, truth, whole=isinstance(error, OutputError))
+            _keep(result, folder, truth, whole=isinstance(error, OutputError))
             raise
         if not as_json:
             tell(f"written to {folder}; open {folder / 'report.html'}")
-    if result.grade is Grade.REFUSED and kind in ("estimate", "discovery"):
+    if result.grade is Grade.REFUSED and isinstance(result, lw.Estimate | lw.Discovery):
         tell(
             'note: what to do, by cause, stands on the page "If it refuses" of the documentation (how-to/if-it-refuses)'
         )
@@ -126,9 +108,7 @@ def deliver_structure(
         click.echo(text.rstrip())
 
 
-def _keep(
-    kind: ResultFolder[Any], result: object, folder: Path, truth: Structure | None, *, whole: bool
-) -> None:
+def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool) -> None:
     """Keep what should have been in `folder` in a temporary one, without figures and page unless `whole`, and say where."""
     try:
         home = Path(tempfile.mkdtemp(prefix="linkwise-"))
@@ -138,7 +118,7 @@ def _keep(
         place = home / (folder.resolve().name or "result")
         for pictured in [True, False] if whole else [False]:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
-                kind.write(result, place, truth=truth, pictured=pictured)
+                pages.folder_of(result, "").write(result, place, truth=truth, pictured=pictured)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
                 tell(f"note: the result was kept in {place}{lacking}")
                 return

@@ -97,7 +97,7 @@ def design(
             **given["options"],
             **drive.keywords(),
         )
-    code = deliver("design", result, lw.report.design_of(result), output, as_json=as_json, answer=structure)
+    code = deliver(result, output, as_json=as_json, answer=structure)
     if journal is not None:
         journal.unlink(missing_ok=True)
     return code

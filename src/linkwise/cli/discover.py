@@ -157,9 +157,8 @@ def discover(
     if true is not None and not all(link.law.is_plain for link in discovery.structure.links):
         tell("note: a law with memory or a signal was found, so the answer is not compared with the truth")
         true = None
-    result = lw.report.discovery_of(discovery, true)
-    more = _comparison_lines(result)
-    return deliver("discovery", discovery, result, output, as_json=as_json, more=more, truth=true)
+    more = _comparison_lines(lw.report.result_of(discovery, true))
+    return deliver(discovery, output, as_json=as_json, more=more, truth=true)
 
 
 def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:

@@ -58,9 +58,9 @@ def export(answer: Path, files: tuple[Path, ...], equations: tuple[Path, ...], a
             "nothing to write: name a FILE for forces and coefficients, or --equations FILE"
         )
     for file in files:
-        exports.export_writer(file)
+        exports.format_writer(file, exports.EXPORTS, "answers")
     for file in equations:
-        motions.equations_writer(file)
+        exports.format_writer(file, motions.EQUATIONS, "equations")
     content = exports.ExportedAnswer.of(answer)
     if note := content.note if files else content.warning:
         tell(f"note: {note}")

@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     truth_option,
 )
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
-from linkwise.identification.methods import METHODS
+from linkwise.identification.identify import METHODS
 from linkwise.model import link
 from linkwise.output import RESULT
 
@@ -110,9 +110,10 @@ def identify(
         estimate = lw.identify(
             records[0] if len(records) == 1 else records, subject, method=estimator, progress=step
         )
-    result = lw.report.result_of(estimate, true)
-    errors = nmse_lines(result, "\nagainst the truth: NMSE of the force (paper Eq. 8)")
-    return deliver("estimate", estimate, result, output, as_json=as_json, more=errors, truth=true)
+    errors = nmse_lines(
+        lw.report.result_of(estimate, true), "\nagainst the truth: NMSE of the force (paper Eq. 8)"
+    )
+    return deliver(estimate, output, as_json=as_json, more=errors, truth=true)
 
 
 def _estimator(

@@ -112,7 +112,7 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
     if not as_json:
         for note in dict.fromkeys(note for record in records for note in record.notes):
             tell(f"note: {note}")
-    deliver("inspection", inspection, inspection.to_dict(), output, as_json=as_json)
+    deliver(inspection, output, as_json=as_json)
 
 
 def _with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:

@@ -36,14 +36,8 @@ def folder_option(mark: str) -> Callable[[F], F]:
             check_result_folder(folder, mark)
         return folder
 
-    return click.option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        type=FOLDER,
-        callback=checked,
-        help="Folder for the result: numbers, figures, report.",
-    )
+    text = "Folder for the result: numbers, figures, report."
+    return click.option("-o", "--output", metavar="DIR", type=FOLDER, callback=checked, help=text)
 
 
 truth_option = click.option(

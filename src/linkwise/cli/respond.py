@@ -114,5 +114,4 @@ def respond(structure: Path, harmonic: HarmonicOptions, output: Path | None, as_
     if remark := stated_grade(structure)[1]:
         tell(f"note: {structure}: {remark}")
     tell_of_hosts(result.structure.hosts)
-    document = lw.report.response_of(result)
-    return deliver("response", result, document, output, as_json=as_json, answer=structure)
+    return deliver(result, output, as_json=as_json, answer=structure)

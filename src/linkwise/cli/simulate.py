@@ -11,7 +11,7 @@ import numpy as np
 
 import linkwise as lw
 from linkwise import files
-from linkwise.analysis.hilltops import hilltop_finding
+from linkwise.analysis.rest_positions import hilltop_finding
 from linkwise.cli.console import progress, tell
 from linkwise.cli.excitation_options import (
     ExcitationOptions,

@@ -22,10 +22,10 @@ from linkwise.display import align_columns
 from linkwise.files import guesses as columns
 from linkwise.files import read_table
 from linkwise.files.table import Table
-from linkwise.inspection.forces import driven_mass
+from linkwise.inspection.relations import driven_mass
+from linkwise.model.chains import link_table
+from linkwise.model.coefficient import quoted
 from linkwise.model.link import GROUND
-from linkwise.model.names import quoted
-from linkwise.model.rig import link_table
 from linkwise.model.rotations import mass_in_si
 from linkwise.output import atomic_file, check_result_folder
 from linkwise.records.channel import BASE, KINDS, Channel

@@ -67,4 +67,4 @@ def validate(
         record = source.read_motion_of(subject.structure)
         corrected = source.removed_errors(record)
         validation = lw.validate(record, answer, burn=burn, corrected=corrected, refit=refit, progress=step)
-    return deliver("validation", validation, lw.report.validation_of(validation), output, as_json=as_json)
+    return deliver(validation, output, as_json=as_json)

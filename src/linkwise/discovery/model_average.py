@@ -26,8 +26,8 @@ from linkwise.arrays import Floats
 from linkwise.discovery.criterion import CERTAIN
 from linkwise.discovery.selection import Selection
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.model.coefficient import Name
 from linkwise.model.law import Law
-from linkwise.model.names import Name
 from linkwise.verdict import Decision
 
 _MOST = 60  # models that survive

@@ -30,8 +30,8 @@ from linkwise.likelihood.tests.score_test import (
     Hypothesis,
     local_quadratic,
 )
+from linkwise.model.coefficient import Name
 from linkwise.model.link import GROUND
-from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in

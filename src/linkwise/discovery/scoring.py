@@ -24,9 +24,9 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
+from linkwise.model.coefficient import Name
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import COMPARISON, Link, refuse_memory
-from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 
 _POINTS = 200

@@ -12,8 +12,8 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from linkwise.display import format_error, format_percent
+from linkwise.model.coefficient import MASS
 from linkwise.model.host import in_words, is_between_modes
-from linkwise.model.names import MASS
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 

@@ -45,9 +45,9 @@ from linkwise.estimates.link_estimate import (
 )
 from linkwise.inspection.missing_samples import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
+from linkwise.model.coefficient import MASS, SHAPE, Name
 from linkwise.model.host import is_between_modes
 from linkwise.model.link import Link
-from linkwise.model.names import MASS, SHAPE, Name
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress

@@ -14,8 +14,7 @@ from linkwise.analysis.potential_wells import law_kind, lowest_escape, wells
 from linkwise.arrays import Floats
 from linkwise.display import NotebookView, align_columns, format_error, format_value
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Coefficient, Name
 from linkwise.model.structure import Link, Structure
 
 T = TypeVar("T")

@@ -14,7 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.display import csv_cell, from_csv_cell, listed
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
-from linkwise.model.names import MASS, Name
+from linkwise.model.coefficient import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT

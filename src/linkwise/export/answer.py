@@ -148,20 +148,20 @@ def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: s
     expect("export_answer(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
     expect("export_answer(answer, path): path", path, str, Path)
     path = Path(path)
-    write = export_writer(path)
+    write = format_writer(path, EXPORTS, "answers")
     content = ExportedAnswer.of(answer)
     with atomic_file(path) as partial:
         write(content, partial, path.stem)
     return path
 
 
-def export_writer(path: Path) -> Callable[[ExportedAnswer, Path, str], None]:
-    """What writes a file of this suffix; OutputError for another one."""
+def format_writer(path: Path, formats: Mapping[str, ExportFormat], what: str) -> Callable[..., None]:
+    """The function that writes files of this suffix, given the content, a path and a name; OutputError if there is none."""
     suffix = path.suffix.lower()
-    if suffix not in EXPORTS:
-        kind, choices = path.suffix or "a file without suffix", ", ".join(EXPORTS)
-        raise OutputError(f"{path}: answers cannot be exported to {kind}; choose from {choices}")
-    write: Callable[[ExportedAnswer, Path, str], None] = resolve_name(EXPORTS[suffix].writer)
+    if suffix not in formats:
+        kind, choices = path.suffix or "a file without suffix", ", ".join(formats)
+        raise OutputError(f"{path}: {what} cannot be exported to {kind}; choose from {choices}")
+    write: Callable[..., None] = resolve_name(formats[suffix].writer)
     return write
 
 

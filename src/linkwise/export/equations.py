@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from pkgutil import resolve_name
 
-from linkwise.errors import OutputError, expect
+from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.export.answer import ExportedAnswer, ExportFormat, identifiers
+from linkwise.export.answer import ExportedAnswer, ExportFormat, format_writer, identifiers
 from linkwise.expression import (
     Expression,
     Number,
@@ -25,15 +24,77 @@ from linkwise.expression import (
     symbols,
     to_text,
 )
-from linkwise.expression.common import with_common_subexpressions
 from linkwise.expression.program import cached_program
-from linkwise.expression.tree import ZERO, CodeStyle, to_code
+from linkwise.expression.tree import ZERO, Call, CodeStyle, Power, Product, Sum, children, to_code
+from linkwise.model.coefficient import MASS
 from linkwise.model.law import as_link_states
 from linkwise.model.link import BASE, Link
-from linkwise.model.names import MASS
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.model.topology import Weights
 from linkwise.output import atomic_file
+
+COMMON = "common:"
+"""What the names of common subexpressions begin with; no name of a law does."""
+
+
+def with_common_subexpressions(assignments: Mapping[str, Expression]) -> dict[str, Expression]:
+    """The assignments in their order, each after those of the parts that occur more than once, ``common:1`` and on.
+
+    An expression may contain the names that are assigned before it.
+
+    >>> from linkwise.expression import parse, to_text
+    >>> shared = with_common_subexpressions({"f": parse("k*exp(d)"), "g": parse("v + exp(d)")})
+    >>> {name: to_text(part) for name, part in shared.items()}
+    {'common:1': 'exp(d)', 'f': 'k*common:1', 'g': 'v + common:1'}
+    """
+    seen: set[Expression] = set()
+    repeated: set[Expression] = set()
+
+    def count(node: Expression) -> None:
+        if isinstance(node, Number | Symbol):
+            return
+        if node in seen:
+            repeated.add(node)
+            return
+        seen.add(node)
+        for below in children(node):
+            count(below)
+
+    for expression in assignments.values():
+        count(expression)
+    result: dict[str, Expression] = {}
+    names: dict[Expression, Symbol] = {}
+
+    def written(node: Expression) -> Expression:
+        if node in names:
+            return names[node]
+        inner = _rebuilt(node, [written(below) for below in children(node)])
+        if node not in repeated:
+            return inner
+        names[node] = Symbol(f"{COMMON}{len(names) + 1}")
+        result[names[node].name] = inner
+        return names[node]
+
+    for name, expression in assignments.items():
+        result[name] = written(expression)
+    return result
+
+
+def _rebuilt(node: Expression, below: list[Expression]) -> Expression:
+    """The node over other children, as it is and not in canonical form, which would take sums apart."""
+    match node:
+        case Sum():
+            return Sum(tuple(below))
+        case Product():
+            return Product(tuple(below))
+        case Call(function, _):
+            return Call(function, tuple(below))
+        case Power(_, Expression()):
+            return Power(below[0], below[1])
+        case Power(_, exponent):
+            return Power(below[0], exponent)
+    return node
+
 
 Place = tuple[int, ...]
 """Where an entry stands in what is computed, from 0: (row,) or (row, column)."""
@@ -458,18 +519,8 @@ def export_equations(answer: Structure | Estimate | Posterior | str | Path, path
     expect("export_equations(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
     expect("export_equations(answer, path): path", path, str, Path)
     path = Path(path)
-    write = equations_writer(path)
+    write = format_writer(path, EQUATIONS, "equations")
     equations = EquationsOfMotion(ExportedAnswer.of(answer))
     with atomic_file(path) as partial:
         write(equations, partial, path.stem)
     return path
-
-
-def equations_writer(path: Path) -> Callable[[EquationsOfMotion, Path, str], None]:
-    """What writes equations into a file of this suffix; OutputError for another one."""
-    suffix = path.suffix.lower()
-    if suffix not in EQUATIONS:
-        kind, choices = path.suffix or "a file without suffix", ", ".join(EQUATIONS)
-        raise OutputError(f"{path}: equations cannot be exported to {kind}; choose from {choices}")
-    write: Callable[[EquationsOfMotion, Path, str], None] = resolve_name(EQUATIONS[suffix].writer)
-    return write

@@ -305,10 +305,6 @@ class _Constraints:
     def equal(self, parts: tuple[Expression, ...]) -> _Monomial:
         first = self.term(parts[0])
         for part in parts[1:]:
-            self.equate(
-                self.term(part),
-                first,
-                part,
-                f"{to_text(part)!r} must be in the unit of {to_text(parts[0])!r}",
-            )
+            problem = f"{to_text(part)!r} must be in the unit of {to_text(parts[0])!r}"
+            self.equate(self.term(part), first, part, problem)
         return first

@@ -18,10 +18,9 @@ from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
-from linkwise.records.channel import BASE, Channel, ClippedSamples, check_rate, row_error, si_unit
+from linkwise.records.channel import BASE, COMMON, Channel, ClippedSamples, check_rate, row_error, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
-from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.records.timeline import JITTER, resample_evenly, sampled_columns
 
 _SHOWN = 12  # columns listed in an error or a note

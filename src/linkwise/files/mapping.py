@@ -40,10 +40,9 @@ from linkwise.files.table import Column, ColumnHeader
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS
 from linkwise.model.rotations import is_inertia
 from linkwise.model.toml import decode, parse_toml, read_toml_text
-from linkwise.records.channel import Channel
+from linkwise.records.channel import COMMON, Channel
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, attributes_of
-from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.units import to_si
 
 _COLUMN = ("column", "unit")

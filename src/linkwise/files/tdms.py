@@ -50,12 +50,8 @@ def read_table(path: Path) -> Table:
                     rates.append(1.0 / float(increment))
                     starts.append(float(channel.properties.get("wf_start_offset", 0.0)))
     stated = len(set(zip(rates, starts, strict=True))) == 1
-    return Table(
-        tuple(columns),
-        start=starts[0] if stated else 0.0,
-        rate=rates[0] if stated else None,
-        notes=(*notes, *remarks),
-    )
+    start = starts[0] if stated else 0.0
+    return Table(tuple(columns), start=start, rate=rates[0] if stated else None, notes=(*notes, *remarks))
 
 
 class _Remarks(logging.Handler):

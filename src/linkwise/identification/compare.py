@@ -12,8 +12,7 @@ from linkwise.errors import LinkwiseError, expect
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate, link_document
 from linkwise.estimates.link_estimate import CoefficientEstimate
-from linkwise.identification.identify import identify
-from linkwise.identification.methods import METHODS
+from linkwise.identification.identify import METHODS, identify
 from linkwise.identification.validation.validate import validate
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent

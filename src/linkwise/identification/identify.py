@@ -12,7 +12,6 @@ import numpy as np
 from linkwise.display import near_miss
 from linkwise.errors import ArgumentTypeError, IdentificationError, expect
 from linkwise.estimates.estimate import Estimate, Estimator
-from linkwise.identification.methods import METHODS
 from linkwise.identification.weak_answer import judged_by_likelihood
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.options import uncounted
@@ -21,8 +20,20 @@ from linkwise.progress import Progress, silent
 from linkwise.records.channel_units import in_units_of
 from linkwise.records.joining import check_distinct, check_stated_noise, joined_notes, record_list
 from linkwise.records.record import Record
+from linkwise.registry import Registry
 from linkwise.signals.force_window import with_force_windows
 from linkwise.weak.estimate import WeakForm
+
+METHODS: Registry[type[Estimator]] = Registry(
+    "method",
+    {
+        "ml": "linkwise.likelihood.estimate:MaximumLikelihood",
+        "weak": "linkwise.weak.estimate:WeakForm",
+        "sindy": "linkwise.sindy.estimate:PhysicsInformedSindy",
+    },
+    IdentificationError,
+)
+
 
 IdentificationMethod = Literal["ml", "weak", "sindy"]
 

@@ -16,8 +16,8 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.likelihood.rigs.problem import LinkPath
+from linkwise.model.coefficient import Name
 from linkwise.model.link import Link
-from linkwise.model.names import Name
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in

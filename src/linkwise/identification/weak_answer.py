@@ -94,13 +94,9 @@ def _fit(answer: Estimate) -> LikelihoodFit | None:
     """
     larger = np.sqrt(answer.chi_square_per_sample or 1.0)  # as the weak form widens its intervals
     noise = {name: larger * sigma for name, sigma in answer.record.noise.items()}
-    search = partial(
-        likelihood_fit,
-        [replace(answer.record, noise=noise)],
-        answer.given_structure,
-        answer.values,
-        spread=np.sqrt(np.maximum(answer.covariance.diagonal(), 0.0)),
-    )
+    errors = np.sqrt(np.maximum(answer.covariance.diagonal(), 0.0))
+    records = [replace(answer.record, noise=noise)]
+    search = partial(likelihood_fit, records, answer.given_structure, answer.values, spread=errors)
     try:
         fit = search(options=LikelihoodOptions(model_error=False, steps=_STEPS))
         if fit.status is AnnealingStatus.CONVERGED and not fit.chi_square_off:

@@ -66,9 +66,7 @@ def summary(signal: ChannelSignal, record: str) -> ChannelSummary:
     span = float(values.max() - values.min()) if values.size else 0.0
     noise = None if np.isnan(signal.sigma) or signal.is_constant else float(signal.sigma)
     motion = None if noise is None else float(np.mean(values**2)) - noise**2
-    audible = (
-        noise is not None and noise > signal.rms / _LARGEST_RATIO and motion is not None and motion > 0.0
-    )
+    audible = noise is not None and noise > signal.rms / _LARGEST_RATIO and motion is not None and motion > 0
     highest = None if signal.is_constant else without_spikes(signal).highest or None
     return ChannelSummary(
         name=signal.channel,

@@ -235,6 +235,7 @@ class Inspection(JudgedView):
         """
         names = dict.fromkeys(summary.name for summary in self.channels)
         return {
+            "method": "inspect",
             **self._judgement(),
             "channels": {name: self.channel(name).to_dict() for name in names},
             "alerts": [alert.to_dict() for alert in self.alerts],

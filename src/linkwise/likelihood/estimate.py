@@ -90,8 +90,8 @@ from linkwise.likelihood.starts.memory import (
     memory_starts_by_links,
 )
 from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
+from linkwise.model.coefficient import Name
 from linkwise.model.link import refuse_signals
-from linkwise.model.names import Name
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in

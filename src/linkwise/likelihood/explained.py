@@ -34,10 +34,9 @@ from linkwise.likelihood.options import (
 from linkwise.likelihood.random_forces import noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
-from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.progress import part
 from linkwise.records.channel_units import unit_in

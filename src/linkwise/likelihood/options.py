@@ -24,10 +24,9 @@ from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.segments import PPM
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import BAND_LIMITED, FORCE, Channel
+from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, Channel, SensorUncertainty
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
 ADMIT = {"typed": "gain,offset,..."}

@@ -39,8 +39,8 @@ from linkwise.likelihood.shooting.segments import A, Disturbance, Iterate, Scale
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
+from linkwise.model.coefficient import MASS
 from linkwise.model.link import Link
-from linkwise.model.names import MASS
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import FORCE, Channel

@@ -1,6 +1,7 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
 from linkwise.expression.tree import Expression as Expression
+from linkwise.model.coefficient import Name as Name
 from linkwise.model.excitation import Excitation as Excitation
 from linkwise.model.excitation import Impulse as Impulse
 from linkwise.model.excitation import PiecewisePolynomial as PiecewisePolynomial
@@ -14,7 +15,6 @@ from linkwise.model.named_laws import NAMED_LAWS as NAMED_LAWS
 from linkwise.model.named_laws import LawText as LawText
 from linkwise.model.named_laws import NamedLaw as NamedLaw
 from linkwise.model.named_laws import named_law as named_law
-from linkwise.model.names import Name as Name
 from linkwise.model.parameters import Parameter as Parameter
 from linkwise.model.structure import BASE as BASE
 from linkwise.model.structure import GROUND as GROUND

@@ -21,10 +21,9 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError, expect
-from linkwise.model.coefficient import Coefficient, as_coefficient
+from linkwise.model.coefficient import Coefficient, as_coefficient, index_of
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, check_name
-from linkwise.model.names import index_of
 
 
 @dataclass(frozen=True)

@@ -132,11 +132,8 @@ class NamedLaw:
         lower, upper = (self.bounds or {}).get(name, (-math.inf, math.inf))
         if given.known or given.same_as is not None:
             return given
-        return replace(
-            given,
-            lower=given.lower if given.lower > -math.inf else lower,
-            upper=given.upper if given.upper < math.inf else upper,
-        )
+        least = given.lower if given.lower > -math.inf else lower
+        return replace(given, lower=least, upper=given.upper if given.upper < math.inf else upper)
 
     def link(
         self,

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 
 from linkwise.display import near_miss
 from linkwise.errors import StructureError
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import MASS, SHAPE, Coefficient, Name, matching, quoted
 from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.named_laws import named_law_of
-from linkwise.model.names import MASS, SHAPE, Name, matching, quoted
 
 SHAPE_UNITS = {LENGTH: "1/sqrt(kg)", ANGLE: "rad/(m sqrt(kg))"}
 """Units of shapes by that of the displacement of their point."""

@@ -168,15 +168,9 @@ def reduce_host(
     (4, 5, True)
     """
     damping = proportional_damping(modal_damping, rayleigh)
-    return reduce_matrices(
-        name,
-        mass,
-        stiffness,
-        {point: {row: 1.0} for point, row in points.items()},
-        keep=keep,
-        damping=modal_damping if damping is None else damping,
-        residual=residual,
-    )
+    rows = {point: {row: 1.0} for point, row in points.items()}
+    ratios = modal_damping if damping is None else damping
+    return reduce_matrices(name, mass, stiffness, rows, keep=keep, damping=ratios, residual=residual)
 
 
 def reduce_matrices(

@@ -14,9 +14,9 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from linkwise.errors import LinkwiseError, StructureError
+from linkwise.model.coefficient import index_of
 from linkwise.model.host import Host
 from linkwise.model.link import ANGLE, GROUND, LENGTH, MASS_UNITS, Link, Mass
-from linkwise.model.names import index_of
 from linkwise.units import to_si
 
 _TRANSLATION = re.compile(r"(-?\d+)[xyz]")

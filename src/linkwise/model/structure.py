@@ -18,10 +18,18 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.display import NotebookView, align_columns, near_miss
 from linkwise.errors import StructureError, expect
-from linkwise.model.coefficient import Coefficient, as_coefficient
+from linkwise.model.coefficient import (
+    MASS,
+    Coefficient,
+    Name,
+    Text,
+    as_coefficient,
+    check_unique,
+    index_of,
+    quoted,
+)
 from linkwise.model.host import Host, counted, is_between_modes, with_modes
 from linkwise.model.link import BASE, GROUND, Link, Mass
-from linkwise.model.names import MASS, Name, Text, check_unique, index_of, quoted
 from linkwise.model.parameters import (
     CoefficientSlot,
     Parameter,

@@ -72,13 +72,8 @@ class PaperStudy:
         def named(kind: str) -> tuple[str, ...]:
             return tuple(method.name for method in study.methods if method.document()["kind"] == kind)
 
-        return cls(
-            dict(sorted(masses.items(), key=lambda item: item[1])),
-            named("monomial"),
-            named("physics-informed"),
-            named("weak"),
-            named("ml"),
-        )
+        ordered = dict(sorted(masses.items(), key=lambda item: item[1]))
+        return cls(ordered, named("monomial"), named("physics-informed"), named("weak"), named("ml"))
 
     def named(self, masses: int) -> str | None:
         """The name of the chain of so many masses, None where the study has none."""

@@ -108,7 +108,7 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
     horizon = result.with_sinks.horizon
     if horizon is None:
         return
-    axes.axvline(horizon, color=TRUE, linewidth=0.8, linestyle=":", label="chaos: one motion of many")
+    axes.axvline(horizon, color=TRUE, lw=0.8, ls=":", label="chaos: one motion of many")
     if shaded:
         axes.axvspan(horizon, result.time[-1], color=CHAOS, zorder=-1)
 
@@ -134,15 +134,15 @@ def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float)
     )
     for run, decay, color, text in runs:
         x = run.displacement(mass.name) - decay.rest
-        axes.plot(*envelope(result.time, x * factor), color=color, linewidth=0.7, label=text)
+        axes.plot(*envelope(result.time, x * factor), color=color, lw=0.7, label=text)
     before_tail = _before_tail(result)
     for (run, _, _, text), (line, shade) in zip(runs, (("--", "#555555"), ("-", TRUE)), strict=True):
         bound = run.envelope[before_tail, number] * factor
-        axes.plot(result.time[before_tail], bound, line, color=shade, linewidth=0.9, label=f"envelope {text}")
+        axes.plot(result.time[before_tail], bound, line, color=shade, lw=0.9, label=f"envelope {text}")
     level = mass.level * factor
     axes.axhspan(-level, level, color=VISITED, zorder=0, label=f"settled: {100 * result.settle:g} %")
     if mass.with_sinks.settled is not None:
-        axes.axvline(mass.with_sinks.settled, color=WELL, linewidth=1.0, label="settled with sinks")
+        axes.axvline(mass.with_sinks.settled, color=WELL, lw=1.0, label="settled with sinks")
 
 
 def _draw_band(axes: Axes, result: AbsorptionIntervals, number: int, factor: float) -> None:
@@ -153,7 +153,7 @@ def _draw_band(axes: Axes, result: AbsorptionIntervals, number: int, factor: flo
         result.upper[before_tail, number] * factor,
         color=WELL,
         alpha=0.35,
-        linewidth=0,
+        lw=0,
         zorder=3,
         label="envelope, 95 % of draws",
     )
@@ -266,18 +266,12 @@ def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> N
 
 def _draw_curve(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
     (across,) = result.axes
-    axes.plot(across.values, values, ".-" if len(values) <= 60 else "-", color=IDENTIFIED, markersize=4)
+    axes.plot(across.values, values, ".-" if len(values) <= 60 else "-", color=IDENTIFIED, ms=4)
     for missing, color in ((~result.completed, WELL), (np.isnan(values) & result.completed, MEASURED)):
         if missing.any():
-            axes.plot(
-                across.values[missing],
-                np.zeros(int(missing.sum())),
-                "x",
-                color=color,
-                markersize=5,
-                clip_on=False,
-                transform=axes.get_xaxis_transform(),
-            )
+            heights = np.zeros(int(missing.sum()))
+            along = axes.get_xaxis_transform()
+            axes.plot(across.values[missing], heights, "x", color=color, ms=5, clip_on=False, transform=along)
     _scale_axes(axes, across, None)
     edges = _edges(across)
     axes.set(xlim=(min(edges), max(edges)), ylabel=unit or "number")
@@ -376,19 +370,13 @@ def crossings(
     with axes_for(ax, legend=legend) as axes:
         factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
         time, elongation = envelope(plain.time, shown.elongation * factor)
-        axes.plot(time, elongation, color=IDENTIFIED, linewidth=0.7, label="elongation")
+        axes.plot(time, elongation, color=IDENTIFIED, lw=0.7, label="elongation")
         for top in shown.tops:
-            axes.axhline(top * factor, color=TRUE, linewidth=0.6, linestyle=":", label="top between wells")
+            axes.axhline(top * factor, color=TRUE, lw=0.6, ls=":", label="top between wells")
         if len(shown.crossings):
-            axes.plot(
-                shown.crossings,
-                np.full(len(shown.crossings), 0.97),
-                "|",
-                color=WELL,
-                markersize=7,
-                transform=axes.get_xaxis_transform(),
-                label="crossing",
-            )
+            heights = np.full(len(shown.crossings), 0.97)
+            across = axes.get_xaxis_transform()
+            axes.plot(shown.crossings, heights, "|", color=WELL, ms=7, transform=across, label="crossing")
         mark_chaos(axes, plain)
         count = f"{len(shown.crossings)} crossings" if shown.tops else "one well"
         axes.set_title(literal(f"{shown.sink.link}: {count}"))
@@ -481,7 +469,7 @@ def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:
         *(band[thin] for band in [*bands, remaining]),
         labels=[*labels, "still there"],
         colors=[*colors.values(), *[_GREYS[-1]] * (len(labels) - len(colors)), _PALE],
-        linewidth=0.0,
+        lw=0.0,
     )
     axes.set_xlim(result.time[0], result.time[-1])
     axes.set_ylim(0.0, max(100.0, float((sum(shares.values()) + remaining).max())))

@@ -59,17 +59,10 @@ def trade_off(result: Design, *, legend: bool = True, ax: Axes | None = None) ->
     mass, best = np.array(result.trade_off).T
     usable = result.allowed & np.isfinite(values)
     with axes_for(ax, legend=legend, width=5.2, height=3.4) as axes:
-        axes.plot(
-            result.added_mass[usable],
-            values[usable],
-            ".",
-            color=MEASURED,
-            markersize=3,
-            label="designs tried",
-        )
+        axes.plot(result.added_mass[usable], values[usable], ".", color=MEASURED, ms=3, label="designs tried")
         factor, _ = _reading(result)
-        axes.step(mass, factor * best, where="post", color=IDENTIFIED, linewidth=1.0)
-        axes.plot(mass, factor * best, "o", color=IDENTIFIED, markersize=4, label="no lighter one is as good")
+        axes.step(mass, factor * best, where="post", color=IDENTIFIED, lw=1.0)
+        axes.plot(mass, factor * best, "o", color=IDENTIFIED, ms=4, label="no lighter one is as good")
         axes.set(xlabel="mass of the sinks, kg", ylabel=literal(title))
     return axes
 
@@ -121,10 +114,8 @@ def designs(
     with axes_for(ax, legend=legend, width=4.8, height=3.4) as axes:
         _scaled(axes, result, across, "x")
         if not up:
-            axes.plot(x[order], values[order], ".", color=IDENTIFIED, markersize=4)
-            axes.plot(
-                result.best[across], _reading(result)[0] * result.objective, "*", color=WELL, markersize=12
-            )
+            axes.plot(x[order], values[order], ".", color=IDENTIFIED, ms=4)
+            axes.plot(result.best[across], _reading(result)[0] * result.objective, "*", color=WELL, ms=12)
             axes.set_ylabel(literal(title))
             return axes
         y = result.points[:, names.index(up)]
@@ -134,7 +125,7 @@ def designs(
         )
         cmap = "viridis" if result.options.maximise else "viridis_r"
         tried = axes.scatter(x[order], y[order], c=values[order], s=10, cmap=cmap, vmin=low, vmax=high)
-        axes.plot(result.best[across], result.best[up], "*", color=WELL, markersize=12, label="best")
+        axes.plot(result.best[across], result.best[up], "*", color=WELL, ms=12, label="best")
         _scaled(axes, result, up, "y")
         axes.figure.colorbar(tried, ax=axes, label=literal(title))
     return axes

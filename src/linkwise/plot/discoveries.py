@@ -78,15 +78,15 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), of_d), scale(largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
         if np.isfinite(lower).all():
-            band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, linewidth=0)
+            band = axes.fill_between(d * to_d, lower * to_f, upper * to_f, color=VISITED, lw=0)
             band.set_label("95 % band, averaged")
         others = [number for number in range(1, len(shifts)) if average.weights[number] >= _FAINTEST]
         for number in others:
             width = 0.5 + 2.5 * float(average.weights[number])
             label = "other models that survive" if number == others[0] else None
-            axes.plot(d * to_d, shifts[number] * to_f, color=MEASURED, linewidth=width, label=label)
-        axes.plot(d * to_d, averaged * to_f, color=WELL, linewidth=1.0, label="averaged")
-        axes.axhline(0.0, color=IDENTIFIED, linewidth=0.5 + 2.5 * float(average.weights[0]), label="selected")
+            axes.plot(d * to_d, shifts[number] * to_f, color=MEASURED, lw=width, label=label)
+        axes.plot(d * to_d, averaged * to_f, color=WELL, lw=1.0, label="averaged")
+        axes.axhline(0.0, color=IDENTIFIED, lw=0.5 + 2.5 * float(average.weights[0]), label="selected")
         axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"force less that selected, {unit_f}")
         axes.set_title(
             literal(f"{link}: models that survive, the selected one with {average.weights[0]:.0%}")
@@ -139,7 +139,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         _bars(axes, dropped, len(selected), MEASURED, "dropped")
         if rows:
             penalties = [term.penalty for term in rows]
-            axes.plot(penalties, range(len(rows)), "|", color=WELL, markersize=9, label="penalty of the term")
+            axes.plot(penalties, range(len(rows)), "|", color=WELL, ms=9, label="penalty of the term")
         names = [f"{term.name}: {_label(term)}{'' if term.certain else '  (in doubt)'}" for term in rows]
         axes.set_yticks(range(len(rows)), [literal(name) for name in names])
         axes.set_ylim(len(rows) - 0.4, -0.6)
@@ -147,7 +147,7 @@ def evidence(discovery: Discovery, *, legend: bool = True, ax: Axes | None = Non
         log_scale(axes, "x", linear_to=10.0)
         axes.set(xlim=(0.0, None), xlabel="reduction of the misfit by the term, in -2 log likelihood")
         axes.set_title(f"evidence term by term{_left_out(discovery, len(selected), len(dropped))}")
-        axes.axhline(len(selected) - 0.5, color=TRUE, linewidth=0.6)
+        axes.axhline(len(selected) - 0.5, color=TRUE, lw=0.6)
     return axes
 
 
@@ -232,7 +232,7 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
                 "criterion, above the chosen model's",
             ),
         ):
-            axes.plot(terms, values, "o-", color=color, markersize=3, label=text)
+            axes.plot(terms, values, "o-", color=color, ms=3, label=text)
         for point in discovery.path:
             if point.chosen:
                 axes.plot(
@@ -240,12 +240,12 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
                     point.criterion,
                     "o",
                     color=WELL,
-                    markersize=8,
+                    ms=8,
                     zorder=5,
                     clip_on=False,
                     label="chosen",
                 )
-                axes.axvline(point.terms, color=WELL, linewidth=0.8, zorder=0)
+                axes.axvline(point.terms, color=WELL, lw=0.8, zorder=0)
         axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
         log_scale(axes, "y", linear_to=10.0)
         axes.set_ylim(min((point.criterion for point in discovery.path), default=0.0) - 0.5, None)

@@ -37,8 +37,8 @@ from linkwise.records.record import Record
 
 _MOST = 4  # channels that still can be read on one page
 _OVERLAID = 3  # channels of which measured and fitted are seen at a glance
-_MEASURED: dict[str, Any] = {"color": MEASURED, "linewidth": 1.8, "label": "measured"}
-_FITTED: dict[str, Any] = {"color": IDENTIFIED, "linewidth": 0.7, "label": "fitted"}
+_MEASURED: dict[str, Any] = {"color": MEASURED, "lw": 1.8, "label": "measured"}
+_FITTED: dict[str, Any] = {"color": IDENTIFIED, "lw": 0.7, "label": "fitted"}
 _APART = 8  # standard deviations of noise between the channels over time
 
 
@@ -91,7 +91,7 @@ def residuals(
     require_known("quantity", quantity, quantities, RecordError)
     with axes_for(ax, legend=legend and quantity != "time") as axes:
         if quantity == "time":
-            axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, linewidth=0.6)
+            axes.plot(*envelope(estimate.motion.time, left[channel]), color=IDENTIFIED, lw=0.6)
             axes.set_xlabel("time, s")
         elif quantity == "frequency":
             _over_frequency(axes, left[channel], estimate.record.rate, color=IDENTIFIED, label="residuals")
@@ -116,7 +116,7 @@ def _over_frequency(axes: Axes, values: Floats, rate: float, **style: Any) -> No
     """The spectral density in units of that of white noise."""
     spectrogram = Spectrogram.of(values, rate)
     density = spectrogram.mean[1:-1] * (0.5 * rate)
-    axes.plot(spectrogram.frequency[1:-1], density, **{"linewidth": 0.9, **style})
+    axes.plot(spectrogram.frequency[1:-1], density, **{"lw": 0.9, **style})
     if density.any():
         log_scale(axes, "y")
     axes.set(xlim=spectrogram.frequency[[1, -2]], xlabel="frequency, Hz")
@@ -126,9 +126,7 @@ def _over_frequency(axes: Axes, values: Floats, rate: float, **style: Any) -> No
 def _over_motion(axes: Axes, values: Floats, along: Floats, factor: float, **style: Any) -> Floats:
     """Means over parts of the range with equally many samples, at the motion times `factor`; returns the band of noise."""
     means = MeanResiduals.along(along, values)
-    axes.plot(
-        factor * means.place, means.mean, **{"linewidth": 1.2, "marker": "o", "markersize": 2.5, **style}
-    )
+    axes.plot(factor * means.place, means.mean, **{"lw": 1.2, "marker": "o", "ms": 2.5, **style})
     return np.stack([factor * means.place, means.by_chance])
 
 
@@ -139,11 +137,11 @@ def _motion(estimate: Estimate, kind: str, link: str) -> Floats:
 
 
 def _white(axes: Axes) -> None:
-    axes.axhline(1.0, color=TRUE, linestyle="--", linewidth=0.8, label="white noise")
+    axes.axhline(1.0, color=TRUE, ls="--", lw=0.8, label="white noise")
 
 
 def _by_chance(axes: Axes, place: Floats, chance: Floats) -> None:
-    axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, linewidth=0.0, label="95 % of noise")
+    axes.fill_between(place, -chance, chance, color=MEASURED, alpha=0.3, lw=0.0, label="95 % of noise")
 
 
 def residuals_figure(estimate: Estimate) -> Figure:
@@ -158,7 +156,7 @@ def residuals_figure(estimate: Estimate) -> Figure:
         for row, (name, values) in enumerate(left.items()):
             color, link = SERIES[row], _link_at(estimate, name)
             trace = envelope(estimate.motion.time, values - _APART * row)
-            over_time.plot(*trace, color=color, linewidth=0.5)
+            over_time.plot(*trace, color=color, lw=0.5)
             _over_frequency(over_frequency, values, estimate.record.rate, color=color)
             for axes, kind in zip(over_motion, "dv", strict=True):
                 along = _motion(estimate, kind, link)
@@ -246,7 +244,7 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
     points = list(points or host.modes[0].shape)
     places = np.arange(len(points), dtype=float)
     with axes_for(ax, legend=legend) as axes:
-        axes.axhline(0.0, color="black", linewidth=0.6)
+        axes.axhline(0.0, color="black", lw=0.6)
         for number, mode in enumerate(host.modes):
             deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
             axes.errorbar(
@@ -256,10 +254,10 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
                 if any(deviations)
                 else None,
                 color=SERIES[number % len(SERIES)],
-                linestyle=_STYLES[number // len(SERIES) % len(_STYLES)],
+                ls=_STYLES[number // len(SERIES) % len(_STYLES)],
                 marker="o",
-                markersize=3.5,
-                linewidth=1.0,
+                ms=3.5,
+                lw=1.0,
                 capsize=2.0,
                 label=label(f"mode {number + 1}{_frequency(mode.frequency.value)}"),
             )

@@ -341,9 +341,7 @@ def _radii(masses: Floats) -> Floats:
 
 def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
     for rod in drawing.rods:
-        axes.plot(
-            *drawing.positions[list(rod)].T, color=_HOST, linewidth=_ROD, solid_capstyle="round", zorder=0
-        )
+        axes.plot(*drawing.positions[list(rod)].T, color=_HOST, lw=_ROD, solid_capstyle="round", zorder=0)
     stiffnesses = [edge.stiffness for edge in drawing.edges if edge.stiffness > 0.0]
     pairs = [frozenset((edge.first, edge.second)) for edge in drawing.edges]
     for number, edge in enumerate(drawing.edges):
@@ -356,14 +354,8 @@ def _draw_links(axes: Axes, drawing: Drawing, *, labelled: bool) -> None:
         width = _width(edge, stiffnesses)
         dashes = (0, (_DASH / width, _LABEL_GAP / width))  # matplotlib counts in line widths
         style = ":" if not edge.selected else "-" if edge.certain else dashes
-        axes.plot(
-            *np.stack([a, b], axis=1),
-            color=_color(edge),
-            linestyle=style,
-            linewidth=width,
-            solid_capstyle="round",
-            zorder=1,
-        )
+        ends = np.stack([a, b], axis=1)
+        axes.plot(*ends, color=_color(edge), ls=style, lw=width, solid_capstyle="round", zorder=1)
         if labelled and edge.selected:
             x, y = 0.5 * (a + b)
             axes.text(
@@ -398,11 +390,11 @@ def _draw_fixed(axes: Axes, mass: Floats, position: Floats, name: str) -> None:
     along = (position - mass) / max(hypot(*(position - mass)), 1e-9)
     across = np.array([-along[1], along[0]])
     wall = np.stack([position - 0.2 * across, position + 0.2 * across], axis=1)
-    axes.plot(*wall, color=TRUE, linewidth=1.6, zorder=2, solid_capstyle="butt")
+    axes.plot(*wall, color=TRUE, lw=1.6, zorder=2, solid_capstyle="butt")
     for share in np.linspace(-0.16, 0.2, 5):
         foot = position + share * across
         hatch = np.stack([foot, foot + 0.1 * along - 0.06 * across], axis=1)
-        axes.plot(*hatch, color=TRUE, linewidth=0.7, zorder=2)
+        axes.plot(*hatch, color=TRUE, lw=0.7, zorder=2)
     if name:
         x, y = position + 0.26 * along
         axes.text(x, y, literal(name), fontsize=7, ha="center", va="center")
@@ -418,14 +410,7 @@ def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float
         x, y = positions[number]
         radius, is_mass = 72.0 * inch * radii[number], bool(np.isfinite(masses[number]))  # points
         axes.plot(
-            x,
-            y,
-            "o",
-            ms=2.0 * radius,
-            color="white" if is_mass else _HOST,
-            markeredgecolor=TRUE,
-            markeredgewidth=1.2,
-            zorder=5,
+            x, y, "o", ms=2.0 * radius, color="white" if is_mass else _HOST, mec=TRUE, mew=1.2, zorder=5
         )
         fits = 0.3 * size * len(name) < 0.9 * radius
         if fits:
@@ -471,12 +456,11 @@ def _free_direction(number: int, positions: Floats) -> float:
 def _legend_handles(edges: Sequence[Edge]) -> list[Line2D]:
     kinds = dict.fromkeys(edge.kind for edge in edges if edge.selected)
     handles = [
-        Line2D([], [], color=_COLORS.get(kind, _OTHER_KIND), linewidth=2.5, label=label(kind))
-        for kind in kinds
+        Line2D([], [], color=_COLORS.get(kind, _OTHER_KIND), lw=2.5, label=label(kind)) for kind in kinds
     ]
     if any(edge.selected and not edge.certain for edge in edges):
-        handles.append(Line2D([], [], color=TRUE, linestyle=(0, (4, 2.5)), label="in doubt"))
+        handles.append(Line2D([], [], color=TRUE, ls=(0, (4, 2.5)), label="in doubt"))
     if any(not edge.selected for edge in edges):
-        handles.append(Line2D([], [], color=MEASURED, linestyle=":", label="dropped, in doubt"))
+        handles.append(Line2D([], [], color=MEASURED, ls=":", label="dropped, in doubt"))
     handles.append(Line2D([], [], color="none", label="wider: stiffer"))
     return handles

@@ -62,9 +62,7 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
             text = "scatter" if name == "noise" else name
             if points:
                 levels, powers = np.array(points).T
-                axes.plot(
-                    levels, powers, color=colour, marker=marker, markersize=4, linewidth=1.0, label=text
-                )
+                axes.plot(levels, powers, color=colour, marker=marker, ms=4, lw=1.0, label=text)
         log_scale(axes, "x")
         axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
@@ -121,8 +119,8 @@ def level_modes(
                 2.0 * errors[:, mode],
                 color=SERIES[mode % len(SERIES)],
                 marker="o",
-                markersize=3.5,
-                linewidth=1.0,
+                ms=3.5,
+                lw=1.0,
                 capsize=2.0,
                 label=label(f"mode {mode + 1}, {comparison.frequencies[0, mode]:.4g} Hz"),
             )
@@ -182,13 +180,8 @@ def level_response(
         for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
             values = response.magnitude if quantity == "magnitude" else response.coherence
             colour = _lighter(SERIES[0], float(shade))
-            axes.plot(
-                response.frequency,
-                values,
-                color=colour,
-                linewidth=0.9,
-                label=label(f"{level:.3g} {comparison.unit}"),
-            )
+            text = label(f"{level:.3g} {comparison.unit}")
+            axes.plot(response.frequency, values, color=colour, lw=0.9, label=text)
         if quantity == "magnitude":
             log_scale(axes, "y")
             axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
@@ -258,15 +251,9 @@ def ring_down(
     if quantity == "damping":
         values, errors = 100.0 * ring.damping, 100.0 * ring.damping_error
     with axes_for(ax, legend=legend) as axes:
-        axes.errorbar(
-            ring.amplitude,
-            values,
-            2.0 * errors,
-            fmt=".",
-            color=SERIES[(ring.mode - 1) % len(SERIES)],
-            elinewidth=0.8,
-            label=label(ring_name(ring)),
-        )
+        color = SERIES[(ring.mode - 1) % len(SERIES)]
+        text = label(ring_name(ring))
+        axes.errorbar(ring.amplitude, values, 2.0 * errors, fmt=".", color=color, elinewidth=0.8, label=text)
         log_scale(axes, "x")
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {ring.unit}")
@@ -337,14 +324,8 @@ def acceleration_surface(
     with axes_for(ax, legend=legend) as axes:
         axes.set_xlabel(f"displacement of {literal(surface.channel)}, {unit_d}")
         if section:
-            axes.plot(
-                surface.displacement[some] * to_d,
-                force[some],
-                ".",
-                color=SERIES[0],
-                markersize=2.0,
-                label="at no velocity",
-            )
+            displacement = surface.displacement[some] * to_d
+            axes.plot(displacement, force[some], ".", color=SERIES[0], ms=2.0, label="at no velocity")
             axes.set_ylabel(of_force)
         else:
             bound = float(np.abs(force).max())

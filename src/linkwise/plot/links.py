@@ -136,24 +136,22 @@ def _draw(axes: Axes, curve: ForceCurve) -> None:
             curve.sample_force[some] * to_f,
             ".",
             color=MEASURED,
-            markersize=1.5,
+            ms=1.5,
             rasterized=True,
             zorder=1,
             label=_samples_label(curve),
         )
     if curve.true is not None:
-        axes.plot(d, curve.true * to_f, color=TRUE, linewidth=2.6, alpha=0.45, zorder=2, label="true")
+        axes.plot(d, curve.true * to_f, color=TRUE, lw=2.6, alpha=0.45, zorder=2, label="true")
     if curve.has_band:
         lower, upper = curve.lower * to_f, curve.upper * to_f
-        axes.fill_between(
-            d, lower, upper, color=IDENTIFIED, alpha=0.25, linewidth=0, zorder=3, label="95 % band"
-        )
-    axes.plot(d, elastic, color=IDENTIFIED, linestyle=(0, (4, 3)), linewidth=0.8, zorder=4)
+        axes.fill_between(d, lower, upper, color=IDENTIFIED, alpha=0.25, lw=0, zorder=3, label="95 % band")
+    axes.plot(d, elastic, color=IDENTIFIED, ls=(0, (4, 3)), lw=0.8, zorder=4)
     name = "identified" if curve.identified else "known"
     axes.plot(d[inside], elastic[inside], color=IDENTIFIED, zorder=5, label=name)
     if curve.wells:
         wells = [well * to_d for well in curve.wells]
-        axes.plot(wells, [0.0] * len(wells), "o", color=WELL, markersize=5, zorder=6, label="wells")
+        axes.plot(wells, [0.0] * len(wells), "o", color=WELL, ms=5, zorder=6, label="wells")
     axes.set(xlim=(d[0], d[-1]), ylim=(curve.frame[0] * to_f, curve.frame[1] * to_f))
     axes.set_xlabel(f"elongation d, {unit_d}")
     others = [kind for kind in ("states", "signals") if getattr(curve.link.law, kind)]
@@ -219,20 +217,10 @@ def loop(
     with axes_for(ax, legend=legend) as axes:
         if forces.measured is not None:
             axes.plot(
-                values * to_x,
-                forces.measured * to_f,
-                color=MEASURED,
-                linewidth=0.7,
-                zorder=1,
-                label="measured",
+                values * to_x, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured"
             )
         axes.plot(
-            values * to_x,
-            forces.identified * to_f,
-            color=IDENTIFIED,
-            linewidth=0.9,
-            zorder=2,
-            label="identified",
+            values * to_x, forces.identified * to_f, color=IDENTIFIED, lw=0.9, zorder=2, label="identified"
         )
         axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
         wrap_title(axes, force_title(estimate.link(link).link))
@@ -326,7 +314,7 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
             estimate.motion.v[some, index] * to_v,
             ".",
             color=TRUE,
-            markersize=1.2,
+            ms=1.2,
             alpha=0.5,
             rasterized=True,
             label="motion of the record",
@@ -392,7 +380,7 @@ def force_comparison(
     lines = _lines(identified, styles)
     with axes_for(ax, legend=legend) as axes:
         shown = _over_elongation(axes, d, true.law.motion_units[0])
-        axes.plot(shown, force * to_f, color=TRUE, linewidth=3.0, alpha=0.35, label="theory")
+        axes.plot(shown, force * to_f, color=TRUE, lw=3.0, alpha=0.35, label="theory")
         for name, link in identified.items():
             axes.plot(shown, link.force(d) * to_f, **{"label": label(name), **lines[name]})
         axes.set_ylabel(f"force at v = 0, {unit_f}")
@@ -522,10 +510,10 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
         shown = {method: force - less for method, force in forces.items()}
         to_f, unit_f = scale(max(float(np.abs(force).max()) for force in shown.values()), law.force_unit)
         lower, upper = ((end - less) * to_f for end in band)
-        axes.fill_between(motion * to_x, lower, upper, color=SERIES[0], alpha=0.25, linewidth=0.0)
+        axes.fill_between(motion * to_x, lower, upper, color=SERIES[0], alpha=0.25, lw=0.0)
         for number, (method, force) in enumerate(shown.items()):
             style = _STYLES[number % len(_STYLES)]
-            axes.plot(motion * to_x, force * to_f, color=SERIES[number], linestyle=style, label=label(method))
+            axes.plot(motion * to_x, force * to_f, color=SERIES[number], ls=style, label=label(method))
         axes.set(xlabel=f"{of}, {unit_x}", ylabel=f"force at {still}, {unit_f}", title=literal(title))
 
 

@@ -97,7 +97,7 @@ def histories(
             factor, unit = scale(largest, source.unit(name))
             text = label(name if len(units) == 1 else f"{name}, {unit}")
             color = SERIES[source.channels.index(name) % len(SERIES)]
-            axes.plot(*envelope(source.time, values * factor), color=color, linewidth=0.7, label=text)
+            axes.plot(*envelope(source.time, values * factor), color=color, lw=0.7, label=text)
         common = scale(together, units.pop())[1] if len(units) == 1 else ""
         over_time(axes, source.time, _value_label(source.select(names).channels, common))
     return axes
@@ -107,13 +107,8 @@ def histories_figure(record: Record) -> Figure:
     """Each channel over time in a strip of its own; of more than 10 channels the first."""
     channels = (*record.inputs, *record.responses)
     title = f"{record.source or 'record'}{not_shown(channels, _MOST, 'channels')}"
-    return strips(
-        [[name] for name in channels[:_MOST]],
-        partial(histories, record),
-        (0.9, 0.95),
-        title=title,
-        legend=False,
-    )
+    shown = [[name] for name in channels[:_MOST]]
+    return strips(shown, partial(histories, record), (0.9, 0.95), title=title, legend=False)
 
 
 def _shown(record: Record) -> tuple[str, ...]:
@@ -171,13 +166,11 @@ def spectrum(
     noisy = noise is not None and noise > 0.0 and bool(density.any())
     with axes_for(ax, legend=legend and noisy) as axes:
         if density.any():
-            axes.plot(spectrogram.frequency[1:-1], density, color=color, linewidth=0.9, label=label(name))
+            axes.plot(spectrogram.frequency[1:-1], density, color=color, lw=0.9, label=label(name))
             log_scale(axes, "y")
         if noise is not None and noisy:
             level = noise * (2.0 / record.rate) ** 0.5
-            axes.axhline(
-                level, color=WELL if color != WELL else MEASURED, linestyle="--", linewidth=0.8, label="noise"
-            )
+            axes.axhline(level, color=WELL if color != WELL else MEASURED, ls="--", lw=0.8, label="noise")
         axes.set(xlim=(0.0, 0.5 * record.rate), xlabel="frequency, Hz")
         axes.set_ylabel(f"{literal(name)}\n{record.unit(name)}/√Hz")
     return axes
@@ -227,14 +220,8 @@ def spectrogram(record: Record, name: str, *, ax: Axes | None = None) -> Axes:
         if largest > 0.0:
             power = np.maximum(density.power.T, largest * 10.0**-_DECADES)
             norm = LogNorm(max(float(np.quantile(power, 0.05)), largest * 10.0**-_DECADES), largest)
-            axes.pcolormesh(
-                record.start + density.time,
-                density.frequency,
-                power,
-                norm=norm,
-                cmap="Greys",
-                rasterized=True,
-            )
+            time = record.start + density.time
+            axes.pcolormesh(time, density.frequency, power, norm=norm, cmap="Greys", rasterized=True)
         axes.set(ylim=(0.0, 0.5 * record.rate), xlabel="time, s", ylabel=f"{literal(name)}\nHz")
     return axes
 
@@ -269,10 +256,8 @@ def coherence(
     """
     estimate = Coherence.of(record.channel(first), record.channel(second), record.rate)
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(
-            estimate.frequency[1:], estimate.values[1:], color=SERIES[0], linewidth=0.9, label="coherence"
-        )
-        axes.axhline(estimate.by_chance, color=MEASURED, linestyle="--", linewidth=0.8, label="noise")
+        axes.plot(estimate.frequency[1:], estimate.values[1:], color=SERIES[0], lw=0.9, label="coherence")
+        axes.axhline(estimate.by_chance, color=MEASURED, ls="--", lw=0.8, label="noise")
         axes.set(xlim=(0.0, 0.5 * record.rate), ylim=(0.0, 1.0))
         axes.set(xlabel="frequency, Hz", ylabel=f"{literal(first)}\n{literal(second)}")
     return axes
@@ -357,7 +342,7 @@ def displacement(
         _draw_range(axes, envelope, mass, factor)
         for motion, (name, color) in zip(shown, names, strict=True):
             x = _displacement(motion, mass) * factor
-            axes.plot(motion.record.time, x, color=color, linewidth=0.8, zorder=3, label=name)
+            axes.plot(motion.record.time, x, color=color, lw=0.8, zorder=3, label=name)
         over_time(axes, envelope.record.time, f"x, {unit}")
     return axes
 
@@ -415,8 +400,8 @@ def _draw_range(axes: Axes, envelope: OrbitEnvelope, mass: str, factor: float) -
         np.maximum.reduceat(envelope.greatest[:, column], starts) * factor,
         color=IDENTIFIED,
         alpha=0.22,
-        linewidth=0,
+        lw=0,
         zorder=1,
         label="range of neighbouring orbits",
     )
-    axes.axvline(horizon, color=TRUE, linewidth=0.7, linestyle=(0, (3, 2)), zorder=4)
+    axes.axvline(horizon, color=TRUE, lw=0.7, ls=(0, (3, 2)), zorder=4)

@@ -84,7 +84,7 @@ def response(
 def _draw_measured(axes: Axes, measured: MeasuredPoints | None, column: int, factor: float) -> None:
     if measured is not None:
         values = factor * measured.amplitude[:, column]
-        axes.plot(measured.hz, values, ".", color="grey", markersize=4, zorder=1, label="measured")
+        axes.plot(measured.hz, values, ".", color="grey", ms=4, zorder=1, label="measured")
 
 
 def _colours(count: int) -> list[str]:
@@ -96,18 +96,16 @@ def _draw_level(axes: Axes, level: ResponseLevel, column: int, factor: float, co
         values = factor * branch.amplitude[:, column]
         for part, stable, outside in _parts(branch):
             line = "--" if outside else "-" if stable else ":"
-            axes.plot(branch.hz[part], values[part], line, color=colour, linewidth=1.6 if stable else 0.8)
+            axes.plot(branch.hz[part], values[part], line, color=colour, lw=1.6 if stable else 0.8)
             if branch.lower is not None and branch.upper is not None:
                 ends = factor * branch.lower[part, column], factor * branch.upper[part, column]
-                axes.fill_between(branch.hz[part], *ends, color=colour, alpha=_BAND, linewidth=0)
+                axes.fill_between(branch.hz[part], *ends, color=colour, alpha=_BAND, lw=0)
         for name, marker in _MARKERS.items():
             at = [number for number, own in enumerate(branch.bifurcations) if own == name]
-            axes.plot(
-                branch.hz[at], values[at], marker, color=colour, markersize=3.5, markerfacecolor="white"
-            )
+            axes.plot(branch.hz[at], values[at], marker, color=colour, ms=3.5, mfc="white")
     for motion in level.irregular:
         half = 0.5 * factor * (motion.upper[column] - motion.lower[column])
-        axes.plot([motion.hz], [half], "x", color=colour, markersize=4.5, markeredgewidth=0.9)
+        axes.plot([motion.hz], [half], "x", color=colour, ms=4.5, mew=0.9)
 
 
 def _parts(branch: Branch) -> Iterator[tuple[slice, bool, bool]]:
@@ -123,18 +121,16 @@ def _explain(axes: Axes, result: Response) -> None:
     """Entries of the legend for kinds of lines and marks that are there."""
     branches = [branch for level in result.levels for branch in level.branches]
     if any(not branch.stable.all() for branch in branches):
-        axes.plot([], [], ":", color="black", linewidth=0.8, label="unstable")
+        axes.plot([], [], ":", color="black", lw=0.8, label="unstable")
     if any(any(branch.outside) for branch in branches):
         axes.plot([], [], "--", color="black", label="outside the range of the record")
     names = {name for branch in branches for name in branch.bifurcations}
     for name, marker in _MARKERS.items():
         if name in names:
-            axes.plot([], [], marker, color="black", markersize=3.5, markerfacecolor="white", label=name)
+            axes.plot([], [], marker, color="black", ms=3.5, mfc="white", label=name)
     for kind in ("chaotic", "quasi-periodic"):
         if any(motion.kind == kind for level in result.levels for motion in level.irregular):
-            axes.plot(
-                [], [], "x", color="black", markersize=4.5, label="half of the range where not periodic"
-            )
+            axes.plot([], [], "x", color="black", ms=4.5, label="half of the range where not periodic")
             return
 
 
@@ -194,13 +190,8 @@ def backbone(
 def backbone_figure(result: Backbone) -> Figure:
     """The channels, each in a strip of its own; of more than 6 the first."""
     title = f"{result.structure.name} without damping, mode {result.mode}: half of peak to peak"
-    draw = partial(_backbone_strip, result)
     title += not_shown(result.channels, _MOST, "channels")
-    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
-
-
-def _backbone_strip(result: Backbone, channel: str, *, ax: Axes) -> Axes:
-    return backbone(result, channel, legend=False, ax=ax)
+    return strips(result.channels[:_MOST], partial(backbone, result, legend=False), (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
@@ -254,9 +245,4 @@ def basins_figure(result: Basins) -> Figure:
 def response_figure(result: Response) -> Figure:
     """The channels, each in a strip of its own; of more than 6 the first."""
     title = f"{result.structure.name}: half of peak to peak" + not_shown(result.channels, _MOST, "channels")
-    draw = partial(_strip, result)
-    return strips(result.channels[:_MOST], draw, (1.5, 1.7), title=title)
-
-
-def _strip(result: Response, channel: str, *, ax: Axes) -> Axes:
-    return response(result, channel, legend=False, ax=ax)
+    return strips(result.channels[:_MOST], partial(response, result, legend=False), (1.5, 1.7), title=title)

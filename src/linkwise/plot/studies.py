@@ -153,9 +153,7 @@ def draw_curves(
             _draw_curve(axes, style, values)
         if quantity == "nmse" and not style.faint:
             low, high = _values(cells, "low"), _values(cells, "high")
-            axes.fill_between(
-                range(len(cells)), low, high, color=style.color, alpha=0.16, linewidth=0, zorder=2
-            )
+            axes.fill_between(range(len(cells)), low, high, color=style.color, alpha=0.16, lw=0, zorder=2)
     if published is not None:
         _draw_published(axes, table, published)
     counts = list(table.masses.values())
@@ -177,30 +175,17 @@ def _table(result: StudySummary | Iterable[Row]) -> StudySummary:
 
 
 def _draw_curve(axes: Axes, style: CurveStyle, values: Floats) -> None:
-    bold: dict[str, Any] = {"marker": style.marker, "markersize": 4, "zorder": 3}
-    faint: dict[str, Any] = {"linewidth": 0.6, "zorder": 1}
-    axes.plot(
-        range(len(values)),
-        values,
-        color=style.color,
-        label=label(style.label),
-        **(faint if style.faint else bold),
-    )
+    bold: dict[str, Any] = {"marker": style.marker, "ms": 4, "zorder": 3}
+    faint: dict[str, Any] = {"lw": 0.6, "zorder": 1}
+    look = faint if style.faint else bold
+    axes.plot(range(len(values)), values, color=style.color, label=label(style.label), **(look))
 
 
 def _draw_published(axes: Axes, table: StudySummary, published: PublishedValues) -> None:
     at = [index for index, structure in enumerate(table.structures) if structure in published.values]
-    axes.plot(
-        at,
-        [published.values[table.structures[index]] for index in at],
-        color=TRUE,
-        linestyle=(0, (4, 2)),
-        marker="s",
-        markersize=5.5,
-        markerfacecolor="none",
-        label=published.label,
-        zorder=4,
-    )
+    values = [published.values[table.structures[index]] for index in at]
+    text = published.label
+    axes.plot(at, values, color=TRUE, ls=(0, (4, 2)), marker="s", ms=5.5, mfc="none", label=text, zorder=4)
 
 
 def _values(cells: Iterable[Cell | None], name: str) -> Floats:
@@ -244,12 +229,7 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
     with axes_for(ax, width=3.2, height=2.2) as axes:
         share = result.exact_share
         axes.pcolormesh(
-            np.ma.masked_invalid(share),
-            cmap="Blues",
-            vmin=0.0,
-            vmax=_DARKEST,
-            edgecolors="white",
-            linewidth=1.0,
+            np.ma.masked_invalid(share), cmap="Blues", vmin=0.0, vmax=_DARKEST, edgecolors="white", lw=1.0
         )
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):

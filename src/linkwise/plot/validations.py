@@ -66,10 +66,8 @@ def prediction(validation: Validation, channel: str, *, legend: bool = True, ax:
     measured, predicted = record.channel(channel), validation.predicted.channel(channel)
     factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), validation.channels[channel].unit)
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(*envelope(record.time, measured * factor), color=MEASURED, linewidth=1.6, label="measured")
-        axes.plot(
-            *envelope(record.time, predicted * factor), color=IDENTIFIED, linewidth=0.7, label="predicted"
-        )
+        axes.plot(*envelope(record.time, measured * factor), color=MEASURED, lw=1.6, label="measured")
+        axes.plot(*envelope(record.time, predicted * factor), color=IDENTIFIED, lw=0.7, label="predicted")
         _frame(axes, validation, f"{literal(channel)}\n{unit}")
     return axes
 
@@ -116,10 +114,8 @@ def prediction_error(
     time, upper = envelope(record.time, 2.0 * deviation * factor)
     with axes_for(ax, legend=legend) as axes:
         for side in (-upper, upper):
-            axes.plot(time, side, color=WELL, linewidth=0.8, zorder=4, label="expected, 2 deviations")
-        axes.plot(
-            *envelope(record.time, error * factor), color=IDENTIFIED, linewidth=0.5, zorder=3, label="error"
-        )
+            axes.plot(time, side, color=WELL, lw=0.8, zorder=4, label="expected, 2 deviations")
+        axes.plot(*envelope(record.time, error * factor), color=IDENTIFIED, lw=0.5, zorder=3, label="error")
         _frame(axes, validation, f"{literal(channel)}\n{unit}")
         span = 1.15 * max(largest * factor, float(np.nanmedian(upper)))
         axes.set_ylim(-span, span)
@@ -188,9 +184,7 @@ def prediction_profile(validation: Validation, quantity: str, *, ax: Axes | None
     profile = known[quantity]
     factor, unit = scale(float(np.abs(profile.edges).max()), profile.unit)
     with axes_for(ax) as axes:
-        axes.stairs(
-            profile.error_percent, profile.edges * factor, color=IDENTIFIED, linewidth=1.4, baseline=None
-        )
+        axes.stairs(profile.error_percent, profile.edges * factor, color=IDENTIFIED, lw=1.4, baseline=None)
         axes.set(xlabel=f"{literal(quantity)}, {unit}", ylabel="error, % of the motion")
         axes.set_xlim(profile.edges[0] * factor, profile.edges[-1] * factor)
         axes.set_ylim(bottom=0.0)
@@ -238,9 +232,9 @@ def prediction_spectrum(
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(spectrum.frequency, spectrum.measured, color=MEASURED, linewidth=1.4, label="measured")
-        axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, linewidth=1.0, label="error")
-        axes.axhline(noise, color=WELL, linestyle=(0, (4, 3)), linewidth=1.0, label="noise")
+        axes.plot(spectrum.frequency, spectrum.measured, color=MEASURED, lw=1.4, label="measured")
+        axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
+        axes.axhline(noise, color=WELL, ls=(0, (4, 3)), lw=1.0, label="noise")
         log_scale(axes, "y")
         axes.set(xlim=(0.0, spectrum.frequency[-1]), xlabel="frequency, Hz")
         axes.set_ylabel(f"{literal(channel)}, ({score.unit})²/Hz")

@@ -2,13 +2,13 @@
 
 from linkwise.records.channel import Channel as Channel
 from linkwise.records.channel import ClippedSamples as ClippedSamples
+from linkwise.records.channel import SensorUncertainty as SensorUncertainty
 from linkwise.records.joining import beside as beside
 from linkwise.records.joining import continued as continued
 from linkwise.records.joining import joined_by_time as joined_by_time
 from linkwise.records.joining import without_delays as without_delays
 from linkwise.records.sensor_statement import SensorStatement as SensorStatement
 from linkwise.records.sensor_statement import StatedError as StatedError
-from linkwise.records.sensor_uncertainty import SensorUncertainty as SensorUncertainty
 from linkwise.records.truth import EnergyBalance as EnergyBalance
 from linkwise.records.truth import MotionDiagnostics as MotionDiagnostics
 from linkwise.records.truth import SimulationTruth as SimulationTruth

@@ -151,12 +151,9 @@ def common_samples(record: Record) -> Record | None:
     if every < 2:
         return None
     first = int(np.argmax(complete))
+    start = record.start + first / record.rate
     return replace(
-        record,
-        start=record.start + first / record.rate,
-        rate=record.rate / every,
-        values=record.values[first::every],
-        simulated=None,
+        record, start=start, rate=record.rate / every, values=record.values[first::every], simulated=None
     )
 
 

@@ -14,18 +14,19 @@ from numpy.typing import ArrayLike, NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
-from linkwise.model.names import Text
+from linkwise.model.coefficient import Text
 from linkwise.records.channel import (
+    COMMON,
     MOTIONS,
     OF_CHANNELS,
     Channel,
     ClippedSamples,
+    SensorUncertainty,
     check_clipped,
     check_names,
     check_values,
     require_channel,
 )
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns
 from linkwise.records.truth import SimulationTruth
 
@@ -196,14 +197,9 @@ class Record(NotebookView):
         columns = {Channel.parse(name): samples for name, samples in channels.items()}
         timeline, values, remarks = sampled_columns(time, columns, file, lines)
         named = tuple(columns)
+        origin = source or (file or "")
         return cls(
-            timeline.start,
-            timeline.rate,
-            named,
-            values,
-            noise or {},
-            source=source or (file or ""),
-            notes=(*notes, *remarks),
+            timeline.start, timeline.rate, named, values, noise or {}, source=origin, notes=(*notes, *remarks)
         )
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:

@@ -11,10 +11,18 @@ from typing import Any, NamedTuple
 
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import KINDS, Channel, require_channel, si_unit, unit_behind
+from linkwise.records.channel import (
+    COMMON,
+    KINDS,
+    Channel,
+    SensorUncertainty,
+    require_channel,
+    si_unit,
+    size_in_unit,
+    unit_behind,
+)
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty, size_in_unit
 from linkwise.units import to_si
 
 _NO_CALIBRATION = 0.2  # relative: a number from here on was meant as a percentage

@@ -1,17 +1,14 @@
-"""The result folders of `absorb`, its intervals and maps: absorption.json, histories, figures and a page."""
+"""The result folders of `absorb`, its intervals and maps, and of `design`: numbers, histories, figures and a page."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
 
-from linkwise import __version__
+from linkwise.absorption.design import ADDED_MASS, Design, design_headline, design_rows, trade_off_rows
 from linkwise.absorption.intervals import (
     AbsorptionIntervals,
     interval_headline,
@@ -28,41 +25,17 @@ from linkwise.absorption.result import (
     mass_rows,
     primary,
 )
-from linkwise.arrays import Floats
-from linkwise.display import csv_cell
 from linkwise.model.structure_file import write_structure
-from linkwise.output import ABSORPTION
-from linkwise.progress import Progress, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+from linkwise.output import ABSORPTION, DESIGN
+from linkwise.registry import lazy_module
+from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, csv_table, headed, sections_of
 
 if TYPE_CHECKING:
     from linkwise.plot import absorptions as absorption_figures
+    from linkwise.plot import design as design_figures
 else:  # matplotlib loads where a figure is drawn
     absorption_figures = lazy_module("linkwise.plot.absorptions")
-
-
-def absorption_of(result: Absorption | AbsorptionIntervals | AbsorptionMap) -> dict[str, Any]:
-    """Return the content of absorption.json as plain data.
-
-    Parameters
-    ----------
-    result : Absorption, AbsorptionIntervals or AbsorptionMap
-        A result of `absorb`, `absorption_intervals` or `absorption_map`.
-
-    Returns
-    -------
-    dict
-        The result as plain data, and the version of linkwise.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> result = lw.absorb(lw.bnes_chain(2), duration=2.0, release={"v:m1": 1.0})
-    >>> lw.report.absorption_of(result)["trusted"]
-    True
-    """
-    return {**result.to_dict(), "version": __version__}
+    design_figures = lazy_module("linkwise.plot.design")
 
 
 Answer = Absorption | AbsorptionIntervals
@@ -84,12 +57,8 @@ def _masses(reported: Reported[Answer]) -> Section:
         "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "
         "of an exponential through the peaks that none later exceeds."
     )
-    return Section(
-        primary(plain).capitalize(),
-        [text],
-        rows=mass_rows(plain),
-        figure=lambda: absorption_figures.decay_figure(reported.result),
-    )
+    figure = partial(absorption_figures.decay_figure, reported.result)
+    return Section(primary(plain).capitalize(), [text], rows=mass_rows(plain), figure=figure)
 
 
 def _energy(reported: Reported[Answer]) -> Section:
@@ -99,22 +68,15 @@ def _energy(reported: Reported[Answer]) -> Section:
         "Energies count from the lowest wells of all links, so the energy supplied is the energy stored and "
         f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
-    return Section(
-        "Energy",
-        [text],
-        rows=energy_rows(plain),
-        figure=lambda: absorption_figures.energy_figure(reported.result),
-    )
+    figure = partial(absorption_figures.energy_figure, reported.result)
+    return Section("Energy", [text], rows=energy_rows(plain), figure=figure)
 
 
 def _crossings(reported: Reported[Answer]) -> Section:
     """How the sinks cross from well to well."""
     plain = without_intervals(reported.result)
-    return Section(
-        "Wells crossed",
-        rows=crossing_rows(plain),
-        figure=lambda: absorption_figures.crossings_figure(reported.result),
-    )
+    figure = partial(absorption_figures.crossings_figure, reported.result)
+    return Section("Wells crossed", rows=crossing_rows(plain), figure=figure)
 
 
 def _harvesters(reported: Reported[Answer]) -> Section | None:
@@ -128,123 +90,25 @@ def _harvesters(reported: Reported[Answer]) -> Section | None:
 def _map(reported: Reported[AbsorptionMap]) -> Section:
     """The quantities over the swept parameters."""
     swept = reported.result
-    return Section("Map", rows=map_rows(swept), figure=lambda: absorption_figures.map_figure(swept))
+    return Section("Map", rows=map_rows(swept), figure=partial(absorption_figures.map_figure, swept))
 
 
-SECTIONS: Registry[Build[Answer]] = Registry(
-    "section",
-    {
-        "intervals": _intervals,
-        "decay": _masses,
-        "energy": _energy,
-        "crossings": _crossings,
-        "harvesters": _harvesters,
-    },
-)
+SECTIONS: dict[str, Build[Answer]] = {
+    "intervals": _intervals,
+    "decay": _masses,
+    "energy": _energy,
+    "crossings": _crossings,
+    "harvesters": _harvesters,
+}
 """The sections of a comparison, in order; the name of a section is that of its figure's files."""
 
-MAP_SECTIONS: Registry[Build[AbsorptionMap]] = Registry("section", {"map": _map})
+MAP_SECTIONS: dict[str, Build[AbsorptionMap]] = {"map": _map}
 """The sections of a sweep, in order."""
 
 
-def absorption_page(
-    reported: Reported[Answer], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
-) -> str:
-    """The page of a comparison as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    plain = without_intervals(reported.result)
-    result, structure = reported.result, plain.with_sinks.structure
-    return section_page(
-        result, sections, pictures, verdict=headline(plain), findings=plain.findings, structure=structure
-    )
-
-
-def map_page(
-    reported: Reported[AbsorptionMap], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
-) -> str:
-    """The page of a sweep as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    swept = reported.result
-    verdict, findings, structure = map_headline(swept), swept.findings, swept.structure
-    return section_page(swept, sections, pictures, verdict=verdict, findings=findings, structure=structure)
-
-
-def write_absorption(result: Answer, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write a comparison with and without sinks into a folder: absorption.json, histories, figures and report.html.
-
-    Parameters
-    ----------
-    result : Absorption or AbsorptionIntervals
-        What `absorb` or `absorption_intervals` returned.
-    folder : path-like
-        The folder. An earlier result of `absorb` in it is replaced when the new one is complete.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> result = lw.absorb(lw.bnes_chain(2), duration=1.0, rate=500.0, release={"v:m1": 1.0})
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_absorption(result, f"{folder}/absorption")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['absorption.json', 'report.html', 'structure.toml']
-    """
-    return ABSORPTION_FOLDER.write(result, folder, progress=progress)
-
-
-def write_absorption_map(result: AbsorptionMap, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write a sweep into a folder: absorption.json, map.csv, map.png and report.html.
-
-    Parameters
-    ----------
-    result : AbsorptionMap
-        What `absorption_map` returned.
-    folder : path-like
-        The folder. An earlier result of `absorb` in it is replaced when the new one is complete.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> over = {"nes1.alpha": [-150.0, -100.0, -50.0]}
-    >>> swept = lw.absorption.absorption_map(lw.bnes_chain(2), over, duration=0.5, rate=500.0, release={"v:m1": 1.0})
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_absorption_map(swept, f"{folder}/map")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['absorption.json', 'report.html']
-    """
-    return MAP_FOLDER.write(result, folder, progress=progress)
-
-
-def _write_columns(path: Path, names: Sequence[str], columns: Sequence[Floats]) -> None:
-    """A CSV file with a header."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerow([csv_cell(name) for name in names])
-        np.savetxt(file, np.column_stack(columns), fmt="%.10g", delimiter=",")
+def _head(result: Answer) -> Head:
+    plain = without_intervals(result)
+    return Head(headline(plain), plain.with_sinks.structure, plain.findings)
 
 
 def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
@@ -253,7 +117,7 @@ def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
     grids = np.meshgrid(*(axis.values for axis in swept.axes), indexing="ij")
     names = [axis.name for axis in swept.axes] + [quantity.name for quantity in swept.quantities]
     table = [grid.ravel() for grid in grids] + list(swept.values.reshape(-1, len(swept.quantities)).T)
-    _write_columns(folder / "map.csv", names, table)
+    csv_table(folder / "map.csv", names, np.column_stack(table).tolist())
 
 
 def _write_data(reported: Reported[Answer], folder: Path) -> None:
@@ -265,39 +129,86 @@ def _write_data(reported: Reported[Answer], folder: Path) -> None:
     for number, mass in enumerate(absorption.masses):
         for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
             names += [f"x:{mass.name}{label}", f"envelope:{mass.name}{label}"]
-            columns += [side.displacement(mass.name), np.ascontiguousarray(side.envelope[:, number])]
+            columns += [side.displacement(mass.name), side.envelope[:, number]]
         for end, label in zip(bands, ("lower", "upper"), strict=False):
             names.append(f"envelope:{mass.name} {label}")
-            columns.append(np.ascontiguousarray(end[:, number]))
-    _write_columns(folder / "decay.csv", names, columns)
+            columns.append(end[:, number])
+    csv_table(folder / "decay.csv", names, np.column_stack(columns).tolist())
     write_structure(absorption.with_sinks.structure, folder / "structure.toml")
     names, columns = ["time"], [absorption.time]
     for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
         names += [f"{name}{label}" for name in ("put in", "stored", *side.dissipated_by)]
         columns += [side.supplied, side.stored, *side.dissipated_by.values()]
-    _write_columns(folder / "energy.csv", names, columns)
-    with (folder / "crossings.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("sink", "time"))
-        writer.writerows(
-            (csv_cell(work.sink.link), f"{time:.12g}") for work in absorption.sinks for time in work.crossings
-        )
+    csv_table(folder / "energy.csv", names, np.column_stack(columns).tolist())
+    crossings = [(work.sink.link, f"{time:.12g}") for work in absorption.sinks for time in work.crossings]
+    csv_table(folder / "crossings.csv", ("sink", "time"), crossings)
 
 
 ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
-    mark=ABSORPTION,
-    document=lambda result, _: absorption_of(result),
-    data=_write_data,
-    sections=partial(sections_of, SECTIONS),
-    page=absorption_page,
+    mark=ABSORPTION, data=_write_data, sections=partial(sections_of, SECTIONS), page=headed(_head)
 )
 """What `absorb` hands over of a comparison."""
 
 MAP_FOLDER: ResultFolder[AbsorptionMap] = ResultFolder(
     mark=ABSORPTION,
-    document=lambda swept, _: absorption_of(swept),
     data=_write_map,
     sections=partial(sections_of, MAP_SECTIONS),
-    page=map_page,
+    page=headed(lambda swept: Head(map_headline(swept), swept.structure, swept.findings)),
 )
 """What `absorb` hands over of a sweep."""
+
+
+def _best_design(reported: Reported[Design]) -> Section:
+    return Section("Best design", rows=design_rows(reported.result))
+
+
+def _trade_off(reported: Reported[Design]) -> Section | None:
+    """Mass against what was minimised, where the mass was varied."""
+    result = reported.result
+    if len(result.trade_off) < 2:
+        return None
+    text = "No lighter design that was tried is as good. Grey: the other designs within the limits."
+    figure = partial(design_figures.trade_off_figure, result)
+    return Section("Trade-off", [text], rows=trade_off_rows(result), figure=figure)
+
+
+def _designs(reported: Reported[Design]) -> Section:
+    """Where the designs lie that were tried."""
+    result = reported.result
+    text = "Every design that was simulated; where neighbours differ, thresholds or chance decide, and no surface is smooth."
+    return Section("Designs", [text], figure=partial(design_figures.designs_figure, result))
+
+
+def _best_motion(reported: Reported[Design]) -> Section:
+    """The motion with the best sinks, and without."""
+    plain = reported.result.absorption
+    return Section(
+        "Motion of the best", rows=mass_rows(plain), figure=partial(absorption_figures.decay_figure, plain)
+    )
+
+
+DESIGN_SECTIONS: dict[str, Build[Design]] = {
+    "best": _best_design,
+    "trade_off": _trade_off,
+    "designs": _designs,
+    "decay": _best_motion,
+}
+"""The sections of the page, in order."""
+
+
+def _write_designs(reported: Reported[Design], folder: Path) -> None:
+    """The structure of the best, and designs.csv: a line for every design, in the order of the search."""
+    result = reported.result
+    write_structure(result.structure, folder / "structure.toml")
+    names = [*(axis.name for axis in result.axes), ADDED_MASS, "within limits", result.quantity.name]
+    columns = result.added_mass, result.allowed, result.objectives
+    csv_table(folder / "designs.csv", names, np.column_stack([result.points, *columns]).tolist())
+
+
+DESIGN_FOLDER: ResultFolder[Design] = ResultFolder(
+    mark=DESIGN,
+    data=_write_designs,
+    sections=partial(sections_of, DESIGN_SECTIONS),
+    page=headed(lambda result: Head(design_headline(result), result.structure, result.findings)),
+)
+"""What `design` hands over."""

@@ -4,10 +4,10 @@ every term.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,14 +33,20 @@ from linkwise.discovery.result import (
     term_rows,
 )
 from linkwise.discovery.scoring import align_truth, term_score
-from linkwise.display import csv_cell
-from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.estimate import estimate_figures, page_parts, result_of, write_numbers
-from linkwise.report.page import Build, Reported, ResultFolder, Section, figure_section, rendered, sections_of
+from linkwise.registry import lazy_module
+from linkwise.report.estimate import estimate_figures, force_errors, page_parts, write_numbers
+from linkwise.report.page import (
+    Build,
+    Reported,
+    ResultFolder,
+    Section,
+    csv_table,
+    figure_section,
+    rendered,
+    sections_of,
+)
 from linkwise.verdict import admit_intervals
 
 if TYPE_CHECKING:
@@ -51,48 +57,15 @@ else:  # matplotlib loads where a figure is drawn
     graph_figures = lazy_module("linkwise.plot.graphs")
 
 
-def discovery_of(discovery: Discovery, truth: Structure | None = None) -> dict[str, Any]:
-    """Return the content of result.json for a discovery as plain data.
-
-    Parameters
-    ----------
-    discovery : Discovery
-        A result of `discover`.
-    truth : Structure, optional
-        The true structure, which adds "nmse_percent", the NMSE of each force in % (paper Eq. 8) or None where it does not
-        exist, and "truth", the names of the terms that are right, missing and false.
-
-    Returns
-    -------
-    dict
-        The discovery as plain data, and the version of linkwise.
-
-    Raises
-    ------
-    StructureError
-        If the true structure has other masses.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> lw.report.discovery_of(lw.discover(record, {"m1": 1.0, "m2": 0.01}), chain)["truth"]["missing"]
-    []
-    """
+def _document(discovery: Discovery, truth: Structure | None) -> dict[str, Any]:
+    """The discovery as plain data, and beside a true structure its terms and the errors of the forces."""
     result = {**discovery.to_dict(), "version": __version__}
     if truth is None:
         return result
     score = term_score(discovery.structure, truth)
-    compared = {
-        "right": list(score.right),
-        "missing": list(score.missing),
-        "extra": list(score.extra),
-        "missing_links": list(score.missing_links),
-        "extra_links": list(score.extra_links),
-    }
-    aligned = result_of(discovery.estimate, align_truth(discovery.structure, truth))
-    return {**result, "nmse_percent": aligned["nmse_percent"], "truth": compared}
+    names = ("right", "missing", "extra", "missing_links", "extra_links")
+    errors = force_errors(discovery.estimate, align_truth(discovery.structure, truth))
+    return {**result, "nmse_percent": errors, "truth": {name: list(getattr(score, name)) for name in names}}
 
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
@@ -139,11 +112,8 @@ def _doubts(reported: Reported[Discovery]) -> Section | None:
 def _path(reported: Reported[Discovery]) -> Section:
     """The path over model sizes and the next best models."""
     discovery = reported.result
-    return Section(
-        "Why these terms",
-        rows=runner_up_rows(discovery),
-        figure=lambda: result_figures.path_figure(discovery),
-    )
+    figure = partial(result_figures.path_figure, discovery)
+    return Section("Why these terms", rows=runner_up_rows(discovery), figure=figure)
 
 
 def _sizes(reported: Reported[Discovery]) -> Section | None:
@@ -160,38 +130,33 @@ def _average(reported: Reported[Discovery]) -> Section | None:
     )
     if link is None:
         return None
+    figure = partial(result_figures.departures_figure, discovery, link)
     return Section(
         "Other models that survive",
         ["Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."],
-        figure=lambda: result_figures.departures_figure(discovery, link),
+        figure=figure,
         folded=True,
     )
 
 
 def _evidence(reported: Reported[Discovery]) -> Section:
     """What each term explains."""
-    return Section(
-        "The evidence term by term",
-        ["terms.csv lists all candidates that were tested."],
-        figure=lambda: result_figures.evidence_figure(reported.result),
-        folded=True,
-    )
+    figure = partial(result_figures.evidence_figure, reported.result)
+    text = ["terms.csv lists all candidates that were tested."]
+    return Section("The evidence term by term", text, figure=figure, folded=True)
 
 
-SECTIONS: Registry[Build[Discovery]] = Registry(
-    "section",
-    {
-        "graph": figure_section("Discovered links", lambda discovery: graph_figures.graph_figure(discovery)),
-        "comparison": _comparison,
-        "memory": _memory,
-        "certainty": _certainty,
-        "doubts": _doubts,
-        "path": _path,
-        "sizes": _sizes,
-        "average": _average,
-        "evidence": _evidence,
-    },
-)
+SECTIONS: dict[str, Build[Discovery]] = {
+    "graph": figure_section("Discovered links", lambda discovery: graph_figures.graph_figure(discovery)),
+    "comparison": _comparison,
+    "memory": _memory,
+    "certainty": _certainty,
+    "doubts": _doubts,
+    "path": _path,
+    "sizes": _sizes,
+    "average": _average,
+    "evidence": _evidence,
+}
 """What stands before the links, in order; the name of a section is that of its figure's files."""
 
 
@@ -231,54 +196,6 @@ def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
     return rows
 
 
-def write_discovery(
-    discovery: Discovery, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
-) -> Path:
-    """Write a discovery into a folder.
-
-    The folder holds what `write_result` writes, and terms.csv, the graph, the path and the evidence.
-
-    Parameters
-    ----------
-    discovery : Discovery
-        What `discover` returned.
-    folder : path-like
-        The folder. An earlier result in it is replaced when the new one is complete.
-    truth : Structure, optional
-        The true structure: its forces are added to the figures, and the NMSE of the forces and the terms that are right to
-        the numbers.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-    StructureError
-        If `truth` has other masses.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> discovery = lw.discover(record, {"m1": 1.0, "m2": 0.01})
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_discovery(discovery, f"{folder}/discovery")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['report.html', 'result.json', 'structure.toml']
-    """
-    expect("write_discovery(discovery, folder): discovery", discovery, Discovery)
-    expect("write_discovery(discovery, folder): folder", folder, str, Path)
-    return DISCOVERY_FOLDER.write(discovery, folder, truth=truth, progress=progress)
-
-
 _COLUMNS = {"identifiable": "told", "unambiguous": "reliable"}
 """Columns of terms.csv whose attribute was renamed: keys of files stay."""
 _FURTHER = ("first", "second", "certain", "price", "possible_share")
@@ -309,32 +226,22 @@ def _write_terms(discovery: Discovery, path: Path) -> None:
     """A line for every candidate that was tested, the kept ones first; what is not finite is left empty."""
     apart = {"between", "possible_share"}
     names = [field.name for field in fields(TermEvidence) if field.name not in apart]
-    rows = [
-        [
-            *(getattr(term, name) for name in names),
-            *term.between,
-            term.certain,
-            term.penalty,
-            term.possible_share,
-        ]
-        for term in discovery.terms
-    ]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*(_COLUMNS.get(name, name) for name in names), *_FURTHER])
-        writer.writerows([_cell(value) for value in row] for row in rows)
+    rows = []
+    for term in discovery.terms:
+        further = *term.between, term.certain, term.penalty, term.possible_share
+        rows.append(map(_cell, (*(getattr(term, name) for name in names), *further)))
+    csv_table(path, [*(_COLUMNS.get(name, name) for name in names), *_FURTHER], rows)
 
 
-def _cell(value: object) -> str:
+def _cell(value: object) -> object:
+    """For a cell, true or false and nothing where a number is not finite."""
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, float):
-        return f"{value:.10g}" if math.isfinite(value) else ""
-    return str(csv_cell(str(value)))
+    return "" if isinstance(value, float) and not math.isfinite(value) else value
 
 
 DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
-    document=discovery_of,
+    document=_document,
     data=_write_data,
     sections=discovery_figures,
     page=lambda reported, _, pictures: discovery_page(reported, pictures),

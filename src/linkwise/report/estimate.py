@@ -21,7 +21,7 @@ from linkwise.display import (
     format_value,
     listed,
 )
-from linkwise.errors import RecordError, expect
+from linkwise.errors import RecordError
 from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
@@ -30,16 +30,17 @@ from linkwise.identification.force_error import nmse
 from linkwise.likelihood.noise import whiteness_text
 from linkwise.model.structure import Link, Structure
 from linkwise.model.structure_file import format_structure
-from linkwise.progress import Progress, silent
+from linkwise.output import COMPARISON
 from linkwise.records.record import Record
 from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import Build, Reported, ResultFolder, Section, rendered, sections_of
+from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, headed, rendered, sections_of
 from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from linkwise.identification.compare import Comparison
     from linkwise.plot import estimates as fit_figures
     from linkwise.plot import links as link_figures
     from linkwise.plot import records as record_figures
@@ -68,17 +69,13 @@ def _record(reported: Reported[Estimate]) -> Section:
     """The record: where it comes from, its noise and its histories."""
     estimate = reported.result
     record = estimate.record
-    return Section(
-        "Record",
-        text=[
-            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
-            f"{record.time[-1]:g} s."
-        ],
-        items=record.notes,
-        rows=[NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else (),
-        figure=lambda: record_figures.histories_figure(record),
-        folded=True,
+    text = (
+        f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+        f"{record.time[-1]:g} s."
     )
+    figure = partial(record_figures.histories_figure, record)
+    rows = [NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else ()
+    return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
 def _unseen(reported: Reported[Estimate]) -> Section | None:
@@ -109,13 +106,9 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
         "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
     )
-    return Section(
-        "Residuals",
-        text=[text],
-        items=[whiteness_text(name, values) for name, values in left.items()],
-        figure=lambda: fit_figures.residuals_figure(estimate),
-        folded=True,
-    )
+    figure = partial(fit_figures.residuals_figure, estimate)
+    items = [whiteness_text(name, values) for name, values in left.items()]
+    return Section("Residuals", text=[text], items=items, figure=figure, folded=True)
 
 
 def _fit(reported: Reported[Estimate]) -> Section | None:
@@ -124,20 +117,17 @@ def _fit(reported: Reported[Estimate]) -> Section | None:
     if not overlaid:
         return None
     return Section(
-        "Measured and fitted", figure=lambda: fit_figures.fit_figure(reported.result.record, overlaid)
+        "Measured and fitted", figure=partial(fit_figures.fit_figure, reported.result.record, overlaid)
     )
 
 
-SECTIONS: Registry[Build[Estimate]] = Registry(
-    "section",
-    {
-        "fit": _fit,
-        "alternative": _second_answer,
-        "unseen": _unseen,
-        "residuals": _residuals,
-        "histories": _record,
-    },
-)
+SECTIONS: dict[str, Build[Estimate]] = {
+    "fit": _fit,
+    "alternative": _second_answer,
+    "unseen": _unseen,
+    "residuals": _residuals,
+    "histories": _record,
+}
 """What follows the links, in order, the fit on the first screen; the name of a section is that of its figure's files."""
 
 
@@ -329,42 +319,8 @@ def _derived(quantity: DerivedQuantity) -> str:
     return f"{value} {quantity.unit}{of_95}"
 
 
-def result_of(estimate: Estimate, truth: Structure | None = None) -> dict[str, Any]:
-    """Return the content of result.json for an estimate as plain data.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A result of `identify`.
-    truth : Structure, optional
-        The true structure, which adds "nmse_percent": the NMSE of the force of each link in % (paper Eq. 8), None where the
-        record does not determine it.
-
-    Returns
-    -------
-    dict
-        The estimate as plain data, and the version of linkwise.
-
-    Raises
-    ------
-    StructureError
-        If the true structure lacks a link.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
-    >>> result = lw.report.result_of(lw.identify(record, chain.unknown("nes"), method="weak"), chain)
-    >>> result["status"], result["nmse_percent"]["nes1"] < 1.0
-    ('converged', True)
-    """
-    result = {**estimate.to_dict(), "version": __version__}
-    return result if truth is None else {**result, "nmse_percent": _errors(estimate, truth)}
-
-
-def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
-    """NMSE in % of each identified force over the motion of the record; None where the record does not determine it."""
+def force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
+    """The NMSE of the force of each link in %, None where the record does not determine it."""
     return {
         link.name: _error(truth.link(link.name), link, estimate.record)
         for link in estimate.structure.links
@@ -372,58 +328,17 @@ def _errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
     }
 
 
+def _document(estimate: Estimate, truth: Structure | None) -> dict[str, Any]:
+    """The estimate as plain data, and beside a true structure the errors of the forces."""
+    result = {**estimate.to_dict(), "version": __version__}
+    return result if truth is None else {**result, "nmse_percent": force_errors(estimate, truth)}
+
+
 def _error(true: Link, identified: Link, record: Record) -> float | None:
     try:
         return nmse(true, identified, record)
     except RecordError:  # an end without displacement, or a force that does not vary
         return None
-
-
-def write_result(
-    estimate: Estimate, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
-) -> Path:
-    """Write an estimate into a folder.
-
-    The folder holds result.json, structure.toml, force_NAME.csv, figures, report.html and, of an estimate that can be trusted,
-    covariance.csv. Where an answer has an `alternative`, alternative.toml is the structure with unknowns that asks for it.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        What `identify` returned.
-    folder : path-like
-        The folder. An earlier result in it is replaced when the new one is complete.
-    truth : Structure, optional
-        The true structure: its forces are added to the figures, and the NMSE of the forces to the numbers.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_result(fit, f"{folder}/answer")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['report.html', 'result.json', 'structure.toml']
-    """
-    expect("write_result(estimate, folder): estimate", estimate, Estimate)
-    expect("write_result(estimate, folder): folder", folder, str, Path)
-    return ESTIMATE_FOLDER.write(estimate, folder, truth=truth, progress=progress)
 
 
 def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
@@ -449,9 +364,45 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
-    document=result_of,
+    document=_document,
     data=lambda reported, folder: write_numbers(reported.result, folder, reported.result),
     sections=estimate_figures,
     page=lambda reported, _, pictures: estimate_page(reported, pictures),
 )
 """What `identify` hands over."""
+
+
+def _side_by_side(reported: Reported[Comparison]) -> Section:
+    text = (
+        "Maximum likelihood (ml) fits the raw samples, the weak form integrates the equations against test functions, and "
+        "sindy is the sparse regression of the paper on differentiated signals. A free run starts from the first samples "
+        "and follows the inputs alone, or from those of windows where the motion is chaotic; its error is a root mean "
+        "square in % of the deviation of the channel, of which noise alone leaves a part."
+    )
+    return Section("Side by side", [text], items=reported.result.findings, rows=reported.result.rows)
+
+
+def _compared_forces(reported: Reported[Comparison]) -> Section:
+    text = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
+    figure = partial(link_figures.comparison_figure, reported.result)
+    return Section("Forces", [text], figure=figure)
+
+
+COMPARISON_SECTIONS: dict[str, Build[Comparison]] = {"table": _side_by_side, "forces": _compared_forces}
+"""The sections of a comparison, in order; the name of a section is that of its figure's files."""
+
+
+def _write_best(reported: Reported[Comparison], folder: Path) -> None:
+    """The structure that maximum likelihood identified, which states its grade."""
+    best = reported.result.best
+    text = grade_comment(best.grade, best.status) + format_structure(best.structure)
+    (folder / "structure.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+COMPARISON_FOLDER: ResultFolder[Comparison] = ResultFolder(
+    mark=COMPARISON,
+    data=_write_best,
+    sections=partial(sections_of, COMPARISON_SECTIONS),
+    page=headed(lambda result: Head(result.head, result.best.structure)),
+)
+"""What `compare` hands over."""

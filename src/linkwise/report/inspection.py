@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
-from linkwise.errors import expect
 from linkwise.inspection.levels.result import (
     LevelComparison,
     distortion_rows,
@@ -19,9 +15,17 @@ from linkwise.inspection.levels.result import (
 )
 from linkwise.inspection.levels.result import headline as level_headline
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline, labels
-from linkwise.progress import Progress, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+from linkwise.output import INSPECTION
+from linkwise.registry import lazy_module
+from linkwise.report.page import (
+    Build,
+    Head,
+    Reported,
+    ResultFolder,
+    Section,
+    headed,
+    sections_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,22 +158,22 @@ _coherence = _pictured(
 )
 
 
-SECTIONS: Registry[Build[Inspection]] = Registry(
-    "section",
-    {
-        "levels": _levels,
-        "responses": _responses,
-        "distortion": _distortion,
-        "ring_down": _ring_down,
-        "surfaces": _surfaces,
-        "alerts": _alerts,
-    },
-)
+SECTIONS: dict[str, Build[Inspection]] = {
+    "levels": _levels,
+    "responses": _responses,
+    "distortion": _distortion,
+    "ring_down": _ring_down,
+    "surfaces": _surfaces,
+    "alerts": _alerts,
+}
 """What stands before the records, in order; the name of a section is that of its figure's files."""
 
-RECORD_SECTIONS: Registry[Callable[[Inspection, int], Section | None]] = Registry(
-    "section", {"histories": _histories, "spectra": _spectra, "maps": _maps, "coherence": _coherence}
-)
+RECORD_SECTIONS: dict[str, Callable[[Inspection, int], Section | None]] = {
+    "histories": _histories,
+    "spectra": _spectra,
+    "maps": _maps,
+    "coherence": _coherence,
+}
 """What is shown of each record, from the inspection and the number of the record."""
 
 
@@ -185,59 +189,15 @@ def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
     return {**sections_of(SECTIONS, reported), **of_records}
 
 
-def inspection_page(
-    reported: Reported[Inspection], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
-) -> str:
-    """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    inspection = reported.result
+def _head(inspection: Inspection) -> Head:
     verdict = [*(level_headline(inspection.levels) if inspection.levels else []), headline(inspection)]
-    return section_page(inspection, sections, pictures, verdict=verdict, title="Inspection")
-
-
-def write_inspection(inspection: Inspection, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write an inspection into a folder: inspection.json, figures of histories and spectra, and report.html.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        What `inspect` returned.
-    folder : path-like
-        The folder. An earlier inspection in it is replaced when the new one is complete.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
-    >>> inspection = lw.inspect(record)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_inspection(inspection, f"{folder}/inspection")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['inspection.json', 'report.html']
-    """
-    expect("write_inspection(inspection, folder): inspection", inspection, Inspection)
-    expect("write_inspection(inspection, folder): folder", folder, str, Path)
-    return INSPECTION_FOLDER.write(inspection, folder, progress=progress)
+    return Head(verdict, title="Inspection")
 
 
 INSPECTION_FOLDER: ResultFolder[Inspection] = ResultFolder(
-    mark="inspection.json",
-    document=lambda inspection, truth: {"method": "inspect", **inspection.to_dict()},
+    mark=INSPECTION,
     data=lambda reported, folder: None,
     sections=inspection_sections,
-    page=inspection_page,
+    page=headed(_head),
 )
 """What `inspect` hands over."""

@@ -3,7 +3,7 @@ keeps.
 
 A new figure is one function and one line in such a list:
 
-    SECTIONS = Registry("section", {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))})
+    SECTIONS = {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))}
 
 It is then drawn once, saved as forces.png beside the page and shown on it. `linkwise.plot` loads matplotlib
 when the figure is drawn.
@@ -12,9 +12,10 @@ Templates escape what they print and miss nothing silently.
 
 from __future__ import annotations
 
+import csv
 import re
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -23,12 +24,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.display import JudgedView, format_duration, format_error
+from linkwise.display import csv_cell, format_duration, format_error
+from linkwise.errors import expect, wrong_type
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.output import RESULT, atomic_folder, to_json
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.registry import lazy_module
+from linkwise.registry import Registry, lazy_module
 
 if TYPE_CHECKING:
     import jinja2
@@ -76,6 +78,7 @@ class Section:
 
 
 Build = Callable[[Reported[R]], Section | None]
+Page = Callable[[Reported[R], Mapping[str, Section], Mapping[str, Markup]], str]
 
 
 def figure_section(title: str, draw: Callable[[R], Figure]) -> Build[R]:
@@ -144,6 +147,11 @@ def rendered(template: str, **parts: Any) -> str:
     return _templates().get_template(template).render(parts, version=__version__)
 
 
+def _document(result: Any, _: Structure | None) -> dict[str, Any]:
+    """What a result says of itself, and the version."""
+    return {**result.to_dict(), "version": __version__}
+
+
 @dataclass(frozen=True, kw_only=True)
 class ResultFolder(Generic[R]):
     """One kind of result folder, for results of one type.
@@ -155,10 +163,10 @@ class ResultFolder(Generic[R]):
     `shown` is what is written of a result.
     """
 
-    document: Callable[[R, Structure | None], dict[str, Any]]
     data: Callable[[Reported[R], Path], None]
     sections: Callable[[Reported[R]], Mapping[str, Section]]
-    page: Callable[[Reported[R], Mapping[str, Section], Mapping[str, Markup]], str]
+    page: Page[R]
+    document: Callable[[R, Structure | None], dict[str, Any]] = _document
     mark: str = RESULT
     shown: Callable[[R], R] = lambda result: result
 
@@ -193,28 +201,158 @@ class ResultFolder(Generic[R]):
         return Path(folder)
 
 
-def section_page(
-    result: JudgedView,
-    sections: Mapping[str, Section],
-    pictures: Mapping[str, Markup],
-    *,
-    verdict: Sequence[str],
-    structure: Structure | None = None,
-    findings: Sequence[str] = (),
-    title: str = "",
-) -> str:
-    """The page as text, HTML that carries everything in itself.
+@dataclass(frozen=True)
+class Head:
+    """What stands above the sections of a page.
 
-    The first line of `verdict` is its headline, `findings` is what the result does not determine, and `pictures` are those
-    that `write_figures` returned for the sections. The title is the name of the structure unless it is given.
+    The first line of `verdict` is its headline, `findings` is what the result does not determine. The title is the name of
+    the structure unless it is given.
     """
-    return rendered(
-        "section_page.html.jinja",
-        title=title or (structure and structure.name) or "structure",
-        verdict=verdict,
-        trusted=result.trusted,
-        findings=findings,
-        sections=sections,
-        pictures=pictures,
-        structure="" if structure is None else format_structure(structure),
-    )
+
+    verdict: Sequence[str]
+    structure: Structure | None = None
+    findings: Sequence[str] = ()
+    title: str = ""
+
+
+def headed(head: Callable[[R], Head]) -> Page[R]:
+    """The page of a result that is its head and its sections, HTML that carries everything in itself."""
+
+    def page(reported: Reported[R], sections: Mapping[str, Section], pictures: Mapping[str, Markup]) -> str:
+        result: Any = reported.result
+        shown = head(result)
+        return rendered(
+            "section_page.html.jinja",
+            title=shown.title or (shown.structure and shown.structure.name) or "structure",
+            head=shown,
+            trusted=result.trusted,
+            sections=sections,
+            pictures=pictures,
+            structure="" if shown.structure is None else format_structure(shown.structure),
+        )
+
+    return page
+
+
+def csv_table(path: Path, head: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+    """A table as CSV, its numbers with ten digits."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(map(csv_cell, head))
+        writer.writerows([f"{v:.10g}" if isinstance(v, float) else csv_cell(v) for v in row] for row in rows)
+
+
+FOLDERS: Registry[ResultFolder[Any]] = Registry(
+    "result",
+    {
+        "Absorption": "linkwise.report.absorption:ABSORPTION_FOLDER",
+        "AbsorptionIntervals": "linkwise.report.absorption:ABSORPTION_FOLDER",
+        "AbsorptionMap": "linkwise.report.absorption:MAP_FOLDER",
+        "Backbone": "linkwise.report.response:BACKBONE_FOLDER",
+        "Basins": "linkwise.report.response:BASINS_FOLDER",
+        "Comparison": "linkwise.report.estimate:COMPARISON_FOLDER",
+        "Design": "linkwise.report.absorption:DESIGN_FOLDER",
+        "Discovery": "linkwise.report.discovery:DISCOVERY_FOLDER",
+        "Estimate": "linkwise.report.estimate:ESTIMATE_FOLDER",
+        "Inspection": "linkwise.report.inspection:INSPECTION_FOLDER",
+        "Response": "linkwise.report.response:RESPONSE_FOLDER",
+        "Validation": "linkwise.report.validation:VALIDATION_FOLDER",
+    },
+)
+"""The folder of a result by its type, loaded when one is written."""
+
+
+def folder_of(result: object, call: str) -> ResultFolder[Any]:
+    """The kind of folder that holds a result; ArgumentTypeError, which names the `call`, for what is none."""
+    if type(result).__name__ not in FOLDERS:
+        raise wrong_type(f"{call}: result", result, list(FOLDERS))
+    return FOLDERS[type(result).__name__]
+
+
+def result_of(result: Any, truth: Structure | None = None) -> dict[str, Any]:
+    """Return as plain data what the JSON file of a result's folder holds.
+
+    Parameters
+    ----------
+    result : Estimate, Discovery, Absorption, Design, Response, Backbone, Basins, Validation, Inspection, ...
+        What `identify`, `discover`, `absorb`, `design`, `respond`, `backbone`, `validate` or `inspect` returned.
+    truth : Structure, optional
+        The true structure beside an estimate or a discovery, which adds "nmse_percent": the NMSE of the force of each link in
+        % (paper Eq. 8), None where the record does not determine it; beside a discovery also "truth": "right", "missing",
+        "extra", "missing_links" and "extra_links".
+
+    Returns
+    -------
+    dict
+        The result as plain data, and the version of linkwise.
+
+    Raises
+    ------
+    StructureError
+        If the true structure lacks a link, or has other masses.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=1)
+    >>> result = lw.report.result_of(lw.identify(record, chain.unknown("nes"), method="weak"), chain)
+    >>> result["status"], result["nmse_percent"]["nes1"] < 1.0
+    ('converged', True)
+    >>> result = lw.report.result_of(lw.respond(chain, force={"m1": 0.1}, hz=(29.0, 31.0), starts=0))
+    >>> sorted(result["levels"][0])
+    ['branches', 'folds_hz', 'force', 'irregular']
+    """
+    return folder_of(result, "result_of(result, truth)").document(result, truth)
+
+
+def write_result(
+    result: Any, folder: str | Path, *, truth: Structure | None = None, progress: Progress = silent
+) -> Path:
+    """Write a result into a folder: its numbers as JSON and CSV files, figures, and a page, report.html.
+
+    The numbers of an estimate are result.json, structure.toml, force_NAME.csv and, of one that can be trusted,
+    covariance.csv; where it has an `alternative`, alternative.toml is the structure with unknowns that asks for it. A
+    discovery has terms.csv beside these. The JSON file of other results has the name of the question, as absorption.json.
+
+    Parameters
+    ----------
+    result : Estimate, Discovery, Absorption, Design, Response, Backbone, Basins, Validation, Inspection, ...
+        What `identify`, `discover`, `absorb`, `design`, `respond`, `backbone`, `validate` or `inspect` returned.
+    folder : path-like
+        The folder. An earlier result of this kind in it is replaced when the new one is complete.
+    truth : Structure, optional
+        The true structure beside an estimate or a discovery: its forces are added to the figures, and the NMSE of the forces
+        and the terms that are right to the numbers.
+    progress : Progress
+        Called with a `ProgressReport` before each figure.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or cannot be written; then nothing is changed.
+    StructureError
+        If `truth` lacks a link, or has other masses.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import linkwise as lw
+    >>> chain = lw.bnes_chain(2)
+    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0).with_noise(40.0, seed=1)
+    >>> fit = lw.identify(record, chain.unknown("nes"), method="weak")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = lw.report.write_result(fit, f"{folder}/answer")
+    ...     names = [path.name for path in written.iterdir()]
+    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
+    ['report.html', 'result.json', 'structure.toml']
+    """
+    call = "write_result(result, folder)"
+    kind = folder_of(result, call)
+    expect(f"{call}: folder", folder, str, Path)
+    return kind.write(result, folder, truth=truth, progress=progress)

@@ -4,15 +4,10 @@ fails.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
-from linkwise import __version__
-from linkwise.errors import expect
 from linkwise.files import write_record
 from linkwise.identification.validation.result import (
     CHANNEL_HEAD,
@@ -24,9 +19,8 @@ from linkwise.identification.validation.result import (
 )
 from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
-from linkwise.progress import Progress, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import Build, Reported, ResultFolder, Section, section_page, sections_of
+from linkwise.registry import lazy_module
+from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, headed, sections_of
 
 if TYPE_CHECKING:
     from linkwise.plot import validations as validation_figures
@@ -34,48 +28,20 @@ else:  # matplotlib loads where a figure is drawn
     validation_figures = lazy_module("linkwise.plot.validations")
 
 
-def validation_of(validation: Validation) -> dict[str, Any]:
-    """Return the content of validation.json as plain data.
-
-    Parameters
-    ----------
-    validation : Validation
-        A result of `validate`.
-
-    Returns
-    -------
-    dict
-        The result as plain data, and the version of linkwise.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.report.validation_of(lw.validate(record, chain))
-    >>> result["free_run"], result["channels"]["x:m1"]["unit"]
-    (True, 'm')
-    """
-    return {**validation.to_dict(), "version": __version__}
-
-
 def _scores(reported: Reported[Validation]) -> Section:
     """The scores of the channels, and the record against the prediction."""
     validation = reported.result
     record = validation.record
-    return Section(
-        "Prediction",
-        [
-            f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
-            f"{record.time[-1]:g} s. RMSE is the root mean square of measured minus predicted; allowed is the RMSE "
-            f"that noise and the errors of the answer exceed in one record of a thousand. One step is the error of "
-            "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
-            "samples, fit is 100 % minus its root."
-        ],
-        items=record.notes,
-        rows=[CHANNEL_HEAD, *channel_rows(validation)],
-        figure=lambda: validation_figures.prediction_figure(validation),
+    text = (
+        f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
+        f"{record.time[-1]:g} s. RMSE is the root mean square of measured minus predicted; allowed is the RMSE "
+        f"that noise and the errors of the answer exceed in one record of a thousand. One step is the error of "
+        "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
+        "samples, fit is 100 % minus its root."
     )
+    figure = partial(validation_figures.prediction_figure, validation)
+    rows = [CHANNEL_HEAD, *channel_rows(validation)]
+    return Section("Prediction", [text], items=record.notes, rows=rows, figure=figure)
 
 
 def _findings(reported: Reported[Validation]) -> Section | None:
@@ -86,38 +52,28 @@ def _findings(reported: Reported[Validation]) -> Section | None:
 
 def _error(reported: Reported[Validation]) -> Section:
     """The error over time."""
-    return Section(
-        "Error over time",
-        [
-            "The band is twice the standard deviation that noise and the errors of the answer give the difference."
-        ],
-        figure=lambda: validation_figures.prediction_error_figure(reported.result),
-    )
+    text = "The band is twice the standard deviation that noise and the errors of the answer give the difference."
+    figure = partial(validation_figures.prediction_error_figure, reported.result)
+    return Section("Error over time", [text], figure=figure)
 
 
 def _profiles(reported: Reported[Validation]) -> Section:
     """The error over the motion of the links."""
-    return Section(
-        "Where in the motion it fails",
-        [
-            "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
-            "of the links along the predicted motion."
-        ],
-        figure=lambda: validation_figures.prediction_profile_figure(reported.result),
+    text = (
+        "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
+        "of the links along the predicted motion."
     )
+    figure = partial(validation_figures.prediction_profile_figure, reported.result)
+    return Section("Where in the motion it fails", [text], figure=figure)
 
 
 def _spectra(reported: Reported[Validation]) -> Section | None:
     """The error over frequency, where the record is long enough."""
     if not reported.result.spectra:
         return None
-    return Section(
-        "Error over frequency",
-        [
-            "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
-        ],
-        figure=lambda: validation_figures.prediction_spectrum_figure(reported.result),
-    )
+    text = "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
+    figure = partial(validation_figures.prediction_spectrum_figure, reported.result)
+    return Section("Error over frequency", [text], figure=figure)
 
 
 def _coefficients(reported: Reported[Validation]) -> Section | None:
@@ -126,76 +82,22 @@ def _coefficients(reported: Reported[Validation]) -> Section | None:
     if not validation.coefficients:
         return None
     limit = validation.coefficients[0].limit
-    return Section(
-        "Coefficients",
-        [
-            "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
-            f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
-        ],
-        rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)],
+    text = (
+        "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
+        f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
     )
+    return Section("Coefficients", [text], rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)])
 
 
-SECTIONS: Registry[Build[Validation]] = Registry(
-    "section",
-    {
-        "prediction": _scores,
-        "findings": _findings,
-        "error": _error,
-        "motion": _profiles,
-        "spectrum": _spectra,
-        "coefficients": _coefficients,
-    },
-)
+SECTIONS: dict[str, Build[Validation]] = {
+    "prediction": _scores,
+    "findings": _findings,
+    "error": _error,
+    "motion": _profiles,
+    "spectrum": _spectra,
+    "coefficients": _coefficients,
+}
 """The sections of a validation, in order; the name of a section is that of its figure's files."""
-
-
-def validation_page(
-    reported: Reported[Validation], sections: Mapping[str, Section], pictures: Mapping[str, Markup]
-) -> str:
-    """The page as text, HTML that carries everything in itself; `pictures` are those of `write_figures`."""
-    result = reported.result
-    return section_page(result, sections, pictures, verdict=headline(result), structure=result.structure)
-
-
-def write_validation(validation: Validation, folder: str | Path, *, progress: Progress = silent) -> Path:
-    """Write a validation into a folder: validation.json, structure.toml, predicted.csv, figures and report.html.
-
-    Parameters
-    ----------
-    validation : Validation
-        What `validate` returned.
-    folder : path-like
-        The folder. An earlier result of `validate` in it is replaced when the new one is complete.
-    progress : Progress
-        Called with a `ProgressReport` before each figure.
-
-    Returns
-    -------
-    pathlib.Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds something else, or cannot be written; then nothing is changed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(2)
-    >>> record = lw.simulate(chain, release={"v:m1": 0.1}, duration=0.5, rate=500.0).with_noise(40.0, seed=1)
-    >>> result = lw.validate(record, chain)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = lw.report.write_validation(result, f"{folder}/validation")
-    ...     names = [path.name for path in written.iterdir()]
-    >>> sorted(name for name in names if name.endswith((".json", ".html", ".toml")))
-    ['report.html', 'structure.toml', 'validation.json']
-    """
-    expect("write_validation(validation, folder): validation", validation, Validation)
-    expect("write_validation(validation, folder): folder", folder, str, Path)
-    return VALIDATION_FOLDER.write(validation, folder, progress=progress)
 
 
 def _write_data(reported: Reported[Validation], folder: Path) -> None:
@@ -206,9 +108,8 @@ def _write_data(reported: Reported[Validation], folder: Path) -> None:
 
 VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
     mark=VALIDATION,
-    document=lambda validation, _: validation_of(validation),
     data=_write_data,
     sections=partial(sections_of, SECTIONS),
-    page=validation_page,
+    page=headed(lambda result: Head(headline(result), result.structure)),
 )
 """What `validate` hands over."""

@@ -22,14 +22,18 @@ from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.response.answered import Answer, AskedStructure
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
-from linkwise.response.options import shown_channels
+from linkwise.response.options import Answer, AskedStructure, shown_channels
 from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, require_smooth, run_time_parameters
 from linkwise.simulation.energy import potential_energy
-from linkwise.simulation.integrator.compiled import compiled_system, phase_integrator
-from linkwise.simulation.integrator.formulas import BASE_INPUT, PhaseIntegrator, SystemShape
+from linkwise.simulation.integrator.formulas import (
+    BASE_INPUT,
+    PhaseIntegrator,
+    SystemShape,
+    compiled_system,
+    phase_integrator,
+)
 from linkwise.verdict import Verdict
 
 _SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a mode should be linear

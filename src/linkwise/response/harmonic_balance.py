@@ -21,7 +21,7 @@ from linkwise.expression import Call, walk
 from linkwise.model.law import partials_program
 from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
-from linkwise.response.drive import FORCE, Drive
+from linkwise.response.options import FORCE, Drive
 from linkwise.response.shooting import SAMPLES, frequency_size
 
 _OVERSAMPLED = 8  # samples for each harmonic

@@ -13,7 +13,7 @@ from linkwise.errors import RecordError
 from linkwise.inspection.levels.quantities import ring_downs
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.response.drive import FORCE, Drive
+from linkwise.response.options import FORCE, Drive
 from linkwise.signals.noise import channel_noise
 
 _CYCLES = 8  # in a block, over which the motion counts as steady

@@ -2,17 +2,126 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypedDict, Unpack, final
 
 import numpy as np
 
-from linkwise.errors import SimulationError, expect
+from linkwise.arrays import Floats
+from linkwise.display import near_miss
+from linkwise.errors import IdentificationError, SimulationError, expect
+from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
+from linkwise.expression import Expression
+from linkwise.expression.parser import parse
+from linkwise.model.link import BASE, refuse_signals
 from linkwise.model.structure import Structure
+from linkwise.model.structure_file import read_structure
+from linkwise.output import RESULT
 from linkwise.records.channel import Channel
-from linkwise.response.drive import FORCE, Drive
 from linkwise.simulation.run import check_place
+
+FORCE = "force"
+_DISPLACEMENTS = {  # of the place that is driven, as what is harmonic is size*cos(omega*t)
+    FORCE: "size*cos(omega*t)",
+    "x": "size*cos(omega*t)",
+    "v": "size/omega*sin(omega*t)",
+    "a": "-size/omega**2*cos(omega*t)",
+}
+_ORDERS = {"x": 0, "v": 1, "a": 2}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A harmonic force on a place, or the harmonic displacement, velocity or acceleration of the base.
+
+    Parameters
+    ----------
+    kind : {"force", "x", "v", "a"}
+        What is harmonic: a force in N (N m on what turns), or the motion of the base, in m, m/s or m/s2.
+    place : str
+        A mass, a point of a host, or "base".
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> lw.response.Drive("force", "m1").unit
+    'N'
+    """
+
+    kind: str
+    place: str
+
+    @property
+    def unit(self) -> str:
+        """The unit of its size."""
+        return {FORCE: "N", "x": "m", "v": "m/s", "a": "m/s2"}[self.kind]
+
+    @property
+    def order(self) -> int:
+        """Which derivative of the displacement of the base is harmonic; 0 for a force."""
+        return _ORDERS.get(self.kind, 0)
+
+    @property
+    def expression(self) -> Expression:
+        """The force, or the displacement of the base, over t, with symbols size and omega."""
+        return parse(_DISPLACEMENTS[self.kind], ("t",))
+
+    def base(self, size: float, omega: float, phases: Floats) -> tuple[Floats, Floats]:
+        """Give the motion of the base.
+
+        Parameters
+        ----------
+        size : float
+            Amplitude of what is harmonic, in its unit.
+        omega : float
+            Angular frequency in rad/s.
+        phases : array of shape (M,)
+            Phases of the excitation in rad.
+
+        Returns
+        -------
+        tuple of two arrays of shape (M,)
+            Displacement in m and velocity in m/s; zero under a force.
+        """
+        if self.kind == FORCE:
+            return np.zeros(len(phases)), np.zeros(len(phases))
+        size = size / omega**self.order
+        turned = phases - 0.5 * np.pi * self.order
+        return size * np.cos(turned), -size * omega * np.sin(turned)
+
+    def check(self, structure: Structure) -> None:
+        """Check that a structure can be driven so.
+
+        Parameters
+        ----------
+        structure : Structure
+            The structure.
+
+        Raises
+        ------
+        SimulationError
+            If it has no such place.
+        StructureError
+            If a law names a signal.
+        """
+        refuse_signals(structure.links, "responses", "put its mean into the law as a coefficient")
+        if self.kind == FORCE:
+            places = (*structure.places, *structure.modes.intersection(structure.mass_names))
+            if self.place not in places:
+                raise SimulationError(
+                    f"unknown mass {self.place!r} in a force{near_miss(self.place, structure.places)}; the masses and points "
+                    f"are {', '.join(structure.places)}",
+                    mass=self.place,
+                )
+        elif self.place != BASE or not np.any(structure.base_incidence):
+            raise SimulationError(
+                'the motion of the base is given, but no link has "base" as an end; write "base" instead of "ground" in '
+                "`between`"
+            )
 
 
 class ResponseKeywords(TypedDict, total=False):
@@ -167,3 +276,59 @@ def shown_channels(
             )
         check_place(channel, structure, what)
     return channels
+
+
+Answer = Structure | Estimate | Posterior | str | Path
+Ranges = Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class AskedStructure:
+    """A structure, the `posterior` that it was drawn from if it was identified, and the `ranges` in m that the elongations of
+    its links visited in the record, where they are known.
+    """
+
+    structure: Structure
+    posterior: Posterior | None = None
+    ranges: Ranges = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, answer: Answer) -> AskedStructure:
+        """What an answer holds; of one without intervals the structure alone. Raises the errors of reading."""
+        match answer:
+            case Structure():
+                return cls(answer)
+            case Posterior():
+                return cls(answer.structure, answer)
+            case Estimate():
+                ranges = {found.link.name: found.d_range for found in answer.links}
+                try:
+                    return cls(answer.structure, Posterior.of(answer), ranges)
+                except IdentificationError:
+                    return cls(answer.structure, None, ranges)
+        path = Path(answer)
+        if not (path / COVARIANCE).exists():
+            return cls(read_structure(path), None, _ranges(path))
+        posterior = read_posterior(path)
+        return cls(posterior.structure, posterior, _ranges(path))
+
+    def farthest(self, d: Floats) -> str:
+        """The link whose elongation in `d` (M, L) m goes farthest beyond the range it visited; "" where none does."""
+        worst, most = "", 1.0
+        for number, link in enumerate(self.structure.links):
+            low, high = self.ranges.get(link.name, (0.0, 0.0))
+            if high > low:
+                middle, half = 0.5 * (low + high), 0.5 * (high - low)
+                beyond = float(np.abs(d[:, number] - middle).max() / half)
+                worst, most = (link.name, beyond) if beyond > most else (worst, most)
+        return worst
+
+
+def _ranges(folder: Path) -> Ranges:
+    """The ranges that the result in a folder states."""
+    try:
+        links = json.loads((folder / RESULT).read_text(encoding="utf-8"))["links"]
+        ranges = {str(link["name"]): link["range"]["d"] for link in links}
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}

@@ -20,11 +20,16 @@ from linkwise.estimates.uncertainty import Posterior
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import Channel
-from linkwise.response.answered import Answer, AskedStructure
 from linkwise.response.bands import banded
 from linkwise.response.continuation import Point
 from linkwise.response.harmonic_balance import HarmonicBalance
-from linkwise.response.options import ResponseKeywords, ResponseOptions, shown_channels
+from linkwise.response.options import (
+    Answer,
+    AskedStructure,
+    ResponseKeywords,
+    ResponseOptions,
+    shown_channels,
+)
 from linkwise.response.result import Branch, Irregular, Response, ResponseLevel
 from linkwise.response.search import (
     Curve,
@@ -34,7 +39,7 @@ from linkwise.response.search import (
     random_starts,
     with_peak,
 )
-from linkwise.response.shooting import Shooting, amplitudes, channel_rows, phase_integrator
+from linkwise.response.shooting import Shooting, amplitudes, channel_rows, driven_phase
 
 _FREQUENCIES = 12  # at which motions are looked for
 _HARMONICS = 25  # of harmonic balance, where laws have kinks
@@ -96,7 +101,7 @@ def respond(
     refuse_rig(structure, "steady motion")
     chosen.drive.check(structure)
     shown = _Shown(asked, shown_channels(structure, chosen.show))
-    integrator = None if chosen.harmonics else phase_integrator(structure, chosen.drive)
+    integrator = None if chosen.harmonics else driven_phase(structure, chosen.drive)
     low, high = (2.0 * np.pi * hz for hz in chosen.hz)
     levels: list[ResponseLevel] = []
     before: Sequence[Curve] = ()

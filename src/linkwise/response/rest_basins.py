@@ -21,8 +21,13 @@ from linkwise.records.channel import Channel
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import channel_rows, require_smooth, run_time_parameters
 from linkwise.simulation.energy import kinetic_energy, potential_energy
-from linkwise.simulation.integrator.compiled import compiled_system, phase_integrator
-from linkwise.simulation.integrator.formulas import BASE_INPUT, PhaseIntegrator, SystemShape
+from linkwise.simulation.integrator.formulas import (
+    BASE_INPUT,
+    PhaseIntegrator,
+    SystemShape,
+    compiled_system,
+    phase_integrator,
+)
 from linkwise.verdict import Verdict
 
 _TURNS = 10  # periods of the slowest mode between two looks at the energy

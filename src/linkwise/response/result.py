@@ -16,8 +16,8 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.response.drive import Drive
 from linkwise.response.measured import MeasuredPoints, steady_points
+from linkwise.response.options import Drive
 from linkwise.verdict import Verdict
 
 FOLD = "fold"

@@ -15,9 +15,7 @@ from linkwise.expression import Number
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.response.continuation import Point
-from linkwise.response.drive import FORCE, Drive
-from linkwise.simulation.integrator import compiled
-from linkwise.simulation.integrator.compiled import compiled_system
+from linkwise.response.options import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
     SCALE,
@@ -25,7 +23,9 @@ from linkwise.simulation.integrator.formulas import (
     ParameterLayout,
     PhaseIntegrator,
     SystemShape,
+    compiled_system,
     input_symbols,
+    phase_integrator,
 )
 
 SAMPLES = 256  # of a turn
@@ -45,14 +45,14 @@ def run_time_parameters(structure: Structure, layout: ParameterLayout) -> Floats
     return parameters
 
 
-def phase_integrator(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
+def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
     """The compiled equations of a driven structure; None for laws with kinks."""
     topology = structure.topology
     inputs = [(topology.weights(topology.index[drive.place]), drive.expression)]
     if drive.kind == FORCE and np.any(structure.base_incidence):
         inputs.append((BASE_INPUT, Number(0.0)))
     shape = SystemShape(*structure.shape_key, tuple(inputs))
-    return None if compiled_system(shape).kinks else compiled.phase_integrator(shape)
+    return None if compiled_system(shape).kinks else phase_integrator(shape)
 
 
 def require_smooth(structure: Structure, motion: CompiledSystem) -> None:

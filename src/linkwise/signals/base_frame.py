@@ -113,13 +113,8 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
                 carried[plain] += motion.best_polynomial(channel)
                 drifting.append(plain)
     acceleration = motion.value_and_rate(2, f"a:{BASE}")[0] if moves else None
-    return FramedRecord(
-        _changed(record, names, carried, structure, acceleration),
-        names,
-        carried,
-        acceleration,
-        tuple(drifting),
-    )
+    changed = _changed(record, names, carried, structure, acceleration)
+    return FramedRecord(changed, names, carried, acceleration, tuple(drifting))
 
 
 def _changed(

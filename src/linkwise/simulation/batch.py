@@ -23,8 +23,7 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.truth import EnergyBalance
 from linkwise.simulation.energy import energy_balance
-from linkwise.simulation.integrator.compiled import compiled_system
-from linkwise.simulation.integrator.formulas import SCALE, BatchIntegrator, ParameterLayout
+from linkwise.simulation.integrator.formulas import SCALE, BatchIntegrator, ParameterLayout, compiled_system
 from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunLog, RunOptions, RunSchedule, integrate, room
 
 LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest

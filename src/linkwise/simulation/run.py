@@ -32,7 +32,6 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel import KINDS, Channel
 from linkwise.records.channel_units import places_of, unit_in
 from linkwise.runtime import available_memory
-from linkwise.simulation.integrator.compiled import compiled_system
 from linkwise.simulation.integrator.formulas import (
     SCALE,
     CompiledSystem,
@@ -42,6 +41,7 @@ from linkwise.simulation.integrator.formulas import (
     Placement,
     SystemShape,
     Time,
+    compiled_system,
 )
 
 _SIGNAL = "signal:"  # with which the names of signals of laws begin among the drives

@@ -14,7 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.model.names import MASS
+from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BAND_LIMITED, at_samples
 from linkwise.records.record import Record

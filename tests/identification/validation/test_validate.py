@@ -269,7 +269,7 @@ def test_a_result_folder_is_an_answer(answer: lw.Estimate, agreeing: lw.Validati
 
 
 def test_the_folder_holds_numbers_figures_and_page(agreeing: lw.Validation, tmp_path: Path) -> None:
-    folder = lw.report.write_validation(agreeing, tmp_path / "validation")
+    folder = lw.report.write_result(agreeing, tmp_path / "validation")
     document = json.loads((folder / "validation.json").read_text())
     assert document["channels"]["x:m1"]["rmse"] == agreeing.channels["x:m1"].rmse
     assert document["free_run"] is True and document["burn"] == agreeing.burn

@@ -12,7 +12,7 @@ import pytest
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.simulation.integrator import compiled
+from linkwise.simulation.integrator import formulas
 from linkwise.simulation.integrator.dop853 import ScipySystem
 from linkwise.simulation.integrator.formulas import CompiledSystem, SystemShape
 from linkwise.simulation.integrator.taylor import HeyokaSystem
@@ -114,9 +114,9 @@ def test_questions_are_answered_with_heyoka_blocked(chain: lw.Structure) -> None
 
 def test_the_system_is_that_of_the_library_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     for module, kind in (("there", HeyokaSystem), (None, ScipySystem)):
-        compiled._kind.cache_clear()
+        formulas._kind.cache_clear()
         with monkeypatch.context() as patch:
             if module is None:
                 patch.setitem(sys.modules, "heyoka", None)
-            assert compiled._kind() is kind
-    compiled._kind.cache_clear()
+            assert formulas._kind() is kind
+    formulas._kind.cache_clear()

@@ -20,17 +20,16 @@ from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.identification.validation.result import CoefficientAgreement
 from linkwise.likelihood.estimate import MaximumLikelihood
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import MASS, Coefficient, Name
 from linkwise.model.host import is_between_modes
-from linkwise.model.names import MASS, Name
 from linkwise.model.parameters import coefficient_slots, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
 from linkwise.progress import Progress
+from linkwise.records.channel import SensorUncertainty
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import SensorUncertainty
 from linkwise.signals.noise import noise_variance
 from linkwise.verdict import STATUSES, Grade
 

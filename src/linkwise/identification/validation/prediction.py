@@ -143,14 +143,9 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     channels = given.responses
     motion = replace(motion, channels=channels, values=motion.values + frame.shown)
     rmse = np.sqrt(np.nanmean(residual[settling:] ** 2, axis=0))
-    return FreeRun(
-        motion=motion,
-        residual=Record(
-            record.start, record.rate, channels, residual, source=f"{record.source} less a free run"
-        ),
-        rmse=dict(zip(channels, map(float, rmse), strict=True)),
-        settling=settling,
-    )
+    left = Record(record.start, record.rate, channels, residual, source=f"{record.source} less a free run")
+    errors: dict[str, float] = dict(zip(channels, map(float, rmse), strict=True))
+    return FreeRun(motion=motion, residual=left, rmse=errors, settling=settling)
 
 
 def _responses(structure: Structure, record: Record) -> tuple[Channel, ...]:

@@ -21,7 +21,7 @@ from linkwise.display import (
 )
 from linkwise.inspection.missing_samples import unanswered_alerts
 from linkwise.inspection.result import Alert
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.verdict import Grade, Verdict

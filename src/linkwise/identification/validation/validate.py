@@ -45,9 +45,9 @@ from linkwise.identification.validation.result import (
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.channel import COMMON, SensorUncertainty
 from linkwise.records.channel_units import in_units_of, places_of, unit_in
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import COMMON, SensorUncertainty
 from linkwise.signals.base_frame import framed
 from linkwise.signals.force_window import with_force_windows
 from linkwise.verdict import Verdict
@@ -453,11 +453,6 @@ def _predictor(
 
 
 def _like(record: Record, values: Floats, label: str) -> Record:
-    return Record(
-        record.start,
-        record.rate,
-        record.responses,
-        values,
-        source=f"{record.source or 'record'}, {label}",
-        units=record.select(record.responses).units,
-    )
+    source = f"{record.source or 'record'}, {label}"
+    units = record.select(record.responses).units
+    return Record(record.start, record.rate, record.responses, values, source=source, units=units)

@@ -162,16 +162,8 @@ class _Setup:
         largest = [part.max(initial=0.0) for part in np.split(size, [structure.size, 2 * structure.size])]
         unmeasured = np.repeat(largest, [structure.size, structure.size, len(rough.memory)])
         prior = _PRIOR * np.where(size > 0.0, size, np.where(unmeasured > 0.0, unmeasured, 1.0))
-        return cls(
-            record,
-            structure,
-            system,
-            theta,
-            sensor_arrays(record.responses, structure, (), ()),
-            sigma,
-            guess,
-            prior,
-        )
+        sensors = sensor_arrays(record.responses, structure, (), ())
+        return cls(record, structure, system, theta, sensors, sigma, guess, prior)
 
     def inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
         """Inputs at the points of all steps of some windows."""

@@ -166,12 +166,8 @@ def distortion(record: Record, response: str, force: str) -> Distortion | None:
         unexcited = ~excited & (lines % 2 == parity)
         measured = only_odd and unexcited.any()
         decibels[name] = _decibel(float(np.sum(np.abs(mean[unexcited]) ** 2)), power) if measured else None
-    return Distortion(
-        channel=response,
-        period=period * record.step,
-        noise=_decibel(float(scatter.sum()) / len(of_response), power),
-        **decibels,
-    )
+    noise = _decibel(float(scatter.sum()) / len(of_response), power)
+    return Distortion(channel=response, period=period * record.step, noise=noise, **decibels)
 
 
 def _decibel(part: float, whole: float) -> float:

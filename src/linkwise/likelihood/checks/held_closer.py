@@ -22,8 +22,8 @@ from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
+from linkwise.model.coefficient import MASS
 from linkwise.model.law import Law
-from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 

@@ -22,7 +22,7 @@ from linkwise.likelihood.random_forces import noise_of_channels
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose, likeliest_first
 from linkwise.likelihood.tests.variances import SPECTRAL_KINDS, InputNoise, noise_of_inputs
-from linkwise.model.names import MASS
+from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record

@@ -48,8 +48,8 @@ from linkwise.likelihood.tests.score_test import (
     which_between_modes,
     which_usual,
 )
+from linkwise.model.coefficient import MASS
 from linkwise.model.host import in_words
-from linkwise.model.names import MASS
 from linkwise.model.structure import Structure
 from linkwise.runtime import one_blas_thread
 

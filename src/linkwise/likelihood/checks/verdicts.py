@@ -32,7 +32,7 @@ from linkwise.likelihood.tests.variances import (
     UNSTEADY,
     for_noise_of_inputs,
 )
-from linkwise.model.names import MASS
+from linkwise.model.coefficient import MASS
 from linkwise.records.channel import BASE
 from linkwise.signals.noise import outliers_exceed_noise
 from linkwise.verdict import Verdict

@@ -49,7 +49,7 @@ from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, V, X
-from linkwise.model.names import Name
+from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 
 _STRAIGHT = 10  # steps of annealing up to which there is no sign of another optimum

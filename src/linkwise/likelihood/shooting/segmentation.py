@@ -34,6 +34,7 @@ from linkwise.model.structure import Structure
 from linkwise.model.topology import FIRST_POINT
 from linkwise.records.channel import (
     BAND_LIMITED,
+    COMMON,
     FORCE,
     HELD,
     MOTIONS,
@@ -43,7 +44,6 @@ from linkwise.records.channel import (
 )
 from linkwise.records.channel_units import signals_of
 from linkwise.records.record import Record
-from linkwise.records.sensor_uncertainty import COMMON
 from linkwise.signals.base_frame import FramedRecord, frame_acceleration
 from linkwise.units import base_exponents
 

@@ -25,8 +25,8 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.expression import Expression, Operation, Program, differentiate
 from linkwise.likelihood.starts.linear_part import is_linear
+from linkwise.model.coefficient import MASS, SHAPE, Name
 from linkwise.model.law import VARIABLES, Law
-from linkwise.model.names import MASS, SHAPE, Name
 from linkwise.model.slider_corners import slider_parts, smooth_rates
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel

@@ -50,9 +50,9 @@ from linkwise.likelihood.starts.kalman import (
 )
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
+from linkwise.model.coefficient import MASS
 from linkwise.model.host import is_between_modes
 from linkwise.model.link import GROUND, Link
-from linkwise.model.names import MASS
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import require_complete

@@ -39,10 +39,10 @@ from linkwise.likelihood.tests.score_test import (
     input_along,
     states_along,
 )
+from linkwise.model.coefficient import SHAPE
 from linkwise.model.host import DAMPING, Host, Pair, damping_link
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import GROUND, Link
-from linkwise.model.names import SHAPE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread

@@ -71,7 +71,7 @@ from linkwise.likelihood.tests.score_test import (
     single_tests,
     usual_terms,
 )
-from linkwise.model.names import MASS
+from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in

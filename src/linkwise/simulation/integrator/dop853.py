@@ -324,13 +324,9 @@ class DormandPrinceBatch:
         for lane in range(shape[1]):
             of_motion = slice(self._motion_size), lane
             absolute[of_motion] = _absolute(self._state[of_motion], rates[of_motion], self._masses)
+        start = self._state.ravel()
         solver = DOP853(
-            self._rates.flat,
-            self._time,
-            self._state.ravel(),
-            times[-1],
-            rtol=_TOLERANCE,
-            atol=absolute.ravel(),
+            self._rates.flat, self._time, start, times[-1], rtol=_TOLERANCE, atol=absolute.ravel()
         )
         reached = 0
         for _ in range(most_steps):

@@ -1,4 +1,5 @@
-"""Equations of motion in the algebra of an integrator, what they are compiled for, and the interface of integrators.
+"""Equations of motion in the algebra of an integrator, what they are compiled for, and the interface of integrators,
+of which heyoka has one where it is installed and SciPy the other.
 
     m s y'' = -B f(d, d'),  d = s B'y + e x_base(t),  x = s y       (METHODS section 1)
 
@@ -12,17 +13,21 @@ sign(g), and abs(g) is sigma*g.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
+from importlib.util import find_spec
 from math import prod
+from pkgutil import resolve_name
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
+from linkwise.errors import SimulationError
 from linkwise.expression import (
     FUNCTIONS,
     Call,
@@ -529,3 +534,37 @@ def _integer_power(base: Formula, exponent: int) -> Formula:
         return base
     half = _integer_power(base, exponent // 2)
     return half * half * base if exponent % 2 else half * half
+
+
+_HOME = "linkwise.simulation.integrator"
+
+
+@cache
+def _kind() -> Callable[[SystemShape], CompiledSystem]:
+    """The class of systems that is available."""
+    kind: Callable[[SystemShape], CompiledSystem] = resolve_name(
+        f"{_HOME}.taylor:HeyokaSystem" if find_spec("heyoka") else f"{_HOME}.dop853:ScipySystem"
+    )
+    return kind
+
+
+def compiled_system(shape: SystemShape) -> CompiledSystem:
+    """The compiled equations of a shape, kept for this thread."""
+    return system_of_thread(shape, threading.get_ident())
+
+
+@lru_cache(maxsize=128)
+def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
+    """The compiled equations of a shape for one thread."""
+    return _kind()(shape)
+
+
+def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
+    """The equations of a shape without kinks over phase; SimulationError where heyoka, which integrates them, is missing."""
+    if find_spec("heyoka") is None:
+        raise SimulationError(
+            "periodic motion of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
+            "wheels (Linux), or conda install heyoka.py"
+        )
+    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.periods:HeyokaPhase")
+    return kind(shape)
