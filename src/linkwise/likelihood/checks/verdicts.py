@@ -136,12 +136,11 @@ def event(of: Examined) -> Judgement | None:
     begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
     if last - first >= _MOMENT * segments.count or first - begin < _MOMENT * segments.count:
         return None
-    inputs = (
-        values
-        for values in (segments.inputs.force, segments.inputs.base, segments.inputs.frame)
-        if values is not None
-    )
-    for values in inputs:
+    acting, signals = segments.inputs, segments.inputs.signals.values()
+    levels = (signal - signal.mean() for signal in signals)
+    changes = (np.ptp(signal, axis=(0, 1), keepdims=True) for signal in signals)
+    inputs = (acting.force, acting.base, acting.frame, *levels, *changes)
+    for values in (values for values in inputs if values is not None):
         power = np.sum(values**2, axis=tuple(range(values.ndim - 1)))
         if power[first : last + 1].mean() > power.mean():
             return None
