@@ -166,7 +166,9 @@ def discover(
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
     select = partial(_select, candidates, checks, progress)
     driven, sensors = with_harmonics(select, records, sensors, lambda selected: selected.fit)
-    discovery = answer_with_sensors(select, driven, sensors, chosen.admit, _Selected.reported)
+    discovery = answer_with_sensors(
+        select, driven, sensors, chosen.admit, _Selected.reported, finish=lambda found, _: found
+    )
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)

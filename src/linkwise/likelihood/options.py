@@ -306,9 +306,14 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
 
 
 def with_delays(
-    search: Search[Fit], records: Sequence[Record], options: LikelihoodOptions, report: Report[Fit, Answer]
+    search: Search[Fit],
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    report: Report[Fit, Answer],
+    finish: Callable[[Fit, Sequence[Record]], Fit],
 ) -> tuple[Answer, bool]:
-    """The answer; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.
+    """The `report` on the fit, once it is finished; channels that are late by more than a part of a sample are shifted by
+    whole ones, and fitted again.
 
     Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
     of a period away. Also whether an interrupt ended the search.
@@ -319,8 +324,9 @@ def with_delays(
         for name in options.delays:
             if name not in (*options.delay_deviations, *options.near, *of_clocks):  # known to be near
                 best = _at_best_shift(best, name)
-    interrupted = best.fit.status is AnnealingStatus.INTERRUPTED
-    return report(best.fit, best.shifts.of(best.late), best.delays), interrupted
+    shown = best.shifts.of(best.late)
+    best = replace(best, fit=finish(best.fit, shown))
+    return report(best.fit, shown, best.delays), _interrupted(best)
 
 
 def _on_one_clock(
