@@ -94,6 +94,24 @@ def test_what_does_not_fit_is_wrong_usage(chain_file: Path, line: str, message: 
     assert message in refusal(line.replace("FILE", str(chain_file)))
 
 
+def test_a_decay_at_uneven_times_is_read_as_the_mapping_file_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lw.write_structure(lw.rig({"m1": 1.0}, {"spring": "m1 - ground: k*d"}, {"spring.k": 400.0}), "rig.toml")
+    time = np.arange(1600) / 100.0 + 0.003 * (np.arange(1600) % 3 == 1)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=len(time))
+    decay = np.exp(-0.5 * time) * np.cos(20.0 * time) + noise
+    np.savetxt("decay.csv", np.column_stack([time, decay]), delimiter=",")
+    Path("decay.csv").write_text("time,x:m1\n" + Path("decay.csv").read_text())
+    line = "backbone rig.toml --mode 1 --to-amplitude x:m1=1 --levels decay.csv"
+    asked = refusal(line)
+    assert 'On the command line: --mapping FILE with the line resample = "... Hz".' in asked
+    Path("decay.toml").write_text('resample = "100 Hz"\n')
+    measured = document(f"{line} --mapping decay.toml")["measured"]
+    assert np.allclose([point["hz"] for point in measured], 20.0 / (2.0 * np.pi), rtol=0.01)
+
+
 def test_basins_are_printed_and_written(chain_file: Path) -> None:
     folder = chain_file.parent / "basins"
     line = f"basins {chain_file} --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 4"

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from present import present
 from structures import named, structure
 
 import linkwise as lw
@@ -45,6 +46,20 @@ def test_curve_of_a_measured_record_has_what_was_measured(measured: lw.Estimate,
     assert force_curve(measured, "nes1", chain).true is not None
     blind = replace(measured, compute_motion=lambda: replace(measured.motion, compute_residual=lambda: None))
     assert len(force_curve(blind, "nes1").sample_d) == 0
+
+
+def test_a_link_that_the_simulated_structure_lacks_has_no_true_curve(fitted: lw.Estimate) -> None:
+    """Of a record of a structure whose links have other names, and another order."""
+    truth = present(fitted.record.simulated)
+    renamed = [replace(link, name="other") if link.name == "nes1" else link for link in truth.structure.links]
+    other = replace(truth, structure=replace(truth.structure, links=tuple(reversed(renamed))))
+    shown = replace(fitted, record=replace(fitted.record, simulated=other))
+    curve = force_curve(shown, "nes1")
+    assert curve.true is None and not curve.samples_are_true and len(curve.sample_d)
+    known, same = force_curve(fitted, "spring1"), force_curve(shown, "spring1")
+    assert np.array_equal(known.sample_d, same.sample_d) and np.array_equal(
+        known.sample_force, same.sample_force
+    )
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,10 @@ import pytest
 from structures import oscillator
 
 import linkwise as lw
+from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.options import LikelihoodOptions, with_delays, with_error
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.records.channel import interpolated
 
 RATE, DURATION, LATE = 250.0, 8.0, 0.5e-3
@@ -98,3 +103,46 @@ def test_clocks_that_cannot_be_told_are_refused() -> None:
     ):
         with pytest.raises(lw.IdentificationError, match=message):
             lw.identify(record, OSCILLATOR.unknown("all"), clocks=clocks)
+
+
+@dataclass
+class Searched:
+    """A search of laws that are wrong: each fit finds the same delay in samples and ratio in ppm, whatever was taken out."""
+
+    late: float
+    ppm: float = 0.0
+    fits: int = 0
+    status = AnnealingStatus.CONVERGED
+    chi_square, chi_square_off, model_error = 2.0, True, 0.1
+
+    def __call__(self, records: Sequence[lw.Record], options: LikelihoodOptions) -> Searched:
+        self.fits += 1
+        self.delays = {"x:m1": self.late / RATE}
+        self.clocks = {"x:m1": (self.ppm, 1.0)}
+        return self
+
+    @property
+    def diagnosis(self) -> tuple[Cause, ...]:
+        return ()
+
+
+def test_a_clock_that_does_not_settle_takes_two_fits() -> None:
+    """A sample that was lost took ten fits, of a minute in all."""
+    search = Searched(0.0, PPM)
+    options = LikelihoodOptions(delays=("x:m1",), clocks={"x:m1": None})
+    with pytest.raises(lw.IdentificationError, match="the clock of x:m1 does not settle"):
+        with_delays(search, [two_loggers(86)], options, lambda fit, *_: fit, lambda fit, _: fit)
+    assert search.fits == 2
+
+
+def test_shifts_far_from_a_delay_that_a_diagnosis_tells_are_not_tried() -> None:
+    record, stated = two_loggers(87), LikelihoodOptions(delays=("x:m1",))
+    found = Cause("delay", "x:m1", 0.4 / RATE, "s", 100.0, 0.0)
+    told = with_error(LikelihoodOptions(), found, record)
+    assert told is not None and replace(told, near=()) == stated
+    counts = []
+    for options in (stated, told):
+        search = Searched(0.4)
+        with_delays(search, [record], options, lambda fit, *_: fit, lambda fit, _: fit)
+        counts.append(search.fits)
+    assert counts[1] == 1 < counts[0] < 8  # none of which twice

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,18 @@ def test_a_harmonic_force_is_found_with_the_laws(
     )
     assert_right(fit, subject, (mass, hz))
     assert any(f"The harmonic force on {mass} at " in line and " N " in line for line in fit.findings)
+
+
+@pytest.mark.parametrize(
+    ("subject", "hz"), [(OSCILLATOR, 12.3), pytest.param(PAIR, 7.3, marks=pytest.mark.slow)]
+)
+def test_a_hum_of_a_sensor_is_no_harmonic_force(subject: lw.Structure, hz: float) -> None:
+    """Compared with the motion held, it explained less than a force did, beside which the motion follows."""
+    quiet = machine(subject, hz, size=0.0)
+    values = quiet.values.copy()
+    values[:, -1] += 4e-4 * np.sin(2.0 * np.pi * hz * quiet.time + 0.3)
+    fit = lw.identify(replace(quiet, values=values), subject.unknown("all"), as_stated=True)
+    assert not fit.trusted and "harmonic force" not in [cause.kind for cause in fit.diagnosis]
 
 
 @pytest.mark.slow

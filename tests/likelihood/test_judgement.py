@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
+from linkwise.likelihood.checks.verdicts import event
 from linkwise.likelihood.noise import is_coloured, whiteness_text
 from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
@@ -286,3 +289,31 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         assert np.max(np.abs(fit.values - long.values) / deviations) < 3.0
         low, high = present(fit.coefficient("link.k3").interval)
         assert present(fit.coefficient("link.k3").value) > 4e5 and high - low < 1.2e5
+
+
+@pytest.mark.parametrize("valve", [None, "still", "open", "stepped"])
+def test_what_happens_while_a_signal_acts_is_no_hit(valve: str | None) -> None:
+    """A misfit of two segments of a hundred, during which a valve opens, or stands as before."""
+    residuals = np.random.default_rng(7).normal(size=(20, 1, 100))
+    residuals[:, :, 50:52] *= 30.0
+    signal = np.full((4, 5, 100), 0.2)
+    if valve == "open":
+        signal[:, :, 50:52] = 1.0
+    elif valve == "stepped":
+        signal[2:, :, 50], signal[:, :, 51:] = -0.2, -0.2
+    acting: dict[str, Any] = {
+        "force": None,
+        "base": None,
+        "frame": None,
+        "signals": {"u": signal} if valve else {},
+    }
+    segments = SimpleNamespace(
+        count=100, linked=np.ones(99, bool), samples=np.zeros(20), inputs=SimpleNamespace(**acting)
+    )
+    misfit = SimpleNamespace(residuals=residuals, defects=np.zeros((2, 99)))
+    fit = SimpleNamespace(
+        chi_square_off=True, segments=segments, misfit=misfit, optimum=SimpleNamespace(q=1e-6)
+    )
+    shown = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((2000, 1)))
+    examined: Any = SimpleNamespace(fit=fit, records=[shown], share=0.0, causes=(), explained="It moves")
+    assert (event(examined) is None) == (valve in ("open", "stepped"))

@@ -99,7 +99,7 @@ def run(arguments: Sequence[str]) -> int:
         return _report(error, error.format_message(), USAGE, debug)
     except LinkwiseError as error:
         code = USAGE if set(error.arguments) & set(METHOD_FLAGS) else error.exit_code
-        return _report(error, with_flags(error), code, debug)
+        return _report(error, with_flags(error, COMMANDS.get(rest[0])), code, debug)
     except BrokenPipeError:  # the reader of a pipe has gone, as `head` does: there is nobody left to tell
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED

@@ -44,6 +44,8 @@ class ModeOptions:
         Displacements and velocities that are shown (default: the displacements of all masses and points).
     levels : Path | None
         A record of a decay, whose frequency over amplitude, as inspect --levels follows it, is laid over the curve.
+    mapping : Path | None
+        A file that states columns, units and how to read that record, as of identify.
     """
 
     mode: int = typed("K", type=click.IntRange(min=1), required=True)
@@ -51,6 +53,7 @@ class ModeOptions:
     to_energy: float | None = typed("J", type=POSITIVE)
     show: tuple[str, ...] = typed("CHANNEL", multiple=True, callback=comma_separated)
     levels: Path | None = typed("RECORD", type=FILE)
+    mapping: Path | None = typed("FILE", type=FILE)
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.backbone`."""
@@ -77,7 +80,7 @@ def backbone(structure: Path, chosen: ModeOptions, output: Path | None, as_json:
       linkwise backbone chain.toml --mode 1 --to-amplitude x:m1=0.01 -o mode1
       linkwise backbone answer --mode 2 --to-energy 0.05 --levels decay.csv
     """
-    measured = None if chosen.levels is None else lw.read_record(chosen.levels)
+    measured = None if chosen.levels is None else lw.read_record(chosen.levels, mapping=chosen.mapping)
     with progress("following the mode"), unstarted_is_usage():
         result = lw.backbone(structure, chosen.mode, **chosen.keywords())
     result = result if measured is None else result.beside(measured)

@@ -254,9 +254,21 @@ METHOD_FLAGS = {"drifts": "--sensor CHANNEL:drift[=TIME]", "hums": "--sensor CHA
 """The same of options made from fields, as far as they are loaded; an error that names one is wrong usage."""
 
 
-def with_flags(error: LinkwiseError) -> str:
-    """The message of an error, and the flags that set the arguments it names."""
+_OF_MAPPING = {"rate": 'rate = "... Hz"', "resample": 'resample = "... Hz"', "header": 'header = "..."'}
+"""Lines of a mapping file that stand for flags, of commands that read a record by --mapping alone."""
+
+
+def with_flags(error: LinkwiseError, command: click.Command | None = None) -> str:
+    """The message of an error, and how the arguments it names are set: by flags that the `command` has, any without one."""
     known = {**FLAGS, **METHOD_FLAGS}
+    if command is not None and not isinstance(command, click.Group):
+        has = {flag for option in command.params for flag in option.opts}
+        lines = {
+            name: f"{FLAGS['mapping'].partition(' (')[0]} with the line {line}"
+            for name, line in _OF_MAPPING.items()
+        }
+        known = {name: flag for name, flag in known.items() if flag.partition(" ")[0] in has}
+        known = (lines if "--mapping" in has else {}) | known
     flags = [known[name] for name in error.arguments if name in known]
     if not flags:
         return str(error)
@@ -271,7 +283,7 @@ def unstarted_is_usage() -> Iterator[None]:
         yield
     except SimulationError as error:
         if error.time is None:
-            raise click.UsageError(with_flags(error)) from error
+            raise click.UsageError(with_flags(error, click.get_current_context().command)) from error
         raise
 
 

@@ -59,6 +59,8 @@ class HarmonicOptions:
         else shooting).
     record : Path | None
         A record of a stepped or slowly swept sine, with its excitation, whose points are laid over the curves.
+    mapping : Path | None
+        A file that states columns, units and how to read that record, as of identify.
     """
 
     force: tuple[str, ...] = typed("MASS=N", multiple=True)
@@ -72,6 +74,7 @@ class HarmonicOptions:
     draws: int | None = typed("N", type=click.IntRange(min=2))
     harmonics: int | None = typed("N", type=click.IntRange(min=1))
     record: Path | None = typed("FILE", type=FILE)
+    mapping: Path | None = typed("FILE", type=FILE)
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.respond`."""
@@ -107,7 +110,7 @@ def respond(structure: Path, harmonic: HarmonicOptions, output: Path | None, as_
       linkwise respond rig.toml --base a=9.81 --from 5 --to 40
       linkwise respond answer --force m1=0.5 --from 20 --to 36 --record sweep.csv -o response
     """
-    measured = None if harmonic.record is None else lw.read_record(harmonic.record)
+    measured = None if harmonic.record is None else lw.read_record(harmonic.record, mapping=harmonic.mapping)
     with progress("steady motion") as step, unstarted_is_usage():
         result = lw.respond(structure, progress=step, **harmonic.keywords())
     result = result if measured is None else result.beside(measured)

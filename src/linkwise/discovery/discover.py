@@ -158,7 +158,7 @@ def discover(
         return found[fit].judge(records, delays) if delays else found[fit].discovery
 
     driven, sensors = with_harmonics(search, records, sensors, lambda fit: fit)
-    discovery = answer_with_sensors(search, driven, sensors, chosen.admit, report)
+    discovery = answer_with_sensors(search, driven, sensors, chosen.admit, report, finish=lambda fit, _: fit)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)

@@ -20,6 +20,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Link, Structure
+from linkwise.records.truth import SimulationTruth
 
 GRID = 401
 BEYOND = 0.08  # of the visited range, shown on both sides of it
@@ -87,9 +88,9 @@ def force_curve(estimate: Estimate, name: str, truth: Structure | None = None) -
     margin = BEYOND * (high - low)
     d = np.linspace(low - margin, high + margin, GRID)
     force, lower, upper = estimate.force_band(name, d)
-    simulated = estimate.record.simulated
+    simulated = _simulated(estimate, name)
     known_truth = truth or (simulated.structure if simulated else None)
-    sample_d, sample_force = _samples(estimate, name)
+    sample_d, sample_force = _samples(estimate, name, simulated)
     return ForceCurve(
         link=link.link,
         identified=bool(link.free),
@@ -111,15 +112,21 @@ def _elastic(link: Link, d: Floats) -> Floats:
     return link.force(d, 0.0, link.zero_states)
 
 
-def _samples(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
+def _simulated(estimate: Estimate, name: str) -> SimulationTruth | None:
+    """The motion of a simulated record, where what was simulated has a link of that name."""
+    simulated = estimate.record.simulated
+    known = simulated is not None and name in [link.name for link in simulated.structure.links]
+    return simulated if known else None
+
+
+def _samples(estimate: Estimate, name: str, simulated: SimulationTruth | None) -> tuple[Floats, Floats]:
     """Elongation (P,) m and force minus the identified damping and memory (P,) N at the samples of the record.
 
-    The force is the true one of a simulated record, else the measured one, else there is none.
+    The force is the true one of the `simulated` motion, else the measured one, else there is none.
     """
     link = estimate.link(name).link
-    index = [link.name for link in estimate.structure.links].index(name)
-    states = link.zero_states
-    simulated, motion = estimate.record.simulated, estimate.motion
+    index = [link.name for link in (simulated or estimate).structure.links].index(name)
+    states, motion = link.zero_states, estimate.motion
     if simulated is not None:
         truth, base = simulated.structure, simulated.base
         rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)

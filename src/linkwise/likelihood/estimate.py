@@ -501,7 +501,9 @@ class MaximumLikelihood(Estimator):
         def answer(structure: Structure, options: LikelihoodOptions) -> Estimate:
             search = partial(self._search, structure)
             driven, options = with_harmonics(search, records, options, lambda fit: fit)
-            return answer_with_sensors(search, driven, options, admitted, partial(estimate_of, structure))
+            finish = partial(_smoothest, structure)
+            report = partial(estimate_of, structure)
+            return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
 
         stated = answer(structure, options)
         if self.as_stated or admitted:
@@ -573,10 +575,7 @@ class MaximumLikelihood(Estimator):
         theta, spread = starting_values(records, structure, self.starts)
         search = partial(likelihood_fit, records, structure)
         fit = search(theta, spread=spread, options=options)
-        fit = lower_of_two(fit, lambda values: search(values, options=options))
-        return tightest_smooth_fit(
-            fit, lambda values, nodes, q: search(values, options=_near_optimum(options, nodes, q))
-        )
+        return lower_of_two(fit, lambda values: search(values, options=options))
 
     def _from_forces(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
@@ -622,6 +621,18 @@ class MaximumLikelihood(Estimator):
             host_memory_starts if structure.hosts else memory_starts,
         ]
         return attempts(partial(fit, kind) for kind in kinds)[0]
+
+
+def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:
+    """The fit, or of motion that the records show directly, the closest one to exact laws whose likelihood is quadratic."""
+    if structure.topology.states or structure.signals or structure.hosts:
+        return fit
+    if needs_integration(framed(records[0], structure, integrated=True).record, structure):
+        return fit
+    search = partial(likelihood_fit, records, structure)
+    return tightest_smooth_fit(
+        fit, lambda values, nodes, q: search(values, options=_near_optimum(fit.options, nodes, q))
+    )
 
 
 def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:

@@ -76,8 +76,12 @@ def answer_with_sensors(
     options: LikelihoodOptions,
     admitted: Sequence[str],
     report: Report[Fit, Answer],
+    *,
+    finish: Callable[[Fit, Sequence[Record]], Fit],
 ) -> Answer:
     """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
+
+    `finish` gives the fit that is reported, of that at the delays and clocks which a search finds.
 
     An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
     that is named twice, and a delay that cannot be found.
@@ -85,7 +89,7 @@ def answer_with_sensors(
     require_known_kinds((options.offsets, options.gains, options.delays), admitted)
 
     def answered(options: LikelihoodOptions) -> tuple[LikelihoodOptions, Answer, bool]:
-        return options, *with_delays(search, records, options, report)
+        return options, *with_delays(search, records, options, report, finish)
 
     def beside(
         rung: tuple[LikelihoodOptions, Answer, bool],

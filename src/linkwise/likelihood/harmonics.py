@@ -21,7 +21,7 @@ from linkwise.estimates.causes import HARMONIC, Cause, SensorErrorEstimate
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.tests.score_test import augmented_quadratic
 from linkwise.model.structure import Structure
@@ -140,8 +140,7 @@ def harmonic_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[
         return
     limit = _CHANCE + 2.0 * np.log(count * len(masses))
     tried = [HarmonicForce(mass, structure.mass_names.index(mass), line) for line in lines for mass in masses]
-    gains, sizes = _gains(fit, records, tried)
-    hums = _gains_of_hums(fit, records, lines)
+    gains, sizes, hums = _gains(fit, records, tried, lines)
     for number, line in enumerate(lines):
         own = slice(number * len(masses), (number + 1) * len(masses))
         best = own.start + int(np.argmax(gains[own]))
@@ -221,33 +220,44 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
 
 
 def _gains(
-    fit: LikelihoodFit, records: Sequence[Record], tried: Sequence[HarmonicForce]
-) -> tuple[Floats, Floats]:
-    """What each of the forces (f,), alone, would take off -2 log likelihood, and their amplitudes in N."""
-    unknowns = _Unknowns.of(fit, records, tried)
+    fit: LikelihoodFit, records: Sequence[Record], tried: Sequence[HarmonicForce], lines: Sequence[float] = ()
+) -> tuple[Floats, Floats, Floats]:
+    """What each of the forces (f,), alone, would take off -2 log likelihood, their amplitudes in N, and what hums at each of
+    the `lines` (l,) in Hz would, each in the sensor in which it explains most.
+    """
+    unknowns = _Unknowns.of(fit, records, tried, _hums(fit, records, lines) if lines else None)
+    places = unknowns.places(with_frequency=False)
+    of_hum = unknowns.each - 1
+    starts = range(len(tried) * unknowns.each, len(unknowns.score), of_hum)
+    places += [list(range(start, start + of_hum)) for start in starts]
     gains, sizes = [], []
-    for own in unknowns.places(with_frequency=False):
+    for own in places:
         block, slope = unknowns.information[np.ix_(own, own)], unknowns.score[own]
         size = np.linalg.lstsq(block, slope, rcond=1e-9)[0]
         gains.append(float(slope @ size))
         sizes.append(float(np.hypot(*size[:2])))
-    return np.array(gains), np.array(sizes)
+    of_hums = np.reshape(gains[len(tried) :], (len(lines), fit.optimum.segments.observed.shape[1]))
+    return np.array(gains[: len(tried)]), np.array(sizes[: len(tried)]), of_hums.max(axis=1, initial=0.0)
 
 
-def _gains_of_hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> Floats:
-    """What hums of one sensor at each of the frequencies (f,) would take off -2 log likelihood, at most, motion held."""
-    segments, residuals = fit.optimum.segments, fit.misfit.residuals
-    samples, channels, _ = residuals.shape
-    series = residuals.transpose(1, 2, 0).reshape(channels, -1)
+def _hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> SensorErrors:
+    """A cosine and a sine in each record and sensor at each of the frequencies, records within sensors within lines."""
+    segments = fit.optimum.segments
+    channels, samples = segments.observed.shape[1], len(segments.samples)
+    counts = [-(-len(record) // samples) for record in records]
     time = np.concatenate(
-        [np.arange(-(-len(record) // samples) * samples) * record.step for record in records]
-    )
-    waves = np.exp(-2j * np.pi * np.array(lines)[:, None] * time)
-    seen = segments.observed.transpose(1, 2, 0).reshape(channels, -1).sum(axis=1)
-    return (
-        np.asarray(np.max(2.0 * np.abs(series @ waves.T) ** 2 / np.maximum(seen, 1)[:, None], axis=0))
-        / fit.optimum.noise**2
-    )
+        [record.step * np.arange(n * samples) for n, record in zip(counts, records, strict=True)]
+    ).reshape(-1, samples)
+    owner = np.repeat(np.arange(len(records)), counts)
+    waves = [
+        wave(2.0 * np.pi * line * time.T) * (owner == number)
+        for line in lines
+        for _ in range(channels)
+        for number in range(len(records))
+        for wave in (np.cos, np.sin)
+    ]
+    channel = np.tile(np.repeat(np.arange(channels), 2 * len(records)), len(lines))
+    return SensorErrors(channel, ("hum",) * len(channel), np.full(len(channel), -1), np.stack(waves, axis=1))
 
 
 def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce) -> HarmonicForce:
@@ -263,22 +273,30 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
 class _Unknowns:
     """The information (h, h) and score (h,) of the unknowns of `forces`, parameters eliminated, and how these `follow` (p, h).
 
-    Of each force there are a cosine and a sine in each record, and its frequency.
+    Of `each` force there are so many: a cosine and a sine in each record, and its frequency. Behind them come hums of sensors.
     """
 
     forces: Sequence[HarmonicForce]
+    each: int
     information: Floats
     score: Floats
     follow: Floats
 
     @classmethod
-    def of(cls, fit: LikelihoodFit, records: Sequence[Record], forces: Sequence[HarmonicForce]) -> _Unknowns:
+    def of(
+        cls,
+        fit: LikelihoodFit,
+        records: Sequence[Record],
+        forces: Sequence[HarmonicForce],
+        hums: SensorErrors | None = None,
+    ) -> _Unknowns:
         """Those at the optimum of a fit."""
         optimum = fit.optimum
         with one_blas_thread():
             misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
             columns, units = _columns(optimum, records, forces)
-            augmented = augmented_quadratic(optimum, misfit, columns)
+            augmented = augmented_quadratic(optimum, misfit, columns, hums)
+        units = np.append(units, np.ones(0 if hums is None else len(hums.kind)))
         p = len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)
         curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2
@@ -288,11 +306,12 @@ class _Unknowns:
         information = curvature[own, own] - curvature[own, :p] @ follow
         score = slope[own] - follow.T @ slope[:p]
         scale = optimum.scales.theta[:p, None]
-        return cls(forces, information / np.outer(units, units), score / units, follow * scale / units)
+        each = 2 * len(records) + 1
+        return cls(forces, each, information / np.outer(units, units), score / units, follow * scale / units)
 
     def places(self, *, with_frequency: bool = True) -> list[list[int]]:
         """The numbers of the unknowns of each force."""
-        each = len(self.score) // len(self.forces)
+        each = self.each
         return [list(range(k * each, (k + 1) * each - (not with_frequency))) for k in range(len(self.forces))]
 
     @property

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import hypot, isinf
+from math import hypot, inf, isinf
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -50,6 +50,8 @@ class LikelihoodOptions:
         Channels with an unknown delay, of 1.5 samples at most; of applied forces, too.
     offset_deviations, delay_deviations : mapping of str to float, optional
         Standard deviations to which offsets and delays are known beforehand, in SI units by channel.
+    near : sequence of str, optional
+        Channels of these whose delays a diagnosis tells, so that no shifts far away are tried.
     shifts : mapping of str to float, optional
         Parts in s of delays that have been taken out of the records.
     drifts : mapping of str to float or None, optional
@@ -92,6 +94,7 @@ class LikelihoodOptions:
     delays: Sequence[str] = ()
     offset_deviations: Mapping[str, float] = field(default_factory=dict)
     delay_deviations: Mapping[str, float] = field(default_factory=dict)
+    near: Sequence[str] = ()
     shifts: Mapping[str, float] = field(default_factory=dict)
     drifts: Mapping[str, float | None] = field(default_factory=dict)
     hums: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -135,6 +138,9 @@ _FAR = (
 )  # samples by which a channel is shifted where the nearest ones do not explain the records
 _NO_RATIO = 0.1  # standard errors
 _NO_SLIP = 0.02  # samples, over a record
+_SHRINKING = (
+    0.5  # of a ratio that a fit finds, the most that the next one leaves: of right laws it is a few percent
+)
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
 
 
@@ -285,15 +291,20 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
         else tuple(dict.fromkeys((*present, *more)))
     )
     wider = replace(options, **{named: found})
-    return (
-        replace(wider, delays=beside_clocks(options.delays, wider.clocks, record)) if kind == CLOCK else wider
-    )
+    if kind == CLOCK:
+        return replace(wider, delays=beside_clocks(options.delays, wider.clocks, record))
+    return replace(wider, near=(*options.near, *more)) if kind == "delay" else wider
 
 
 def with_delays(
-    search: Search[Fit], records: Sequence[Record], options: LikelihoodOptions, report: Report[Fit, Answer]
+    search: Search[Fit],
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    report: Report[Fit, Answer],
+    finish: Callable[[Fit, Sequence[Record]], Fit],
 ) -> tuple[Answer, bool]:
-    """The answer; channels that are late by more than a part of a sample are shifted by whole ones, and fitted again.
+    """The `report` on the fit, once it is finished; channels that are late by more than a part of a sample are shifted by
+    whole ones, and fitted again.
 
     Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
     of a period away. Also whether an interrupt ended the search.
@@ -302,10 +313,11 @@ def with_delays(
     of_clocks = {late for name in options.clocks for late in late_channels(records[0], name)}
     if len({record.rate for record in records}) == 1:
         for name in options.delays:
-            if name not in (*options.delay_deviations, *of_clocks):  # known to be near
+            if name not in (*options.delay_deviations, *options.near, *of_clocks):  # known to be near
                 best = _at_best_shift(best, name)
-    interrupted = best.fit.status is AnnealingStatus.INTERRUPTED
-    return report(best.fit, best.shifts.of(best.late), best.delays), interrupted
+    shown = best.shifts.of(best.late)
+    best = replace(best, fit=finish(best.fit, shown))
+    return report(best.fit, shown, best.delays), _interrupted(best)
 
 
 def _on_one_clock(
@@ -319,6 +331,7 @@ def _on_one_clock(
     ratios = {name: stated or 0.0 for name, stated in options.clocks.items()}
     timed = {name: late_channels(records[0], name) for name in options.clocks}
     clocked = {name: timed[name] for name, stated in options.clocks.items() if stated is None}
+    before = dict.fromkeys(clocked, inf)
     for _ in range(_SHIFTS):
         slips = {
             member: ratios[name] if name in members else -ratios[name]
@@ -331,21 +344,25 @@ def _on_one_clock(
         found = {name: clock_found(best.fit, options, name) for name in clocked}
         if _interrupted(best) or all(_is_small(*pair, own[0]) for pair in found.values()):
             return best
+        if any(abs(ratio) > max(_SHRINKING * before[name], error) for name, (ratio, error) in found.items()):
+            break
         late = best.late
+        before = {name: abs(ratio) for name, (ratio, _) in found.items()}
         ratios = {name: ratio + found[name][0] if name in found else ratio for name, ratio in ratios.items()}
     raise IdentificationError(
-        f"the clock of {', '.join(clocked)} does not settle: {_SHIFTS} fits, in each of which the ratio of the last one was "
-        "taken out, do not agree. State it (ppm), or take a shorter part of the record"
+        f"the clock of {', '.join(clocked)} does not settle: fits, in each of which the ratio of the last one was taken out, "
+        "do not agree. State it (ppm), or take a shorter part of the record"
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Shifts(Generic[Fit]):
-    """A search in records of which channels are shifted by whole samples."""
+    """A search in records of which channels are shifted by whole samples, and the fits `known` by these."""
 
     search: Search[Fit]
     records: Sequence[Record]
     options: LikelihoodOptions
+    known: dict[tuple[int, ...], Fit] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
@@ -355,8 +372,11 @@ class _Shifts(Generic[Fit]):
         return [_shifted(record, late) for record in self.records]
 
     def fitted(self, late: Mapping[str, int]) -> _ShiftedFit[Fit]:
-        taken_out = {name: samples * self.step for name, samples in late.items()}
-        return _ShiftedFit(self, late, self.search(self.of(late), replace(self.options, shifts=taken_out)))
+        shift = tuple(late.values())
+        if shift not in self.known:
+            taken_out = {name: samples * self.step for name, samples in late.items()}
+            self.known[shift] = self.search(self.of(late), replace(self.options, shifts=taken_out))
+        return _ShiftedFit(self, late, self.known[shift])
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,9 @@ _STATED = frozenset({MASS, "gain", "force gain"})
 _CONTRADICTED = frozenset({"sign", "unit", "swapped", "high pass", "clipped"})
 """The same of a sign, a unit, a place or a range of a sensor, which no small size makes harmless."""
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
+AS_NOISE = 0.25
+"""Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
+such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much. The same of a line."""
 _LINE = 3.0
 """Times what noise of an input or an ambient force explains: a line behind a resonance that explains less is its part."""
 _FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
@@ -157,11 +160,10 @@ class Examined:
         noisy = [noise.cause for noise in self.inputs if noise.cause is not None]
         forces = unstated_forces(self.fit, self.identified, self.channels)
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
-        harmonic = (
-            cause
-            for cause in harmonic_causes(self.fit, self.identified, self.records)
-            if cause.gain > _LINE * random
-        )
+        first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
+        least = max(_LINE * random, AS_NOISE * first)
+        lines = harmonic_causes(self.fit, self.identified, self.records)
+        harmonic = (cause for cause in lines if cause.gain > least)
         every = (*self.diagnosis.causes, *noisy, *forces, *harmonic)
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 

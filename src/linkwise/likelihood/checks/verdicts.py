@@ -13,6 +13,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.changed_coefficients import moment
 from linkwise.likelihood.checks.held_closer import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
+    AS_NOISE,
     LARGEST_SHIFT,
     LARGEST_TERM,
     Examined,
@@ -41,9 +42,6 @@ _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error beside which the values are close to those of exact laws."""
 _NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
-_AS_NOISE = 0.25
-"""Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
-such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much."""
 _MANY_PERIODS, _GOES_ON = (
     30,
     0.85,
@@ -136,12 +134,11 @@ def event(of: Examined) -> Judgement | None:
     begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
     if last - first >= _MOMENT * segments.count or first - begin < _MOMENT * segments.count:
         return None
-    inputs = (
-        values
-        for values in (segments.inputs.force, segments.inputs.base, segments.inputs.frame)
-        if values is not None
-    )
-    for values in inputs:
+    acting, signals = segments.inputs, segments.inputs.signals.values()
+    levels = (signal - signal.mean() for signal in signals)
+    changes = (np.ptp(signal, axis=(0, 1), keepdims=True) for signal in signals)
+    inputs = (acting.force, acting.base, acting.frame, *levels, *changes)
+    for values in (values for values in inputs if values is not None):
         power = np.sum(values**2, axis=tuple(range(values.ndim - 1)))
         if power[first : last + 1].mean() > power.mean():
             return None
@@ -251,7 +248,7 @@ def _scatter_of_small_terms(of: Examined) -> BlockScatter | None:
     """How far blocks disagree on stated laws that leave only noise, in which small terms alone are significant; else None."""
     fit, first = of.fit, of.causes[0]
     noise = max((cause.gain for cause in of.causes if cause.kind == "input noise"), default=0.0)
-    terms = {cause.kind for cause in of.causes} <= {"term", "input noise"} and noise < _AS_NOISE * first.gain
+    terms = {cause.kind for cause in of.causes} <= {"term", "input noise"} and noise < AS_NOISE * first.gain
     if fit.model_error > 0.0 or of.searched or not terms or first.share > LARGEST_TERM:
         return None
     return scatter_of_blocks(fit, of.diagnosis.tested)

@@ -18,7 +18,6 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
-from linkwise.model.coefficient import Name
 from linkwise.model.law import Law
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
