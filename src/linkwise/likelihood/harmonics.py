@@ -1,4 +1,4 @@
-"""Harmonic forces that were not recorded, as of a rotating machine: lines in what a fit leaves, and their estimates.
+"""Harmonic forces that were not recorded, as of a rotating machine, and hums of sensors: lines in what a fit leaves.
 
 A force of unknown amplitudes and frequency on a mass is taken as a channel of the records, so that starts, searches and
 checks need no case of their own. Between fits its unknowns follow from one linearisation, and what is not known of them is
@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import HARMONIC, Cause, SensorErrorEstimate
+from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
@@ -43,6 +43,8 @@ _ABOVE = (
 _CHANCE = (
     16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 )
+_FINE = 17  # frequencies around a line at which a hum is looked for
+_ALONE = 0.9  # of what hums of all sensors explain: a missing term leaves lines in several
 _HIGHEST = 0.4  # of the sampling rate
 _PERIODS = 10.0  # in a record, of a line at least: fewer are a drift
 
@@ -125,10 +127,11 @@ def estimated_harmonics(
     return unknowns.covariance, tuple(errors), tuple(sentences)
 
 
-def harmonic_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Iterator[Cause]:
-    """Harmonic forces that would explain lines in what a fit leaves, each on the mass on which it explains most.
+def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Iterator[Cause]:
+    """What would explain lines in what a fit leaves: each a harmonic force on the mass on which it explains most, or a hum.
 
-    A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score.
+    A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score. That of a
+    sensor is in its channel alone.
     """
     masses = [name for name in structure.mass_names if name not in structure.modes]
     if structure.hosts or not fit.has_errors:
@@ -141,21 +144,19 @@ def harmonic_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[
     limit = _CHANCE + 2.0 * np.log(count * len(masses))
     tried = [HarmonicForce(mass, structure.mass_names.index(mass), line) for line in lines for mass in masses]
     gains, sizes = _gains(fit, records, tried)
-    hums = _gains_of_hums(fit, records, lines)
+    width = 1.0 / max(record.duration for record in records)
     for number, line in enumerate(lines):
         own = slice(number * len(masses), (number + 1) * len(masses))
         best = own.start + int(np.argmax(gains[own]))
-        if gains[best] > max(limit, hums[number]):
-            width = 1.0 / max(record.duration for record in records)
-            yield Cause(
-                HARMONIC,
-                tried[best].mass,
-                line,
-                "Hz",
-                float(gains[best]),
-                width / np.sqrt(gains[best]),
-                source=f"{sizes[best]:.3g} N",
-            )
+        channel, frequency, of_hum, alone = _hum(fit, records, line)
+        gain = float(max(gains[best], of_hum))
+        if gain <= limit:
+            continue
+        error = width / np.sqrt(gain)
+        if gains[best] > of_hum:
+            yield Cause(HARMONIC, tried[best].mass, line, "Hz", gain, error, source=f"{sizes[best]:.3g} N")
+        elif alone:
+            yield Cause(HUM, channel, frequency, "Hz", gain, error)
 
 
 def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
@@ -234,20 +235,24 @@ def _gains(
     return np.array(gains), np.array(sizes)
 
 
-def _gains_of_hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> Floats:
-    """What hums of one sensor at each of the frequencies (f,) would take off -2 log likelihood, at most, motion held."""
-    segments, residuals = fit.optimum.segments, fit.misfit.residuals
+def _hum(fit: LikelihoodFit, records: Sequence[Record], line: float) -> tuple[str, float, float, bool]:
+    """The sensor whose hum near a line takes most off -2 log likelihood, motion held, its frequency in Hz, what it takes off,
+    and whether it is nearly all that hums of all sensors do.
+    """
+    segments, residuals = fit.optimum.segments, fit.misfit.residuals / fit.optimum.noise
     samples, channels, _ = residuals.shape
     series = residuals.transpose(1, 2, 0).reshape(channels, -1)
     time = np.concatenate(
         [np.arange(-(-len(record) // samples) * samples) * record.step for record in records]
     )
-    waves = np.exp(-2j * np.pi * np.array(lines)[:, None] * time)
-    seen = segments.observed.transpose(1, 2, 0).reshape(channels, -1).sum(axis=1)
-    return (
-        np.asarray(np.max(2.0 * np.abs(series @ waves.T) ** 2 / np.maximum(seen, 1)[:, None], axis=0))
-        / fit.optimum.noise**2
-    )
+    seen = np.maximum(segments.observed.transpose(1, 2, 0).reshape(channels, -1).sum(axis=1), 1)
+    near = line + _STEP / max(record.duration for record in records) * np.linspace(-1.0, 1.0, _FINE)
+    powers = [np.abs(series @ np.exp(-2j * np.pi * frequency * time)) ** 2 for frequency in near]
+    gains = 2.0 * np.array(powers) / seen
+    frequency, channel = np.unravel_index(np.argmax(gains), gains.shape)
+    most = float(gains[frequency, channel])
+    alone = most > _ALONE * float(gains[frequency].sum())
+    return records[0].responses[int(channel)], float(near[frequency]), most, alone
 
 
 def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce) -> HarmonicForce:
