@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 CLIPPED = 0.6  # of the peak
 MASSES = {"m1": 1.0, "m2": 0.01}
 ANSWERS: dict[str, Callable[[lw.Record], lw.Estimate | lw.Discovery | lw.Validation]] = {
-    "identify, ml": lambda record: lw.identify(record, lw.bnes_chain(2).unknown("nes")),
+    "identify, ml": lambda record: lw.identify(record, lw.bnes_chain(2).unknown("nes"), as_stated=True),
     "identify, weak": lambda record: lw.identify(record, lw.bnes_chain(2).unknown("nes"), method="weak"),
     "discover": lambda record: lw.discover(record, MASSES),
     "validate": lambda record: lw.validate(record, lw.bnes_chain(2)),
@@ -58,7 +58,7 @@ def test_a_clean_record_has_none(name: str) -> None:
 
 def test_alerts_of_all_records_are_told() -> None:
     clean, faults = clean_record(), replace(clipped_record(), source="second.csv")
-    fit = lw.identify([clean, faults], lw.bnes_chain(2).unknown("nes"))
+    fit = lw.identify([clean, faults], lw.bnes_chain(2).unknown("nes"), as_stated=True)
     assert [(alert.kind, alert.record) for alert in fit.alerts] == [("clipped", "second.csv")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -386,3 +387,35 @@ def test_records_that_tell_the_masses_say_nothing_of_them() -> None:
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     fit = lw.identify(record.with_noise(20.0, seed=3), chain.unknown("all"))
     assert fit.trusted and not told(fit) and "a mass of" not in fit.message
+
+
+def overloaded(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    peak = 0.7 * np.abs(values).max()
+    return np.clip(values, -peak, peak)
+
+
+def spiked(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    values[137::311] += 0.03
+    return values
+
+
+def humming(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    return values + 1e-3 * np.sin(2.0 * np.pi * 50.02 * time)
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "size"),
+    [(overloaded, "clipped", None), (spiked, "spikes", 6.0), (humming, "hum", 50.02)],
+)
+def test_what_a_record_shows_by_itself_is_taken_into_the_model(
+    fault: Callable[[np.ndarray, np.ndarray], np.ndarray], kind: str, size: float | None
+) -> None:
+    clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(30.0, seed=67)
+    values = {"x:m1": clean.channel("x:m1"), "x:m2": fault(clean.channel("x:m2").copy(), clean.time)}
+    fit = lw.identify(lw.Record.from_arrays(clean.time, values), STATED.unknown("nes"))
+    assert fit.trusted
+    [added] = fit.added
+    assert (added.kind, added.where) == (kind, "x:m2") and (
+        size is None or added.size == pytest.approx(size, abs=0.02)
+    )
+    assert np.abs(errors(fit, STATED)).max() < FAR

@@ -74,3 +74,18 @@ def test_a_linear_structure_needs_an_end() -> None:
     with pytest.raises(lw.SimulationError, match="at any amplitude, so that nothing ends the curve"):
         lw.backbone(spring, 1)
     assert lw.backbone(spring, 1, to_energy=1.0).reached
+
+
+def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
+    """An answer of which k alone is uncertain: at small amplitudes f has half of its relative error, at large ones less."""
+    duffing = oscillator(HARDENING, k=K, k3=K3, c=0.4)
+    bounds = np.array([0.0]), np.array([np.inf])
+    answer = lw.estimates.Posterior(duffing, ("link.k",), np.array([[16.0]]), *bounds)
+    curve = lw.backbone(answer, 1, to_amplitude={"x:m1": 0.1})
+    assert curve.lower is not None and curve.upper is not None
+    width = (curve.upper - curve.lower) / curve.hz
+    assert width[0] == pytest.approx(2.0 * 1.96 * 0.005, rel=0.25)  # of 60 draws
+    assert width[-1] < 0.6 * width[0]
+    assert np.all((curve.lower < curve.hz) & (curve.hz < curve.upper))
+    assert set(curve.to_dict()["points"][0]) == {"hz", "energy", "lower_hz", "upper_hz", "amplitude"}
+    assert "95 % band" in str(curve)

@@ -498,14 +498,14 @@ class MaximumLikelihood(Estimator):
             late = [name for name in options.delays if name not in beside_clocks((), clocks, records[0])]
             refuse_beside_random_forces(late, admitted, added, robust=robust, records=records)
 
-        def answer(structure: Structure, options: LikelihoodOptions) -> Estimate:
+        def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
             search = partial(self._search, structure)
             driven, options = with_harmonics(search, records, options, lambda fit: fit)
             finish = partial(_smoothest, structure)
             report = partial(estimate_of, structure)
             return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
 
-        stated = answer(structure, options)
+        stated = answer(structure, options, records)
         if self.as_stated or admitted:
             return stated
         return explained_answer(stated, answer, structure, options, records)

@@ -1,7 +1,8 @@
 """What explains a record that laws as stated leave more than noise of: one thing after another that the diagnosis names.
 
-Errors of inputs and sensors are taken into the model by themselves: noise of inputs at the level that their channels show,
-then what the diagnosis names first, as long as it is one of a sensor or an input. Terms and links that are missing are a
+Errors of inputs and sensors are taken into the model by themselves: samples at the end of a range, spikes and hums that the
+records show, noise of inputs at the level that their channels show, then what the diagnosis names first, as long as it is one
+of a sensor or an input. Terms and links that are missing are a
 second answer beside the one as stated, with what else is off beside the first of them. Either counts where it leaves nothing
 but noise.
 """
@@ -14,8 +15,9 @@ from functools import partial
 from typing import TypeVar
 
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import CLOCK, HARMONIC, Cause, SensorErrorEstimate
+from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
+from linkwise.inspection.missing_samples import mark_missing, marked_samples
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
     ADMISSIBLE,
@@ -122,10 +124,11 @@ def _rivals(first: Cause, second: Cause) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A structure and options with what was `added` to those stated, and the answer to them."""
+    """A structure, options and records with what was `added` to those stated, and the answer to them."""
 
     structure: Structure
     options: LikelihoodOptions
+    records: Sequence[Record]
     added: tuple[Cause, ...]
     answer: Estimate
 
@@ -141,7 +144,7 @@ class _Model:
         return (self.answer.chi_square_per_sample or 0.0) * self.answer.samples
 
 
-Answered = Callable[[Structure, LikelihoodOptions], Estimate]
+Answered = Callable[[Structure, LikelihoodOptions, Sequence[Record]], Estimate]
 
 
 def explained_answer(
@@ -153,16 +156,21 @@ def explained_answer(
 ) -> Estimate:
     """The answer as `stated`, that beside errors of inputs and sensors, or the former with one of other laws beside it.
 
-    The latter two where they leave nothing but noise. `answered` gives the answer to a structure by some options.
+    The latter two where they leave nothing but noise. `answered` gives the answer to a structure by some options from records.
     """
-    first = _Model(structure, options, (), stated)
-    if first.is_explained or stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
+    first = last = _Model(structure, options, records, (), stated)
+    if first.is_explained:
         return stated
-    last = explained(first, partial(_beside_error, records, answered, first), _ERRORS)
+    if (beside := _beside_alerts(answered, first)) is not None:
+        last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
+    if not last.is_explained and stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
+        return stated
+    if not last.is_explained:
+        last = explained(first, partial(_beside_error, answered, first), _ERRORS)
     if not last.is_explained:
         bar = part(options.progress, 1.0, 1.0)  # the search itself is done
         first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
-        last = explained(first, partial(_beside_cause, records, answered), _TERMS)
+        last = explained(first, partial(_beside_cause, answered), _TERMS)
     if not last.is_explained:
         return stated
     answer = replace(last.answer, added=_as_found(last.added, last.answer))
@@ -170,13 +178,35 @@ def explained_answer(
     return answer if as_stated else replace(stated, alternative=answer)
 
 
-def _beside_error(
-    records: Sequence[Record], answered: Answered, first: _Model, model: _Model
-) -> _Model | None:
+def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
+    """The model without what its records show by themselves: readings at an end of a range are bounds, spikes are missing, and
+    hums of sensors unknown; None where they show nothing of that.
+    """
+    alerts = [alert for alert in model.answer.alerts if alert.channel in model.records[0].responses]
+    faults = sorted({alert.kind for alert in alerts} & {CLIPPED, SPIKES})
+    stated = (
+        model.records[0].responses if model.options.random else model.options.hums
+    )  # none beside random forces
+    lines = {a.channel: a.frequencies for a in alerts if a.kind == HUM and a.channel not in stated}
+    records = [mark_missing(record, faults) for record in model.records] if faults else model.records
+    causes = [
+        Cause(alert.kind, alert.channel, float(count), "1", 0.0, 0.0)
+        for alert in alerts
+        if alert.kind in faults
+        if (count := sum(marked_samples(record).get(alert.channel, 0) for record in records))
+    ]
+    causes += [Cause(HUM, name, hz, "Hz", 0.0, 0.0) for name, several in lines.items() for hz in several]
+    if not causes:
+        return None
+    options = replace(model.options, hums={**model.options.hums, **lines})
+    return _refitted(answered, replace(model, records=records), model.structure, options, tuple(causes))
+
+
+def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | None:
     """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first."""
     if model.is_explained:
         return None
-    named = model.answer.diagnosis[:1]
+    named, records = model.answer.diagnosis[:1], model.records
     hidden = any(cause.kind == CLOCK for cause in named)  # by noise of inputs
     rung = (_first_error(model.options, records, model.answer) if hidden else None) or (
         _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
@@ -184,7 +214,7 @@ def _beside_error(
     return None if rung is None else _refitted(answered, model, model.structure, *rung)
 
 
-def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
+def _beside_cause(answered: Answered, model: _Model) -> _Model | None:
     """The model with the first of the terms and links that the diagnosis of its answer names, or next to it any other cause.
 
     Of those that are as likely, and an error that a term hardly exceeds, the one that explains most; None where another one
@@ -197,7 +227,7 @@ def _beside_cause(records: Sequence[Record], answered: Answered, model: _Model) 
     if tried and not (model.added or causes[0].is_instrument):
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
         tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
-    fits = (_with(cause, records, answered, model) for cause in tried)
+    fits = (_with(cause, answered, model) for cause in tried)
     likeliest = sorted(
         (richer for richer in fits if richer is not None),
         key=lambda richer: (not richer.is_explained, richer.misfit),
@@ -218,11 +248,11 @@ def _can_be_added(cause: Cause) -> bool:
     return cause.kind in FREED or (is_admissible(cause) and not cause.kind.endswith(("delay", CLOCK)))
 
 
-def _with(cause: Cause, records: Sequence[Record], answered: Answered, model: _Model) -> _Model | None:
+def _with(cause: Cause, answered: Answered, model: _Model) -> _Model | None:
     structure, options = model.structure, model.options
     if not is_admissible(cause):
         return _refitted(answered, model, with_cause(structure, cause), options, (cause,))
-    wider = with_error(options, cause, records[0])
+    wider = with_error(options, cause, model.records[0])
     return None if wider is None else _refitted(answered, model, structure, wider, (cause,))
 
 
@@ -234,7 +264,8 @@ def _refitted(
     causes: tuple[Cause, ...],
 ) -> _Model | None:
     try:
-        return _Model(structure, options, (*model.added, *causes), answered(structure, options))
+        answer = answered(structure, options, model.records)
+        return _Model(structure, options, model.records, (*model.added, *causes), answer)
     except IdentificationError:
         return None
 
@@ -267,13 +298,16 @@ def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause
 
 def _first_error(options: LikelihoodOptions, records: Sequence[Record], current: Estimate) -> _Rung | None:
     """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
-    if current.diagnosis and current.diagnosis[0].kind == HARMONIC:
-        line = current.diagnosis[0]
+    line = current.diagnosis[0] if current.diagnosis else None
+    if line is not None and line.kind == HUM:
+        hums = (*options.hums.get(line.where, ()), line.size)
+        return replace(options, hums={**options.hums, line.where: hums}), (line,)
+    if line is not None and line.kind == HARMONIC:
         more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
         known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
         return replace(options, harmonics=(*known, *more)), (line,)
     first = _distinct_error(current.diagnosis)
-    if first is None or first is not current.diagnosis[0]:
+    if first is None or first is not line:
         return None
     if options.random and first.kind.endswith(("delay", "gain")):
         return None  # delays are not estimated then, and masses, which look like a gain, not tested

@@ -1,4 +1,4 @@
-"""Harmonic forces that were not recorded, as of a rotating machine: lines in what a fit leaves, and their estimates.
+"""Harmonic forces that were not recorded, as of a rotating machine, and hums of sensors: lines in what a fit leaves.
 
 A force of unknown amplitudes and frequency on a mass is taken as a channel of the records, so that starts, searches and
 checks need no case of their own. Between fits its unknowns follow from one linearisation, and what is not known of them is
@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import HARMONIC, Cause, SensorErrorEstimate
+from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
@@ -43,6 +43,8 @@ _ABOVE = (
 _CHANCE = (
     16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 )
+_FINE = 17  # frequencies around a line at which a hum is looked for
+_ALONE = 0.9  # of what hums of all sensors explain: a missing term leaves lines in several
 _HIGHEST = 0.4  # of the sampling rate
 _PERIODS = 10.0  # in a record, of a line at least: fewer are a drift
 
@@ -125,10 +127,11 @@ def estimated_harmonics(
     return unknowns.covariance, tuple(errors), tuple(sentences)
 
 
-def harmonic_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Iterator[Cause]:
-    """Harmonic forces that would explain lines in what a fit leaves, each on the mass on which it explains most.
+def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Iterator[Cause]:
+    """What would explain lines in what a fit leaves: each a harmonic force on the mass on which it explains most, or a hum.
 
-    A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score.
+    A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score. That of a
+    sensor is in its channel alone.
     """
     masses = [name for name in structure.mass_names if name not in structure.modes]
     if structure.hosts or not fit.has_errors:
@@ -141,20 +144,20 @@ def harmonic_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[
     limit = _CHANCE + 2.0 * np.log(count * len(masses))
     tried = [HarmonicForce(mass, structure.mass_names.index(mass), line) for line in lines for mass in masses]
     gains, sizes, hums = _gains(fit, records, tried, lines)
+    width = 1.0 / max(record.duration for record in records)
     for number, line in enumerate(lines):
         own = slice(number * len(masses), (number + 1) * len(masses))
         best = own.start + int(np.argmax(gains[own]))
-        if gains[best] > max(limit, hums[number]):
-            width = 1.0 / max(record.duration for record in records)
-            yield Cause(
-                HARMONIC,
-                tried[best].mass,
-                line,
-                "Hz",
-                float(gains[best]),
-                width / np.sqrt(gains[best]),
-                source=f"{sizes[best]:.3g} N",
-            )
+        channel = int(np.argmax(hums[number]))
+        gain = float(max(gains[best], hums[number, channel]))
+        if gain <= limit:
+            continue
+        error = width / np.sqrt(gain)
+        frequency, alone = _refined_hum(fit, records, line, channel)
+        if gains[best] > hums[number, channel]:
+            yield Cause(HARMONIC, tried[best].mass, line, "Hz", gain, error, source=f"{sizes[best]:.3g} N")
+        elif alone:
+            yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
 def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
@@ -222,8 +225,8 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
 def _gains(
     fit: LikelihoodFit, records: Sequence[Record], tried: Sequence[HarmonicForce], lines: Sequence[float] = ()
 ) -> tuple[Floats, Floats, Floats]:
-    """What each of the forces (f,), alone, would take off -2 log likelihood, their amplitudes in N, and what hums at each of
-    the `lines` (l,) in Hz would, each in the sensor in which it explains most.
+    """What each of the forces (f,), alone, would take off -2 log likelihood, their amplitudes in N, and what hums of sensors at
+    `lines` in Hz would, (l, C).
     """
     unknowns = _Unknowns.of(fit, records, tried, _hums(fit, records, lines) if lines else None)
     places = unknowns.places(with_frequency=False)
@@ -237,7 +240,7 @@ def _gains(
         gains.append(float(slope @ size))
         sizes.append(float(np.hypot(*size[:2])))
     of_hums = np.reshape(gains[len(tried) :], (len(lines), fit.optimum.segments.observed.shape[1]))
-    return np.array(gains[: len(tried)]), np.array(sizes[: len(tried)]), of_hums.max(axis=1, initial=0.0)
+    return np.array(gains[: len(tried)]), np.array(sizes[: len(tried)]), of_hums
 
 
 def _hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> SensorErrors:
@@ -258,6 +261,23 @@ def _hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float])
     ]
     channel = np.tile(np.repeat(np.arange(channels), 2 * len(records)), len(lines))
     return SensorErrors(channel, ("hum",) * len(channel), np.full(len(channel), -1), np.stack(waves, axis=1))
+
+
+def _refined_hum(
+    fit: LikelihoodFit, records: Sequence[Record], line: float, channel: int
+) -> tuple[float, bool]:
+    """The frequency in Hz near a line at which a sensor shows most in what is left, and whether hardly another shows it."""
+    residuals = fit.misfit.residuals
+    samples, channels, _ = residuals.shape
+    series = residuals.transpose(1, 2, 0).reshape(channels, -1)
+    counts = [-(-len(record) // samples) for record in records]
+    time = np.concatenate(
+        [record.step * np.arange(n * samples) for n, record in zip(counts, records, strict=True)]
+    )
+    near = line + _STEP / max(record.duration for record in records) * np.linspace(-1.0, 1.0, _FINE)
+    powers = np.array([np.abs(series @ np.exp(-2j * np.pi * frequency * time)) ** 2 for frequency in near])
+    most = int(np.argmax(powers[:, channel]))
+    return float(near[most]), bool(powers[most, channel] > _ALONE * powers[most].sum())
 
 
 def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce) -> HarmonicForce:

@@ -176,6 +176,9 @@ def backbone(
     with axes_for(ax, legend=legend) as axes:
         _draw_measured(axes, result.measured, column, factor)
         inside = np.where(outside, np.nan, values)
+        if result.lower is not None and result.upper is not None:
+            ends = (result.lower, result.upper)
+            axes.fill_betweenx(factor * values, *ends, color="black", alpha=_BAND, linewidth=0)
         axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
         if outside.any():
             beyond = np.where(outside, values, np.nan)

@@ -45,6 +45,8 @@ _LINEAR, _TRIALS = (
 _LONGEST = 0.08  # step along the curve
 _MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
+_DRAWS, _STATIONS = 60, 12  # of an answer, and points of its curve near which they have motions
+_DEVIATIONS, _LEAST = 1.96, 0.5  # of the draws in half a band, and the part of them that must have a motion
 _FREQUENCY = 0.2  # of omega: its size
 
 
@@ -126,6 +128,8 @@ class Backbone(JudgedView):
         Half of peak to peak of each channel.
     starts : array of shape (P, n)
         Displacements in m from which the motions are released.
+    lower, upper : array of shape (P,) or None
+        Of an answer, ends in Hz of the 95 % band of the frequency at each energy; NaN where few draws have such a motion.
     reached : bool
         Whether the curve reached the end that was asked for.
     outside : tuple of str
@@ -150,6 +154,8 @@ class Backbone(JudgedView):
     energy: Floats
     amplitude: Floats
     starts: Floats
+    lower: Floats | None = None
+    upper: Floats | None = None
     reached: bool = True
     outside: tuple[str, ...] = ()
     measured: MeasuredPoints | None = None
@@ -205,7 +211,7 @@ class Backbone(JudgedView):
         dict
             "mode" and "points".
         """
-        points = zip(self.hz.tolist(), self.energy.tolist(), self.amplitude.tolist(), strict=True)
+        columns = {"hz": self.hz, "energy": self.energy, "lower_hz": self.lower, "upper_hz": self.upper}
         return {
             "method": "backbone",
             "structure": self.structure.name,
@@ -214,8 +220,9 @@ class Backbone(JudgedView):
             "findings": list(self.findings),
             "mode": self.mode,
             "points": [
-                {"hz": hz, "energy": energy, "amplitude": dict(zip(self.channels, values, strict=True))}
-                for hz, energy, values in points
+                {name: float(column[number]) for name, column in columns.items() if column is not None}
+                | {"amplitude": dict(zip(self.channels, values, strict=True))}
+                for number, values in enumerate(self.amplitude.tolist())
             ],
             **({} if self.measured is None else {"measured": self.measured.to_list(self.channels)}),
         }
@@ -234,11 +241,21 @@ def backbone_headline(result: Backbone) -> tuple[str, ...]:
 
 def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     """Some points: frequency, energy and amplitudes."""
-    titles = ("Hz", "energy, J", *(f"{name}, {unit_in(result.structure, name)}" for name in result.channels))
+    amplitude = (f"{name}, {unit_in(result.structure, name)}" for name in result.channels)
+    bands = (
+        []
+        if result.lower is None or result.upper is None
+        else list(zip(result.lower, result.upper, strict=True))
+    )
+    titles = ("Hz", *(["95 % band"] if bands else []), "energy, J", *amplitude)
     which = np.unique(np.linspace(0, len(result.hz) - 1, count).round().astype(int))
     rows = [
         (
             f"{result.hz[k]:.5g}",
+            *(
+                "{:.5g} to {:.5g}".format(*ends) if np.isfinite(ends).all() else "-"
+                for ends in bands[k : k + 1]
+            ),
             f"{result.energy[k]:.3g}",
             *(f"{value:.4g}" for value in result.amplitude[k].tolist()),
         )
@@ -276,7 +293,7 @@ def backbone(
     Returns
     -------
     Backbone
-        Frequency, energy and amplitudes along the curve.
+        Frequency, energy and amplitudes along the curve; of an answer the frequency has a band.
 
     Raises
     ------
@@ -299,8 +316,8 @@ def backbone(
     structure = asked.structure
     refuse_rig(structure, "backbones")
     channels = shown_channels(structure, show)
-    free = FreeMotion.of(structure)
-    linear, count = modes(structure), structure.size
+    free, count = FreeMotion.of(structure), structure.size
+    linear = modes(structure)
     if not (1 <= mode <= count and linear.frequencies[mode - 1] > 0.0):
         raise SimulationError(
             f"there is no vibration in mode {mode}; the frequencies of modes 1 to {count} are "
@@ -309,6 +326,7 @@ def backbone(
     measured = _Measured(free, float(potential_energy(structure, linear.at, 0.0).sum()))
     end = _end(measured, to_amplitude, to_energy)
     points = _followed(free, _linear_start(free, linear, mode, to_amplitude or {}), end)
+    energy = np.array([measured.energy(point) for point in points])
     if end is None and np.ptp([point.parameter for point in points]) < _LINEAR * points[0].parameter:
         raise SimulationError(
             f"the frequency of mode {mode} is {linear.frequencies[mode - 1]:.5g} Hz at any amplitude, so that nothing ends "
@@ -318,19 +336,51 @@ def backbone(
     motions = [free.motion(point.unknowns) for point in points]
     zero = np.zeros(SAMPLES + 1)
     rows = channel_rows(structure, channels)
+    lower, upper = (None, None) if asked.posterior is None else _band(asked.posterior, free, points, energy)
     return Backbone(
         structure=structure,
         mode=mode,
         channels=channels,
         hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
-        energy=np.array([measured.energy(point) for point in points]),
+        energy=energy,
         amplitude=np.array([amplitudes(motion, rows, 1)[0] for motion in motions]),
         starts=np.array([point.unknowns[:-1] for point in points]),
+        lower=lower,
+        upper=upper,
         reached=end is None or abs(end(points[-1])) <= _REACHED * abs(end(points[0])),
         outside=tuple(asked.farthest(structure.elongations(motion[:, :count], zero)) for motion in motions)
         if asked.ranges
         else (),
     )
+
+
+def _band(
+    posterior: Posterior, free: FreeMotion, points: Sequence[Point], energy: Floats
+) -> tuple[Floats, Floats]:
+    """The ends (P,) in Hz of the band that draws of an answer have at energies (P,) of its curve.
+
+    Each draw has a motion across the curve near some of its points. What counts is the ratio of its frequency to that of the
+    curve at the same energy, by interpolation.
+    """
+    hz = np.array([point.parameter for point in points])
+    stations = [points[k] for k in np.unique(np.linspace(0, len(points) - 1, _STATIONS).round().astype(int))]
+    ratios = []
+    for values in posterior.draws(_DRAWS, seed=0):
+        drawn = posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
+        own = FreeMotion(drawn, free.integrator)
+        measured = _Measured(own, float(potential_energy(drawn, modes(drawn).at, 0.0).sum()))
+        moved = [solve(own, point.unknowns, point.tangent) for point in stations]
+        found = [point for point in moved if point is not None]
+        at = np.array([measured.energy(point) for point in found])
+        ratio = np.array([point.parameter for point in found]) / np.interp(at, energy, hz)
+        order = np.argsort(at)
+        ratios.append(
+            np.interp(energy, at[order], ratio[order]) if len(found) > 1 else np.full(len(hz), np.nan)
+        )
+    enough = np.mean(np.isfinite(ratios), axis=0) >= _LEAST
+    half = _DEVIATIONS * np.nanstd(np.where(enough, ratios, 1.0), axis=0) * hz / (2.0 * np.pi)
+    half[~enough] = np.nan
+    return hz / (2.0 * np.pi) - half, hz / (2.0 * np.pi) + half
 
 
 def _linear_start(free: FreeMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:

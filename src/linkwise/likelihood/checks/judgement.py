@@ -16,7 +16,7 @@ from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.held_closer import CloserFit, held_closer
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.harmonics import harmonic_causes
+from linkwise.likelihood.harmonics import line_causes
 from linkwise.likelihood.noise import lag_one_autocorrelation
 from linkwise.likelihood.random_forces import noise_of_channels
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
@@ -162,9 +162,9 @@ class Examined:
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
         least = max(_LINE * random, AS_NOISE * first)
-        lines = harmonic_causes(self.fit, self.identified, self.records)
-        harmonic = (cause for cause in lines if cause.gain > least)
-        every = (*self.diagnosis.causes, *noisy, *forces, *harmonic)
+        found = line_causes(self.fit, self.identified, self.records)
+        lines = (cause for cause in found if cause.gain > least)
+        every = (*self.diagnosis.causes, *noisy, *forces, *lines)
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
     @cached_property

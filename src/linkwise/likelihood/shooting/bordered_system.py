@@ -1,15 +1,11 @@
-"""Block tridiagonal normal equations with a border, by LAPACK's banded Cholesky.
+"""Block tridiagonal normal equations with a border, and their Cholesky factors.
 
     | H  E | |s|   |g|      H: an (m, m) block per node and one per neighbouring pair of nodes
     | E' C | |t| = |c|      E: (K m, p) border, C: (p, p) corner
 
-Flops and memory are linear in K. A wide border goes through the factor node by node, by products of blocks.
-
-Block tridiagonal normal equations with a border, node by node from both ends, for structures of many masses.
-
-The factor is that of `BorderedSystem` in another order: nodes are eliminated from the first on and from the last, which two
-threads can do at once, and they meet in the middle. Blocks are dense, so that all of it is products and triangular solutions
-of blocks.
+Flops and memory are linear in K. `BorderedSystem` is factored by LAPACK's banded routine; a wide border goes through the
+factor node by node, by products of blocks. `BlockEquations`, for many masses, are eliminated from the first node on and from
+the last, which two threads can do at once, and meet in the middle: dense blocks, of which none but the roots are kept.
 """
 
 from __future__ import annotations

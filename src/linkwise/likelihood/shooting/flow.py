@@ -1,30 +1,18 @@
-"""Flow of the equations of motion over all segments at once.
+"""Flow of the equations of motion over all segments at once, and the inputs that act along it.
 
 The accuracy of the flow limits that of the estimate, so it is integrated with order 8 to well below the noise. Velocities are
-carried as u = h v and accelerations as h^2 a, so that no stage is multiplied by h; states of links as they are.
+carried as u = h v and accelerations as h^2 a, so that no stage is multiplied by h; states of links as they are. The eleven
+stages have their abscissae at the five Lobatto points of the step, so inputs are needed at five times a step, and stages 0, 8
+and 10 are accurate states at its start, middle and end, along which Nystroem's method of order 4 carries sensitivities.
 
-Runge-Kutta coefficients: Cooper and Verner's order 8 for the flow, Nystroem's order 4 for sensitivities.
-
-The eleven stages of the former have their abscissae at the five Lobatto points of the step, so inputs are needed at five times
-a step, and stages 0, 8 and 10 are accurate states at its start, middle and end, which the latter uses.
+What a late sensor shows of the fitted motion is the polynomial of degree 11 that agrees with displacement, velocity and
+acceleration at four samples around. Known signals with an unknown delay (applied forces, motion of a base) are polynomials in
+the delay through Chebyshev's points: to first order alone a delay of half a sample would leave an eighth of a signal at a
+sixth of the sampling rate.
 
 References
 ----------
 G. J. Cooper and J. H. Verner, SIAM J. Numer. Anal. 9, 389 (1972).
-
-Applied forces whose channels have an unknown gain or delay: what acts where a channel shows gain * force(t - delay).
-
-Over the delay a force is the polynomial through its values at Chebyshev's points, as what late sensors show of a base is.
-
-What sensors show that are late: the fitted motion between its samples, and its rate.
-
-Between its samples the motion is the polynomial of degree 11 that agrees with displacement, velocity and acceleration at
-four of them around; before the first of a segment it is that of the first four.
-
-What late sensors show of coordinates that move: a known signal at delays of any size up to a sample and a half.
-
-Over the delay the signal is the polynomial through its values at Chebyshev's points. To first order alone a delay of half a
-sample would leave an eighth of a signal at a sixth of the sampling rate.
 """
 
 from __future__ import annotations

@@ -1,16 +1,10 @@
-"""The linearised problem at a point, dense for few masses and local for many.
-
-Score and information of consecutive blocks of segments on the border, the states eliminated as the whole record does.
+"""The linearised problem at a point, dense for few masses and local for many, and what it tells of the unknowns.
 
 With H of the states, border E and corner C of all segments, F = H^-1 E says how the states follow the unknowns. The segments
 of a block contribute H_b, E_b and C_b, and their information is C_b - E_b' F + F' (H_b F - E_b). The last difference is zero
 but at the first and the last node of the block, where it is what the link with the neighbouring segment transmits: the
-product E_b' F remains, of sparse E_b where the structure has many masses.
-
-Rows of the linearised equations at an optimum with the states eliminated: how residuals and defects follow the unknowns.
-
-Where an unknown moves, the states follow as the whole record determines. Sums over these rows are what samples and links
-between segments say of the unknowns.
+product E_b' F remains, of sparse E_b where the structure has many masses. `eliminated_rows` has the rows themselves with the
+states eliminated: sums over them are what samples and links between segments say of the unknowns.
 """
 
 from __future__ import annotations

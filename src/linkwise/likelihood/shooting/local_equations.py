@@ -1,7 +1,4 @@
-"""Gauss-Newton normal equations of structures of many masses, assembled node by node from the blocks that are not zero.
-
-Products of the Jacobian of structures of many masses: those of groups of columns that meet in a row, no others.
-"""
+"""Normal equations of structures of many masses, assembled node by node from the products of `neighbourhoods`."""
 
 from __future__ import annotations
 

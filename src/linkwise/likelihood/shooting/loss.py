@@ -1,8 +1,9 @@
-"""Losses of residuals, which are in standard deviations of the noise: Gaussian, Huber and Student.
+"""Losses of residuals in standard deviations of the noise, and what else the cost counts.
 
-Readings of sensors that were overloaded, as bounds: the likelihood of a censored normal variable.
+Beside the Gaussian, Huber's and Student's losses these are priors of the unknowns, random forces on masses (states that are
+constant in a segment of one sample, and independent of those around), and readings of overloaded sensors, as bounds.
 
-With u the distance in standard deviations by which the motion is beyond the end of the range, a reading there has the
+With u the distance in standard deviations by which the motion is beyond the end of the range, a clipped reading has the
 probability Phi(u), the normal distribution. Its score h = phi(u) / Phi(u) and curvature h (h + u) are those of an observation
 1 / (h + u) beyond the motion with this curvature as weight. Samples that noise alone held inside are exact: were they left
 out and the others not, noise would have chosen which samples count.
@@ -10,10 +11,6 @@ out and the others not, noise would have chosen which samples count.
 References
 ----------
 J. Tobin, Econometrica 26, 24 (1958).
-
-What is known of the unknowns beforehand: Gaussian priors of coefficients, masses and sensors' gains and offsets.
-
-Random forces on masses as states of the segments: constant in a segment of one sample, independent of those around it.
 """
 
 from __future__ import annotations

@@ -1,35 +1,20 @@
-"""The gradient of the cost of multiple shooting by the adjoint of its sensitivities, which does not need these.
-
-The scheme of the sensitivities is linear, and run backwards it carries what the samples and the ends of a segment pull at to
-its node and to the parameters: all in one sweep of a single column, which costs a part of what the flow does.
-
-Steps by the sensitivities and the factor of an earlier one, at the price of the flow and of the factor's solutions.
-
-Beside the optimum sensitivities hardly change any more, but the gradient of the cost does, and with tight links a small error
-of a segment's sensitivities turns what its end pulls at far aside. The pulls are therefore unknowns of their own, Lagrange's
-multipliers of the links: states, unknowns and pulls go to where the gradient, which the adjoint gives exactly, vanishes and
-defects are what the pulls leave of them. The equations of an earlier point, and of looser links, lead there (chord method);
-fewer steps do where the last few are mixed.
-
-References
-----------
-J. Nocedal and S. J. Wright, Numerical Optimization (2006), section 18.1, for the equations of points and multipliers.
-
-C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations (1995), section 5.4, for chords.
-
-D. G. Anderson, J. ACM 12, 547 (1965), for the mixing.
-
-Annealed multiple shooting: Levenberg-Marquardt iterations while the continuity of the segments is tightened.
+"""Annealed multiple shooting: Levenberg-Marquardt iterations while the continuity of the segments is tightened.
 
     minimise  sum loss((y - h(flow)) / sigma)  +  sum |defect / S|^2 / q^2 ,   q from 1 towards 0
 
-METHODS section 5.
+METHODS section 5. Beside the optimum the sensitivities hardly change any more, and steps by the factor of an earlier point
+cost the flow alone (`ChordEquations`). With tight links a small error of a segment's sensitivities turns what its end pulls at
+far aside; the pulls are therefore unknowns of their own, Lagrange's multipliers of the links: states, unknowns and pulls go to
+where the gradient vanishes and defects are what the pulls leave of them. That gradient is exact: the scheme of the
+sensitivities run backwards, in one sweep of a single column, which costs a part of what the flow does (`gradient`).
 
 References
 ----------
 H. G. Bock, in Modelling of Chemical Reaction Systems (1981), for multiple shooting.
-
 J. Ye et al., Phys. Rev. E 92, 052901 (2015), for annealing.
+J. Nocedal and S. J. Wright, Numerical Optimization (2006), section 18.1, for the equations of points and multipliers.
+C. T. Kelley, Iterative Methods for Linear and Nonlinear Equations (1995), section 5.4, for chords.
+D. G. Anderson, J. ACM 12, 547 (1965), for the mixing of the last few.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""Parts of a structure of many masses that an influence reaches within a segment.
+"""Structures of many masses: the parts that an influence reaches within a segment, and Jacobian and products by parts.
 
 Neighbouring masses form clusters. Their states and the coefficients of their links are columns of sensitivities that differ
-from zero only near them: how near follows from the sensitivities of some segments, computed for the whole structure.
-
-Whitened Jacobian of multiple shooting, group by group of columns, each along the part of the structure that it reaches.
-
-Blocks of the normal equations of structures of many masses: of groups of columns that meet in a row, no others.
+from zero only near them: how near follows from the sensitivities of some segments, computed for the whole structure. Rows of
+the Jacobian are computed group by group of columns, and products only of groups that meet in a row.
 """
 
 from __future__ import annotations

@@ -1,17 +1,13 @@
-"""Gauss-Newton normal equations of multiple shooting, block by block and chunk by chunk of segments.
+"""Gauss-Newton normal equations of multiple shooting, chunk by chunk of segments, with dense blocks.
 
-Sums of products of the linearised rows: of the states of nodes by segments, of the border by blocks of segments.
+`whitened_jacobian` has the rows of some segments: sensitivities to the states of their nodes, to parameters and candidate
+forces, and to errors of sensors and inputs, which touch the rows of one channel each. `linearise` sums their products, of the
+states by segments and of the border by blocks of segments.
 
-Columns of errors of sensors touch the rows of one channel each, so that only these are multiplied with them.
-
-Columns of the normal equations of errors that sensors and inputs have: offsets, gains, delays, and shown random forces.
-
-Normal equations whose border moves all nodes along: what stays of a weakly determined direction after rounding.
-
-A coefficient that sets where a mass rests moves it in every segment, by many times what the continuity of the segments allows.
-The equations then hold numbers whose difference alone is information, and where it is less than their rounding a covariance
-means nothing. In coordinates of the nodes relative to a shift by each unknown of the border, the same in all segments, they
-are small from the start, and nothing else changes.
+A coefficient that sets where a mass rests moves it in every segment, by many times what the continuity of the segments
+allows. The equations then hold numbers whose difference alone is information, and where it is less than their rounding a
+covariance means nothing. In coordinates of the nodes relative to a shift by each unknown of the border, the same in all
+segments, they are small from the start, and nothing else changes (`with_common_shift`).
 """
 
 from __future__ import annotations

@@ -4,22 +4,13 @@ A piece is a run of segments from one node to another, which it shares with the 
 ends and the unknowns of all; eliminated piece by piece, in memory that does not grow with the record, they leave a chain of
 ends, whose solution is exactly that of the equations of all nodes (substructuring).
 
+Motion close to where it parts bends away from the linearised equations within few segments. After each step that all pieces
+share, a piece in which it does lowers its cost by its inner states alone, with a damping of its own, and no other one is held
+back. The ends of the pieces lie elsewhere at every second step.
+
 References
 ----------
 J. S. Przemieniecki, AIAA J. 1, 138 (1963), for substructures.
-
-States inside a piece of a record that settle while its ends and all other unknowns are held.
-
-Motion close to where it parts bends away from the linearised equations within few segments. With damping of its own such a
-piece is followed at its own pace, and no other one is held back.
-
-The search at one relaxation in a long record: steps of all pieces together, whose states then settle piece by piece.
-
-A step that the pieces share moves the unknowns that all have in common and the ends of the pieces as the linearised equations
-of everything say. A piece in which the motion bends away from these then lowers its cost by its inner states alone, with a
-damping of its own. The ends of the pieces lie elsewhere at every second step.
-
-The quadratic model of a long record with columns for what is tested, piece by piece, so that these take little memory.
 """
 
 from __future__ import annotations

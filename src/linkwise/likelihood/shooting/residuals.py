@@ -1,11 +1,7 @@
-"""Residuals of the samples and defects between segments.
+"""Residuals of the samples and defects between segments at a point, and what errors of sensors would add to them.
 
-Errors that sensors may have: what each would add to the samples of its channel, per unit of its size.
-
-Segments joined to longer ones: fewer nodes for a motion that is already that of the laws.
-
-Short segments let a search start far from the laws. Where the motion is nearly continuous, the same samples in segments
-several times as long have the same optimum, and elimination, whose cost is that of the nodes, takes a fraction of the time.
+`LongerSegments` joins segments where the motion is already that of the laws: short ones let a search start far from the
+optimum, and the same samples in segments several times as long have the same one, with fewer nodes to eliminate.
 """
 
 from __future__ import annotations

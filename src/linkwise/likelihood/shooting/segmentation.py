@@ -1,8 +1,8 @@
 """Records cut into segments: samples by channel, sensors, and inputs at the points of the flow.
 
-Segments of records in coordinates that move with a base: what sensors show of its motion, and its acceleration.
-
-Segments of records in which channels of applied forces have unknown gains or delays.
+Where a base moves and no link ends at the ground, segments are in coordinates that move with it: sensors then show its motion
+as well, and every mass carries a force of inertia. Applied forces whose channels have unknown gains or delays become
+`UncertainForces`.
 """
 
 from __future__ import annotations

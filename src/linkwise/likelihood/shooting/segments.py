@@ -1,26 +1,13 @@
-"""Records cut into segments with free states: residuals, defects, and their normal equations.
+"""Records cut into segments with free states: the samples, the sensors that show them, and the unknowns.
 
 Segment k starts at its node, carries the samples j = 0 .. M - 1 from there, and ends where segment k + 1 starts
 (if the two are linked). Several records are chains of segments that are not linked to each other. A missing sample
 has weight zero; so has the padding behind the last sample of a record.
 
-What sensors add to their signals over time, in known shapes of unknown size: drift by pieces of a line, and hum.
-
-A drift is a line of pieces, each of which rises from 0 to 1 after the one before and stays there. A hum is a cosine and a
-sine of one frequency, of which amplitude and phase follow.
-
-Where the sliders of links were when a record began: within their largest sizes, which records hardly tell.
-
-Sliders side by side stick until the motion turns far enough, and until then their forces add up to one. How the states of
-several share it at the start of a record shows in their corners alone: the equations were singular along such shares, and
-searches crept. A slider is never beyond its largest size, and its state passes through all of its range: at the start it is
-taken as normal around zero with the root mean square of its size along the motion.
-
-Long gaps in records: where the chain of segments is interrupted, and the start inside gaps.
-
-Over a long gap chaotic motion has many continuations, and a search cannot choose among them from poor starting values. The
-state after the gap is therefore free at first, as at the start of a record; once the laws are known, the two sides are
-joined.
+`Sensors` have unknown gains, offsets and delays; what they add over time in known shapes of unknown size (drift by pieces of
+a line, hum, high pass, clock) is a `Disturbance`, as arrays `Waveforms`. Over a long gap chaotic motion has many
+continuations, and a search cannot choose among them from poor starting values: the state behind it is free at first
+(`split_at_gaps`), and the two sides are joined once the laws are known.
 """
 
 from __future__ import annotations

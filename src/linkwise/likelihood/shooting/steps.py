@@ -1,8 +1,4 @@
-"""Levenberg-Marquardt steps of multiple shooting within the bounds of the parameters.
-
-Defects between segments as the linearised flow has them: how they follow a step, and how they pull at it.
-
-Steps that follow the curvature of the flow, which tight links between segments make costly.
+"""Levenberg-Marquardt steps of multiple shooting within bounds, and the schedule of relaxation and damping.
 
 A step solves the linearised equations, and the curvature of the flow leaves defects of second order behind it. Where links are
 tight these cost more than the step gains, so that full steps are refused beside the optimum (Maratos' effect). The equations
@@ -12,8 +8,6 @@ References
 ----------
 J. Nocedal and S. J. Wright, Numerical Optimization (2006), section 18.3, second-order corrections.
 D. G. Anderson, J. ACM 12, 547 (1965), for the extrapolation of these.
-
-How annealed multiple shooting goes on: its schedule, its steps, and the relaxation and damping that follow from these.
 """
 
 from __future__ import annotations

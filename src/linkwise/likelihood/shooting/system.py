@@ -1,16 +1,9 @@
-"""A structure as arrays: topology, laws by group and the linear map from parameters to coefficients and masses.
+"""A structure as arrays: topology, laws by group, and the linear map from parameters to coefficients and masses.
 
 The batch of segments is the LAST axis of arrays, (links, K) or (masses, K): links are then contiguous, a group of links
 with one law is a slice, and B^T x is one matrix product for all segments. Links are sorted by law; `System.order` has their
-indices in the structure.
-
-Links with one law, and their states, by their places in the arrays of a system.
-
-The linear map from parameters to the coefficients of links and to masses.
-
-Partial derivatives of the rates of states of links with memory.
-
-Shapes of hosts among the parameters: how points, and with them links, forces and sensors, change with the modes' shapes.
+indices in the structure. `System.at` puts in numbers for the parameters: a `NumericSystem` has forces and their partial
+derivatives, also by states of links with memory and by shapes of hosts that are parameters.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""Sensitivities of the flow by a scheme cheaper than its own.
+"""Sensitivities of the flow, and of what sensors show, by a scheme cheaper than its own.
 
 They only set search directions and standard errors: order 4, in single precision, along the states of the flow.
-
-Tangent link forces along an orbit: what sensitivities of the motion do to the forces, and unknown coefficients add.
-
-Sensitivities of what sensors show: those of the motion, and of points whose shapes are parameters.
+`TangentForces` are what sensitivities of the motion do to the forces of links and what unknown coefficients, masses, shapes
+of hosts and candidate forces add; `march` carries them from the nodes on.
 """
 
 from __future__ import annotations
