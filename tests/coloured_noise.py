@@ -1,7 +1,5 @@
 """Noise that is correlated from sample to sample."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 

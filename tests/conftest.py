@@ -1,7 +1,5 @@
 """What all tests share: deterministic hypothesis, Ctrl-C, a cache of compiled equations, and data beside a checkout."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Structures by what they say, whatever their names: who is linked to whom, by which terms."""
 
-from __future__ import annotations
-
 import linkwise as lw
 from linkwise.expression import to_text
 

@@ -1,7 +1,5 @@
 """Random forces in a band of frequencies, by which many tests drive an oscillator."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import linkwise as lw

@@ -1,8 +1,7 @@
 """Least-squares problems with known answers, as the quadratic models that discovery works on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -17,7 +16,7 @@ class Regression:
     y: np.ndarray
 
     @classmethod
-    def drawn(cls, seed: int, size: int = 7, samples: int = 60) -> Regression:
+    def drawn(cls, seed: int, size: int = 7, samples: int = 60) -> Self:
         """Columns of sizes over six decades that lean on each other."""
         random = np.random.default_rng(seed)
         columns = random.normal(size=(samples, size)) @ (

@@ -1,7 +1,5 @@
 """Files and folders that appear whole or not at all, and what they must not take the place of."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

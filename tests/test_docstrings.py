@@ -1,7 +1,5 @@
 """Every public name is documented in numpydoc sections, with examples, and every public member of a public class too."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import inspect

@@ -1,7 +1,5 @@
 """What the errors say and carry."""
 
-from __future__ import annotations
-
 import pickle
 
 import pytest

@@ -1,7 +1,5 @@
 """Results in a notebook: escaped, self-contained, and with their trust in the first line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from problems import chain_record

@@ -1,7 +1,5 @@
 """The house, walked: one direction, no circles, one door to each guarded library."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from functools import cache

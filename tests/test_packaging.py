@@ -1,7 +1,5 @@
 """What stands beside the package: workflows of a forge, the recipe for conda, the check of wheels, the notebook."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What other systems lack is not needed: modules that only POSIX has, and heyoka, which has wheels for Linux alone."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What Python shows of the objects that a user holds fits a line or two."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Progress: one protocol for all long work, and the parts of a whole."""
 
-from __future__ import annotations
-
 import inspect
 
 import pytest

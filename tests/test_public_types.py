@@ -1,7 +1,5 @@
 """Every linkwise type that a public function returns or a public attribute holds is public itself."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import sys

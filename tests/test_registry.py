@@ -1,7 +1,5 @@
 """Registries: lazy entries, and what a wrong name is told."""
 
-from __future__ import annotations
-
 import fractions
 
 import pytest

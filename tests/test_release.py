@@ -1,7 +1,5 @@
 """What names the version of a release agrees: the package, the citation and the changelog."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

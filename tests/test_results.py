@@ -1,7 +1,5 @@
 """Every answer of a public function says whether it can be trusted: in attributes, text, JSON and a notebook."""
 
-from __future__ import annotations
-
 import inspect
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The size limits of CONTRIBUTING.md hold: what grows past one wants splitting, or a name for its middle."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 

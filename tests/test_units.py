@@ -1,7 +1,5 @@
 """Values with units, to SI."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The one notion of trust: what forbids it, and what results print of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """How far estimates are from the truth, in the standard errors that they state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Work that can be counted, where a clock would tell of the machine and of what else runs on it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from types import FrameType

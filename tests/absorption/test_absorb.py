@@ -1,7 +1,5 @@
 """Absorption: closed forms of linear structures, energy to the last joule, crossings between samples, refusals."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any

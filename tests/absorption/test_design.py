@@ -1,7 +1,5 @@
 """Designs: as good as a sweep in a tenth of its simulations, within limits, over levels and draws; what is refused."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Sinks and harvesters on hosts: the same as on masses, energy of all modes, shapes that differ from run to run, refusals."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Intervals of absorption: draws have the covariance, intervals are those of the parameters, folders keep what they need."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

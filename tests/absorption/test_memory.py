@@ -1,7 +1,5 @@
 """Sinks with memory: energies that close, the power in the resistor of a piezo, its optimal load, and rest at states of 0."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

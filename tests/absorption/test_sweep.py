@@ -1,7 +1,5 @@
 """Maps of absorption are the single answers, point by point, whatever is swept; what cannot be swept is said."""
 
-from __future__ import annotations
-
 import tracemalloc
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Laws in a word."""
 
-from __future__ import annotations
-
 import pytest
 from structures import link
 

@@ -1,7 +1,5 @@
 """Wells and barrier of one force law, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

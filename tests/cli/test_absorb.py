@@ -1,7 +1,5 @@
 """`linkwise absorb`: what it prints and writes, and what it says to messy input."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`linkwise discover`: from a record and masses to the structure, to the folder, to the exit code; and messy input."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`linkwise limit`: what it prints of a planned test, and what it says where sensors cannot tell."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Mapping files, decimation and headers on the command line, from a logger's file to the answer."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

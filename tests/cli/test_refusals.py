@@ -1,7 +1,5 @@
 """What no command does: one paragraph that quotes what was typed, an exit code, and nothing written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

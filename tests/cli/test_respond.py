@@ -1,7 +1,5 @@
 """`linkwise respond` and `linkwise backbone`: what they print and write, bands of an answer, and what they refuse."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`linkwise start`: from a file of columns to an answer, by options or by questions; what is not known is never taken."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`linkwise study`: what it runs, what it tells again, and what its folder is refused for."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module

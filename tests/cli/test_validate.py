@@ -1,7 +1,5 @@
 """`linkwise validate`: JSON, exit codes, folders, and gains that are stated or found."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A term is told as absent only where the record would have shown one that matters; else errors allow for it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

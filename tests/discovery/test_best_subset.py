@@ -1,7 +1,5 @@
 """The parabola in all candidates against least squares done anew, and the search on it against all choices there are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import combinations, product

@@ -1,7 +1,5 @@
 """All links that could be: every pair is asked, what is stated stays, and what is known not to be does not come back."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is said before any time is spent: masses without a sensor, at rest, records too short, motion that is none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

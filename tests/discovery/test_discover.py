@@ -1,7 +1,5 @@
 """Discovery of structures that are known: nothing missing, nothing false, and a plain word where a record cannot tell."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

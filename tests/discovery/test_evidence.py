@@ -1,7 +1,5 @@
 """Evidence, path and runners-up against fits made anew with the decision turned round."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Discovery with hosts: links between points and masses, from fewer sensors than places."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """Links and terms that a record leaves in doubt: they have no intervals, or take trust from the whole answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

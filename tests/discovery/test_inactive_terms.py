@@ -1,7 +1,5 @@
 """Terms that never acted: a stop that was not reached is left out and named, one that was reached is found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Discovery where no combination of the terms on offer is the true law: the structure is right, and the error is told."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

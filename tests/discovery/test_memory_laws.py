@@ -1,7 +1,5 @@
 """Memory as a term: which link has it, by which law, and that nothing else is taken for it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

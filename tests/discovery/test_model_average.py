@@ -1,7 +1,5 @@
 """Models that survive a selection: probabilities of terms, and bands averaged over the models."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Discovery from sensors whose noise is correlated, and where forces act that no channel shows, or shows with noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Options of discover: one frozen object, or the same as keywords."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError, fields
 
 import pytest

@@ -1,7 +1,5 @@
 """Prediction of pieces of the records that models were not fitted to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import some

@@ -1,7 +1,5 @@
 """Stated values and zeros of sensors that are a little wrong, for which terms that are not there stand in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Forms that were not offered: terms that stand in for one are in doubt, those that are there are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import present

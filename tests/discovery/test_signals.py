@@ -1,7 +1,5 @@
 """Terms with recorded signals, which are offered where a record has some, and tested by likelihood."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters inside terms that a discovery finds: a rate at which friction saturates, an exponent, a gap."""
 
-from __future__ import annotations
-
 import pytest
 from structures import row_of_masses
 

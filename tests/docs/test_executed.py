@@ -1,7 +1,5 @@
 """Pages of the documentation run their code, and a block that fails fails the build."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The API reference has a page for every public name."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType

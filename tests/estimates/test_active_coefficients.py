@@ -1,7 +1,5 @@
 """Links that feed energy into a part of their motion are named, with the coefficients that are negative for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from problems import chain_record

@@ -1,7 +1,5 @@
 """Equivalent springs and dampers against their closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import link

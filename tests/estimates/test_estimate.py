@@ -1,7 +1,5 @@
 """The answer as an object: names, intervals, what follows from them, and what result.json says."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from dataclasses import replace

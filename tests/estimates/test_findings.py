@@ -1,7 +1,5 @@
 """What the record cannot tell is said, and only then."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The curve of a link's force: it covers what the record visited and knows no more than the record does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loops of force over elongation and rate, and the energy that a cycle dissipates."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from problems import chain_record

@@ -1,7 +1,5 @@
 """The measured force of a link: what residuals about the identified one make of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from problems import chain_record

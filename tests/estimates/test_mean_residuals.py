@@ -1,7 +1,5 @@
 """Means of residuals along a motion are near zero of noise alone, and leave its band where a force is missing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from linkwise.estimates.curves import MeanResiduals

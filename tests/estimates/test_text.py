@@ -1,7 +1,5 @@
 """The printed answer, word for word: one that can be trusted and one that cannot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

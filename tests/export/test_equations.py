@@ -1,7 +1,5 @@
 """Exported equations of motion: each language computes what linkwise does, integrates alike, and holds no text as code."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import runpy

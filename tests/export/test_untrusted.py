@@ -1,7 +1,5 @@
 """What is written and computed of an answer that is not to be trusted says so, in every file and where its file goes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

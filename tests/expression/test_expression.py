@@ -1,7 +1,5 @@
 """Expressions: parsing, canonical form, calculus and programs, each against an independent way."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The table of functions of laws: every rule of an entry against the entry's value."""
 
-from __future__ import annotations
-
 import heyoka
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """CSV as programs and people write it: read right where that is possible, else one error with file, line and channel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Damaged files whose libraries crash or never end: an error of the file, and this process lives."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every format but CSV: exact there and back, foreign files by name or by mapping, one clear error for a damaged one."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

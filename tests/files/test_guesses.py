@@ -1,7 +1,5 @@
 """What columns hold: headers as public programs write them are read rightly, or are in doubt; never wrong without a word."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

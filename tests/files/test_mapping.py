@@ -1,7 +1,5 @@
 """Mapping files: columns, units and sensors stated once, errors that name the key, and a first mapping to be edited."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """NumPy, JSON, LVM and Excel files, and a line of units below a header: by name or by mapping, with clear errors."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

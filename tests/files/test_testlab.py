@@ -1,7 +1,5 @@
 """Exports of Testlab to MATLAB: rate, names and units are those of the file, and what is stated takes precedence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A few inputs of chance in every run of the tests, and the checks that look at what comes of them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

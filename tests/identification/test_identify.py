@@ -1,7 +1,5 @@
 """What `identify` answers: right laws with intervals, wrong laws refused, and what cannot be told said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

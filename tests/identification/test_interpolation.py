@@ -1,7 +1,5 @@
 """How an applied force runs between its samples: stated with the record, and told by the diagnosis where it is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Channels of links, forces and states, in all that reads records: used, refused, or told not to be used."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

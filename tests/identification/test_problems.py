@@ -1,7 +1,5 @@
 """Every problem by every method that gives intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from problems import PROBLEMS, Problem

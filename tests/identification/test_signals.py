@@ -1,7 +1,5 @@
 """Laws that name recorded signals, identified and validated; what does not take them says so in a sentence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Each check of noise, of lines and of channels beside each other, with its fault and without."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

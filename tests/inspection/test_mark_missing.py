@@ -1,7 +1,5 @@
 """Samples that a sensor or a logger spoilt are taken as missing, and answers are as good as the samples that are left."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

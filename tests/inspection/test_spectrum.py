@@ -1,7 +1,5 @@
 """Spectra and coherence bridge missing samples and have known values of noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

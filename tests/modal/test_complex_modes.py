@@ -1,7 +1,5 @@
 """Complex modes: the receptances that they give, and their derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Searches of a few unknowns, and whether they say that they converged."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

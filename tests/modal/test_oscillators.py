@@ -1,7 +1,5 @@
 """Motions of single modes against simulations and their own equation."""
 
-from __future__ import annotations
-
 import numpy as np
 from structures import host, structure
 

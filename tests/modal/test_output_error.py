@@ -1,7 +1,5 @@
 """The search of modes by output errors: where it ends, and its derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import CANTILEVER

@@ -1,7 +1,5 @@
 """First modes of a test: how many are found where the structure is linear, and where it is not quite."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import CANTILEVER

@@ -1,7 +1,5 @@
 """The paper's chain: Eq. 1, Table 1."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

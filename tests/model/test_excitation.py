@@ -1,7 +1,5 @@
 """Excitations: expressions of t, splines of samples, and what is refused."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Hosts: their files, the coordinates and points that they give a structure, and what is refused."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Damping between the modes of hosts: the matrix that a structure has, its file, and what is refused."""
 
-from __future__ import annotations
-
 import pickle
 from itertools import combinations
 from pathlib import Path

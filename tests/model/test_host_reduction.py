@@ -1,7 +1,5 @@
 """Hosts from matrices: receptances of a beam, free structures, and what is refused."""
 
-from __future__ import annotations
-
 from itertools import permutations
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws: coefficients, units, force, partials, energy, and what a law refuses to be."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Matrices as finite-element programs write them: Abaqus, and Nastran's DMIG and OUTPUT4."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Links with memory: states as text, their units, the structure file, named laws, and what refuses them."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

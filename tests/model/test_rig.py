@@ -1,7 +1,5 @@
 """Structures from short texts: what is not known is unknown, and what a text does not say is refused with its place."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

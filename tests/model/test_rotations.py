@@ -1,7 +1,5 @@
 """Places that turn: units of links there, where hosts say so, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Signals in laws: recorded inputs that a law names, declared with their units at the top of a structure."""
 
-from __future__ import annotations
-
 import pytest
 
 import linkwise as lw

@@ -1,7 +1,5 @@
 """Rates of sliders for estimators: as written but next to the corner, and with a derivative by the largest force."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The structure: what it accepts, what it refuses and in which words, sharing, incidence."""
 
-from __future__ import annotations
-
 import math
 import pickle
 import re

@@ -1,7 +1,5 @@
 """Structure files: read as they are promised, written so that reading gives the same, refused with the place."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The paper's figures: the right curves, in the paper's arrangement, honest about chaos."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Figures of absorption: what is drawn is what was found, and nothing is promised that is not there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

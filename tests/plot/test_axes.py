@@ -1,7 +1,5 @@
 """Every public picture is drawn on the Axes of the caller, says so where it cannot be, and prints names as they are."""
 
-from __future__ import annotations
-
 import inspect
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Maps of time and frequency, and coherence, show what is in the channels and what is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

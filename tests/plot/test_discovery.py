@@ -1,7 +1,5 @@
 """What a discovery looks like: printed, drawn, and as a folder that is complete in itself."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Figures: what they show, in what units, and that they never warn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

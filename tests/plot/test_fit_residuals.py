@@ -1,7 +1,5 @@
 """What a fit leaves is drawn as it is, and asked for by names that are there."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from problems import chain_record

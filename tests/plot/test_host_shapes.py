@@ -1,7 +1,5 @@
 """Shapes of hosts at their points."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D

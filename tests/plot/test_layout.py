@@ -1,7 +1,5 @@
 """Panels get the room that their texts leave: nothing is cut, nothing lies on something else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations, pairwise
 from typing import Any

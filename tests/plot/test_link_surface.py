@@ -1,7 +1,5 @@
 """The restoring-force surface of a link."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh

@@ -1,7 +1,5 @@
 """Success maps as figures: the numbers in the cells, the axes, and which panel stands where."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

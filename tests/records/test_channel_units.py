@@ -1,7 +1,5 @@
 """Units of channels of places that turn: read from files, compared with the structure, and written."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Literal

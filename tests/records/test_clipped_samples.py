@@ -1,7 +1,5 @@
 """Clipped samples stay beside their channel through what takes, joins and shortens records."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Records whose channels were sampled at different rates: from what they say together to what is found from all of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Inputs that lack samples are refused in the same words wherever the whole of an input is needed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

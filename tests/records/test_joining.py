@@ -1,7 +1,5 @@
 """Records of two instruments as one, and channels that are late."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Record: what it refuses, what it hands out, and that slicing, noise and decimation do what they say."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Channels at an even rate: samples in their places, and no noise that splines amplify."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is stated of sensors: known errors are taken out of the samples, and the rest is kept as their uncertainty."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace

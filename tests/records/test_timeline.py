@@ -1,7 +1,5 @@
 """The even grid behind a column of times: found to the last bit where it is there, refused where it is not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

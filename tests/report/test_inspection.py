@@ -1,7 +1,5 @@
 """The folder of an inspection: its document, figures and page."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page and the result folder: verdict first, complete in themselves, as promised."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

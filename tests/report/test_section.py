@@ -1,7 +1,5 @@
 """A new figure is one function and one line in the page's list of sections."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """Free vibration over amplitude: exact periods, energies that are kept, ends that are reached, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import ellipk

@@ -1,7 +1,5 @@
 """Where free motion ends: symmetry, agreement with simulations, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import oscillator

@@ -1,7 +1,5 @@
 """Measured points beside computed curves: a swept sine on the response, a decay on the backbone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pairs of runs on one folder, kills during writing and full disks, a few of each; the benchmark has more."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

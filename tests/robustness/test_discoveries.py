@@ -1,7 +1,5 @@
 """Records that say too little: discovery ends with an answer or a reason, never with the failure of a matrix."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from judged import masses

@@ -1,7 +1,5 @@
 """Channels that a file holds and a reader cannot have: told, by an error or a note, and never lost."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from errno import ENOSPC

@@ -1,7 +1,5 @@
 """Ctrl-C at awkward moments: one line and the exit code of an interrupt, never a traceback."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Laws that can be read and hardly be meant: simulated, or refused in words, without a warning."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from problems import chain_record

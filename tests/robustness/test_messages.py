@@ -1,7 +1,5 @@
 """Messages: no longer than a screen, in words, and with a code that says whose turn it is."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

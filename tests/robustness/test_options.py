@@ -1,7 +1,5 @@
 """Options that are numbers and yet cannot be, and what is too large: refused in words, by the command and by Python alike."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Result folders: whole, of one run, or absent, whatever happens while they are written; and the answer is printed first."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

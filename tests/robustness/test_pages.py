@@ -1,7 +1,5 @@
 """Names that somebody else chose: in pages they run no code, in figures they set no mathematics, in tables no formula."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from html.parser import HTMLParser

@@ -1,7 +1,5 @@
 """Results travel between processes and are copied: pickle and deepcopy give an equal one that still answers."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A measurement counts once, and what was done to it is told with the answer."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

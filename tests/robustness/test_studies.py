@@ -1,7 +1,5 @@
 """Studies that cannot be, files without an end, and cases that failed by no fault of their own."""
 
-from __future__ import annotations
-
 import sqlite3
 import subprocess
 import sys

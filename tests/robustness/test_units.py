@@ -1,7 +1,5 @@
 """Units that are meant to be computed for ever, wherever a unit is read."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Records of structures on a base of which a velocity or an acceleration is all that is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

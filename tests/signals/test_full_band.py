@@ -1,7 +1,5 @@
 """The noise of channels whose motion fills the band up to half the sampling rate."""
 
-from __future__ import annotations
-
 import numpy as np
 from duffing_ring import SIZE, VALUES, ring
 from scipy.signal import firwin, lfilter

@@ -1,7 +1,5 @@
 """Integration of samples over time, against SciPy and against its declared order."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson

@@ -1,7 +1,5 @@
 """The white noise of a channel and its bandwidth, told from the record alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import present

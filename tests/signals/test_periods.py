@@ -1,7 +1,5 @@
 """Averages of periodic tests: noise from the scatter, periods that have not settled, and records that do not repeat."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Short gaps of channels, bridged for starting values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

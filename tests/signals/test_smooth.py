@@ -1,7 +1,5 @@
 """Savitzky-Golay and the smoothing spline: exact where they must be, of their order elsewhere, and better than the noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Samples between those of a record that has few in a period of its fastest motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

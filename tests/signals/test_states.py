@@ -1,7 +1,5 @@
 """States from records: what is measured stays, what is not is derived, and what cannot be is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import present

@@ -1,7 +1,5 @@
 """Runs side by side are the runs one by one: motion, energies, crossings; lanes that fail do not touch the others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import some

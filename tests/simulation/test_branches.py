@@ -1,7 +1,5 @@
 """The branches of laws with kinks, where a piece of an input begins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import oscillator

@@ -1,7 +1,5 @@
 """A host moves as the masses and springs that its modes are those of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

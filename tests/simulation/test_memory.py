@@ -1,7 +1,5 @@
 """Simulated links with memory against an independent integrator, their energy, and their channels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Simulation against orbits that were computed in 400-bit arithmetic."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulations of laws that name a signal: its course is given as forces are, recorded, and counted in the energies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """simulate(): exact solutions, energies, the horizon, and every way to ask for nonsense."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where noise goes and where derivatives come from; and what force a fit in monomials of all states amounts to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

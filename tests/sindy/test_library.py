@@ -1,7 +1,5 @@
 """Columns over states: monomials named, counted and evaluated in blocks; links with both masses sharing."""
 
-from __future__ import annotations
-
 import itertools
 import tracemalloc
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Rows told as cells: medians, spreads, what failed, what is missing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

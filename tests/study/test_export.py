@@ -1,7 +1,5 @@
 """What other programs read of a study: rows.csv, summary.csv, and the summary to read."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Methods that look for terms: discovery and SINDy, and how their answers are judged."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import get_args

@@ -1,7 +1,5 @@
 """Running a study: rows that do not depend on who ran them, failures that are rows, workers that die."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import multiprocessing
 from collections import deque

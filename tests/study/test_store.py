@@ -1,7 +1,5 @@
 """The folder of a study: rows that stay, one writer at a time, and a definition that does not change unnoticed."""
 
-from __future__ import annotations
-
 import signal
 import sqlite3
 import subprocess

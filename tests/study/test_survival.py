@@ -3,8 +3,6 @@
 The benchmark kills thirty times, and has two workers where one is enough here: each is a process that takes a second to start.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

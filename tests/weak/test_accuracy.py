@@ -3,8 +3,6 @@
 Seeds from 1000, which nothing was tuned on; all twenty, and 200 records of one chain, are those of benchmarks/bench_weak.py.
 """
 
-from __future__ import annotations
-
 import pytest
 from paper_weak_fits import LEVELS, check_cover, check_short_records, check_sinks, true_values
 from present import some

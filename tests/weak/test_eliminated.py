@@ -1,7 +1,5 @@
 """The weak form of links with a state that is not measured: D - a, applied to the equations, eliminates it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache

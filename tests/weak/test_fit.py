@@ -1,7 +1,5 @@
 """Identification by the weak form: exact motions, standard errors against many records, and what cannot be told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The covariance of many coefficients near its diagonal, against matrices that are inverted whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import csc_array

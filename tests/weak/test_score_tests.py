@@ -1,7 +1,5 @@
 """Answers of the weak form are judged by the likelihood: what follows the motion is named, and not trusted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Identities of the weak form: sums obey integrals by parts, and laws lose the bias that noise gives them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

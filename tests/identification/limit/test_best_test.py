@@ -1,7 +1,5 @@
 """The best of hits, sweeps and multisines within limits: what it promises, and what it refuses."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How long the segments of the bound are, unless stated: what identify reaches, and never less than shorter ones tell."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

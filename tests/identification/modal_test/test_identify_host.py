@@ -1,7 +1,5 @@
 """Hosts from the records of a modal test: modes with standard errors, and what the records do not tell."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

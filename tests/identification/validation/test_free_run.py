@@ -1,7 +1,5 @@
 """Free runs: a structure let go from a state that the record tells, beside the record."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Validation: predictions of simulated records by the truth, by estimates and by wrong structures."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Records at several levels: modes that stay or move, distortion, and ring-downs against known answers."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

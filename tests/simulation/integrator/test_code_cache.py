@@ -1,7 +1,5 @@
 """The folder of compiled equations: small, of linkwise alone, and where the user wants it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The compiled equations against SciPy's integrators and exact solutions, and what becomes of kinks."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

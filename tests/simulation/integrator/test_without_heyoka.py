@@ -1,7 +1,5 @@
 """SciPy's integrator behind the same interface, where heyoka has no wheels: the same motion, kinks, batches and answers."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Equations in both forms: stored, and computed when read."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The regressors against least squares by QR, against the conditions of optimality, and on the paper's chain."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import some
