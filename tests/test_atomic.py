@@ -23,9 +23,7 @@ def test_json_is_readable_by_everyone() -> None:
     )
 
 
-def test_file_keeps_its_suffix_while_it_is_written_and_a_failed_one_leaves_the_earlier(
-    tmp_path: Path,
-) -> None:
+def test_file_keeps_its_suffix_while_written_and_a_failed_one_leaves_the_earlier(tmp_path: Path) -> None:
     target = tmp_path / "new" / "run.csv"
     with atomic_file(target) as partial:
         assert partial.suffix == ".csv" and not target.exists()

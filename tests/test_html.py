@@ -18,9 +18,7 @@ def test_an_estimate_shows_its_trust_first(fitted: lw.Estimate) -> None:
     assert heading(bad).endswith("NOT to be trusted") and "#b42318" in bad
 
 
-def test_a_discovery_a_limit_and_an_absorption_show_their_text(
-    chain: lw.Structure, discovered: lw.Discovery
-) -> None:
+def test_other_answers_show_their_text(chain: lw.Structure, discovered: lw.Discovery) -> None:
     planned = lw.limit(chain, release={"v:m1": 1.0}, duration=0.1, rate=1000.0, noise=20.0)
     absorbed = lw.absorb(chain, duration=0.1, release={"v:m1": 1.0})
     for result in (discovered, planned, absorbed):

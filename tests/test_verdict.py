@@ -43,9 +43,7 @@ def test_one_verdict_that_forbids_is_enough() -> None:
 
 
 @pytest.mark.parametrize("verdict", Verdict)
-def test_text_data_and_intervals_of_an_estimate_follow_its_verdicts(
-    verdict: Verdict, fitted: lw.Estimate
-) -> None:
+def test_all_of_an_estimate_follows_its_verdicts(verdict: Verdict, fitted: lw.Estimate) -> None:
     estimate = replace(fitted, fit_verdicts=(verdict,))
     document = estimate.to_dict()
     assert document["verdicts"] == [verdict.name] and document["trusted"] is (

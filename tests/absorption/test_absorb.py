@@ -228,7 +228,7 @@ STRUCTURE, SIMULATION = lw.StructureError, lw.SimulationError
         (LONE, {}, STRUCTURE, r"every mass \(m1\) would belong to a sink.*name fewer sinks"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_asked(
+def test_refusals(
     structure: Structure, changes: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):

@@ -34,9 +34,7 @@ def test_kind_of_a_law(law: str, reach: float, kind: str) -> None:
     assert law_kind(link("link", "m1-ground", law, **ones), reach) == kind
 
 
-def test_a_term_with_a_coefficient_of_zero_does_not_bend_and_estimates_know_kinds(
-    fitted: lw.Estimate,
-) -> None:
+def test_a_term_with_coefficient_zero_does_not_bend_and_estimates_know_kinds(fitted: lw.Estimate) -> None:
     assert {link.link.name: link.kind for link in fitted.links} == {"spring1": "linear", "nes1": "bistable"}
     assert law_kind(link("link", "m1-ground", "k*d + q*d**2", k=30000.1, q=0.0), 0.0123) == "linear"
 

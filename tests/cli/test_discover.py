@@ -156,9 +156,7 @@ def test_ctrl_c_ends_with_the_best_so_far(tmp_path: Path, monkeypatch: pytest.Mo
     assert json.loads((tmp_path / "found" / "result.json").read_text())["status"] == "not converged"
 
 
-def test_ctrl_c_before_there_is_anything_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_at_first_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*nouns: object, **named: Any) -> None:
         raise KeyboardInterrupt
 

@@ -93,9 +93,7 @@ def test_without_links_they_are_discovered(file: Path) -> None:
         (f"{ANSWERED} --leave-out Time --yes", "give --rate HZ"),
     ],
 )
-def test_what_is_missing_names_its_option_and_nothing_is_written(
-    options: str, message: str, file: Path
-) -> None:
+def test_what_is_missing_names_its_option_and_writes_nothing(options: str, message: str, file: Path) -> None:
     _, err = said(f"start rig.csv {options}", 2)
     assert message in err and "Traceback" not in err
     assert [path.name for path in file.parent.iterdir()] == ["rig.csv"]

@@ -36,9 +36,7 @@ def study(folder: Path, *options: str) -> str:
 
 
 @pytest.mark.slow
-def test_it_runs_a_study_as_the_library_does(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_runs_as_the_library(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reports: list[str] = []
 
     @contextmanager

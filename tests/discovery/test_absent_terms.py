@@ -66,9 +66,7 @@ def test_what_a_precise_record_does_not_show_is_absent(precise: lw.Discovery) ->
 @pytest.mark.parametrize(
     ("share", "spring", "damper"), [(5e-4, False, False), (5e-3, False, True), (5e-2, True, True)]
 )
-def test_a_small_damper_matters_where_a_small_spring_does_not(
-    share: float, spring: bool, damper: bool, precise: lw.Discovery
-) -> None:
+def test_a_small_damper_matters(share: float, spring: bool, damper: bool, precise: lw.Discovery) -> None:
     term = replace(next(term for term in precise.terms if term.name == "m2-m1.k3"), possible_share=share)
     assert (term.may_matter, replace(term, term="v").may_matter) == (spring, damper)
 

@@ -257,7 +257,7 @@ def test_what_a_stated_structure_lacks_joins_it(two: tuple[lw.Record, lw.Discove
 
 
 @pytest.mark.usefixtures("memory_not_sought")
-def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
+def test_a_link_wrongly_known_not_to_be_is_not_replaced_in_silence(
     two: tuple[lw.Record, lw.Discovery],
 ) -> None:
     """Without the sink's link to its frame the record cannot be explained."""
@@ -272,7 +272,7 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
     [(2, "a", 1002, None), (4, "v", 2001, 2)],
     ids=["accelerations, a first fit in the other well", "velocities, a first tree from forces"],
 )
-def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(
+def test_integrated_channels_are_trusted_with_noise(
     n: int, sensor: str, seed: int, rounds: int | None
 ) -> None:
     """Neither velocity nor acceleration says where its mass is; the likelihood needs neither."""

@@ -31,9 +31,7 @@ def recorded(structure: lw.Structure, snr_db: float, seed: int) -> lw.Record:
         (CUBIC, "v, d, abs(d)**n*sign(d)", "n", 3.0, 11),  # with n of 2.5 or 3.5 a false link makes up
     ],
 )
-def test_a_parameter_is_found_with_the_term(
-    structure: lw.Structure, terms: str, parameter: str, value: float, seed: int
-) -> None:
+def test_it_is_found(structure: lw.Structure, terms: str, parameter: str, value: float, seed: int) -> None:
     """Within four standard errors, which chance exceeds once in 16 000 times."""
     discovery = lw.discover(recorded(structure, 40.0, seed), MASSES, terms=terms)
     assert discovery.trusted

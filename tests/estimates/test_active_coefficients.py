@@ -59,7 +59,7 @@ FALLING = "c*v + c2*v*d**2"
         (2.0, 2.0, 1.0, []),
     ],
 )
-def test_a_negative_coefficient_is_named_where_the_law_feeds_energy(
+def test_a_coefficient_that_feeds_energy_is_named(
     amplitude: float, c: float, c2: float, named: list[str]
 ) -> None:
     findings = findings_of(FALLING, amplitude, c=c, c2=c2)

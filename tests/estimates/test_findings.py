@@ -71,9 +71,7 @@ def test_nothing_is_said_where_all_is_well_or_the_answer_has_no_intervals() -> N
          "sink.c cannot be distinguished from zero: 0.02 within ±0.015 ?."),
     ],
 )  # fmt: skip
-def test_what_a_record_cannot_tell_of_a_sink_is_said_in_one_sentence(
-    given: tuple[Any, ...], said: str
-) -> None:
+def test_what_a_record_cannot_tell_of_a_sink_is_one_sentence(given: tuple[Any, ...], said: str) -> None:
     [sentence] = sentences(link_estimate(*given))
     assert sentence.startswith(said)
     assert "never left" not in said or sentence.endswith("Use a stronger excitation.")

@@ -329,7 +329,7 @@ def test_the_measured_records_are_read(shared_data: Path) -> None:
     strategies.text(alphabet="time,x:m1[]() ;\t\n\r0.5-e+#\"'_naif\u00b5", max_size=300),
     strategies.booleans(),
 )
-def test_whatever_is_in_a_file_it_is_a_record_or_an_error(
+def test_any_file_is_a_record_or_an_error(
     tmp_path_factory: pytest.TempPathFactory, junk: str, headed: bool
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "junk.csv"

@@ -58,9 +58,7 @@ COLUMNS = [element(5, pack("<3i", 0, 1, 0)), element(5, pack("<4i", 0, 900_000, 
         (matrix(5, (3, 3), *COLUMNS), "the columns of a sparse matrix are out of order"),
     ],
 )  # fmt: skip
-def test_what_a_mat_file_states_is_checked_before_scipy_follows_it(
-    content: bytes, message: str, tmp_path: Path
-) -> None:
+def test_what_a_mat_file_states_is_checked_before_scipy(content: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     path.write_bytes(HEADER + content)
     with pytest.raises(lw.RecordError) as error:
@@ -108,7 +106,7 @@ FULL = np.arange(9.0).reshape(3, 3) + 1.0
 
 @pytest.mark.parametrize("values", [FULL, FULL + FULL.T, FULL - FULL.T], ids=["general", "symmetric", "skew"])
 @pytest.mark.parametrize("layout", [np.asarray, scipy.sparse.coo_array])
-def test_matrix_market_files_of_scipy_are_read(
+def test_matrix_market_files_are_read(
     values: np.ndarray, layout: Callable[..., object], tmp_path: Path
 ) -> None:
     scipy.io.mmwrite(tmp_path / "k.mtx", layout(values), comment="of a test")
@@ -138,7 +136,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
-def test_whatever_is_damaged_it_is_a_record_or_an_error(
+def test_any_damage_gives_a_record_or_an_error(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Thousands of each were read once; these show that the way there is whole."""

@@ -356,7 +356,7 @@ def test_uff_58_by_name_by_node_and_by_mapping(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("step", "rate"), [(1.0 / 48000.0, 48000.0), (None, RATE)])
-def test_uff_58_rate_from_six_digits_of_the_step_or_a_time_column(
+def test_uff_58_rate_from_six_digits_or_a_time_column(
     tmp_path: Path, step: float | None, rate: float
 ) -> None:
     universal(tmp_path / "run.unv", [("x:m1", X, 8, 1, "m", step)])

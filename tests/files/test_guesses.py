@@ -75,7 +75,7 @@ HEADERS = [
 
 
 @pytest.mark.parametrize(("header", "masses", "expected"), HEADERS)
-def test_headers_are_read_rightly_or_are_in_doubt(
+def test_headers_are_read_or_in_doubt(
     header: str, masses: tuple[str, ...], expected: str, tmp_path: Path
 ) -> None:
     assert " ".join(held(table(tmp_path / "run.csv", header), masses)) == expected

@@ -38,7 +38,7 @@ PERIODS = np.stack([np.sin(2.0 * np.pi * (k + 1) * np.arange(40) / 40) for k in 
 
 @pytest.mark.parametrize("time", [{"time": T[:40]}, {"time": T}, {"fs": RATE}])
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
-def test_periods_beside_each_other_are_one_record(
+def test_adjacent_periods_are_one_record(
     tmp_path: Path, time: dict[str, Any], order: tuple[int, int]
 ) -> None:
     """Three periods of 40 samples; the force is given for one of them."""
@@ -51,9 +51,7 @@ def test_periods_beside_each_other_are_one_record(
     assert record.notes[0].startswith("x:m1: 3 periods of 40 samples were joined")
 
 
-def test_realisations_are_records_of_their_own_and_periods_that_do_not_fit_are_refused(
-    tmp_path: Path,
-) -> None:
+def test_realisations_are_records_of_their_own_and_odd_periods_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "run.npz", **{"x:m1": PERIODS, "fs": RATE})  # type: ignore[arg-type]  # stub takes a flag
     with pytest.raises(RecordError, match=r"both have this name \(realisation 1/x:m1 and realisation 2"):
         read_record(tmp_path / "run.npz")

@@ -66,9 +66,7 @@ def test_labels_without_a_factor_are_units_and_columns_of_a_matrix_have_names(tm
     assert record.notes == ()
 
 
-def test_equal_names_give_way_to_points_with_directions_and_axes_of_their_own_are_told(
-    tmp_path: Path,
-) -> None:
+def test_equal_names_give_way_to_points_with_directions_and_own_axes_are_told(tmp_path: Path) -> None:
     first, second = signal(FORCE, "N", "Time"), signal(MOTION, "mm", "Time", 1e-3)
     first["function_record"]["primary_channel"]["point_id"] = "HAM"
     path = export(tmp_path / "run.mat", Signal_0=first, Signal_1=second)

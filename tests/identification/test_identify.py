@@ -123,9 +123,7 @@ def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
 @pytest.mark.parametrize(
     ("factor", "message"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")]
 )
-def test_noise_that_is_stated_wrong_is_refused(
-    record: lw.Record, chain: lw.Structure, factor: float, message: str
-) -> None:
+def test_wrong_noise_is_refused(record: lw.Record, chain: lw.Structure, factor: float, message: str) -> None:
     stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert not fit.trusted and message in fit.message
@@ -158,7 +156,7 @@ def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.
          r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object"),
     ],
 )  # fmt: skip
-def test_unknown_method_and_options_of_others(
+def test_foreign_options(
     record: lw.Record, chain: lw.Structure, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
@@ -213,9 +211,7 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
 
 
 @pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
-def test_noise_in_derivatives_is_not_trusted(
-    record: lw.Record, chain: lw.Structure, derivative: DifferentiationMethod
-) -> None:
+def test_noisy_derivatives(record: lw.Record, chain: lw.Structure, derivative: DifferentiationMethod) -> None:
     """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
     fit = lw.identify(record, chain.unknown("nes"), method=lw.PhysicsInformedSindy(derivative=derivative))
     assert not fit.trusted and fit.status == "forces unexplained"

@@ -1,7 +1,5 @@
 """What would explain what a fit leaves: errors put into a record are named, with their size, and clean records show none."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -107,7 +105,7 @@ def test_missing_friction_is_no_filter() -> None:
 
 
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)
-RATE, DURATION = 200.0, 20.0
+RATE, DURATION = 200.0, 10.0
 
 
 def driven(
@@ -274,7 +272,7 @@ WRONG = {
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_law_that_is_wrong_is_not_taken_for_one(wrong: str) -> None:
-    clean = lw.simulate(WRONG[wrong], release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+    clean = lw.simulate(WRONG[wrong], release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     record = replace(clean.with_noise(40.0, seed=73), simulated=None)
     assert recording_errors([record], CHAIN.unknown("all")) == ()
 
@@ -318,7 +316,7 @@ def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
     """The terms that are found in a wrong record are not those that explain the right one."""
     law = "k*d + c*v"
     row = row_of_masses([1.0, 0.1], low=(law, {"k": 2000.0, "c": 0.5}), high=(law, {"k": 150.0, "c": 0.05}))
-    clean = lw.simulate(row, release={"v:m1": 1.0}, duration=4.0, rate=250.0)
+    clean = lw.simulate(row, release={"v:m1": 1.0}, duration=2.0, rate=250.0)
     record = replace(clean.with_noise(40.0, seed=75), simulated=None)
     wrong = changed(record, x_m2=1e3 * record.channel("x:m2"))
     found = lw.discover(wrong, {"m1": 1.0, "m2": 0.1}, terms="linear")
@@ -383,7 +381,7 @@ def record_with_stated(factors: dict[str, float]) -> lw.Record:
     ],
     ids=["one channel", "both, beside priors"],
 )
-def test_noise_stated_too_small_is_the_cause(
+def test_noise_stated_small(
     stated: dict[str, float], calibration: dict[str, float], verdict: Verdict
 ) -> None:
     """With how far it is exceeded, by which channels, and what it is; also where the search does not converge with it."""
@@ -444,9 +442,7 @@ def test_clipped_samples_are_the_first_cause() -> None:
 
 
 @pytest.mark.slow
-def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_of_a_record_with_another_fault() -> (
-    None
-):
+def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_beside_another_fault() -> None:
     marked = lw.inspection.mark_missing(clipped(0.8, 40.0, seed=81))
     fit = lw.identify(marked, CHAIN.unknown("all"), as_stated=True)
     assert fit.trusted and fit.diagnosis == ()

@@ -1,7 +1,5 @@
 """Clocks of devices: ratios found beside delays, named, taken into the model, and taken out where they are known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -53,9 +51,7 @@ def assert_right(fit: Estimate, channel: str, ppm: float) -> None:
         ),
     ],
 )
-def test_the_ratio_of_clocks_is_found_with_the_laws(
-    options: dict[str, Any], channel: str, ppm: float
-) -> None:
+def test_the_ratio_of_clocks_is_found(options: dict[str, Any], channel: str, ppm: float) -> None:
     record = two_loggers(81, noise_of_force=0.08 if "input_noise" in options else 0.0)
     fit = lw.identify(record, OSCILLATOR.unknown("all"), as_stated=True, **options)
     assert_right(fit, channel, ppm)

@@ -1,7 +1,5 @@
 """Delays of sensors, and gains and delays of applied forces, found with the laws or refused."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace

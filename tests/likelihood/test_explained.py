@@ -1,7 +1,5 @@
 """Laws with what the diagnosis of an answer names first: a second answer where only noise is left; changes of coefficients."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -180,9 +178,7 @@ PAIR = structure({"m1": 1.0, "m2": 1.0}, *LINKED)
         (PAIR, cause("link", "m2-m1", term="v"), "m2_m1_.size", "N s/m"),
     ],
 )
-def test_what_is_off_or_missing_becomes_unknown(
-    stated: lw.Structure, cause: Cause, freed: str, unit: str
-) -> None:
+def test_what_is_off_becomes_unknown(stated: lw.Structure, cause: Cause, freed: str, unit: str) -> None:
     """Under a name that no coefficient, state or link has, which stay as they are."""
     richer = with_cause(stated, cause)
     assert [(parameter.name, parameter.unit) for parameter in richer.parameters] == [(freed, unit)]

@@ -1,7 +1,5 @@
 """Noise of the channels of inputs, of forces and of the base: counted in, or told where nobody stated it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -150,9 +148,7 @@ def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
     ],
     ids=lambda value: "-".join(value) if isinstance(value, tuple) else None,
 )
-def test_coefficients_are_within_their_errors_and_the_noise_is_found(
-    sensors: tuple[str, ...], lower: str, seed: int
-) -> None:
+def test_coefficients_and_the_noise_are_found(sensors: tuple[str, ...], lower: str, seed: int) -> None:
     record = on_noisy_base(sensors, lower, seed)
     fit = lw.identify(record, storeys(lower).unknown("all"), input_noise="all")
     assert_within(fit, storeys(lower), ERRORS)

@@ -1,7 +1,5 @@
 """Standard errors and intervals: against slow implementations, many records, profiles of the likelihood and blocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -130,7 +128,7 @@ def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
 
 MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
 CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
-SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
+SHORT = 0.5  # s, a twelfth of the paper's record: intervals cover and errors reach the bound at any duration
 
 
 @pytest.mark.slow
@@ -184,9 +182,7 @@ def softening() -> lw.Estimate:
 
 
 @pytest.mark.parametrize("name", ["link.k", "link.c"])
-def test_agrees_with_the_hessian_where_the_problem_is_nearly_linear(
-    nearly_linear: lw.Estimate, name: str
-) -> None:
+def test_agrees_with_the_hessian_where_nearly_linear(nearly_linear: lw.Estimate, name: str) -> None:
     estimate = nearly_linear.coefficient(name)
     assert estimate.interval is not None and estimate.standard_error is not None
     # ends are sought to 1 % of a standard error; the rest is the curvature of a cosine of 1 % noise
@@ -197,9 +193,7 @@ def test_agrees_with_the_hessian_where_the_problem_is_nearly_linear(
     )
 
 
-def test_the_cost_at_the_ends_has_risen_by_384(
-    nearly_linear: lw.Estimate, linear: lw.Structure, decay: lw.Record
-) -> None:
+def test_at_the_ends_cost_is_384(nearly_linear: lw.Estimate, linear: lw.Structure, decay: lw.Record) -> None:
     """Both ends, fitted by a whole run with the coefficient known, from elsewhere."""
     low, high = lw.likelihood.profile_interval(nearly_linear, "link.c")
     assert isinstance(nearly_linear.profile, partial)
@@ -214,9 +208,7 @@ def test_the_cost_at_the_ends_has_risen_by_384(
         assert rise / optimum.noise**2 == pytest.approx(3.84, abs=0.1)
 
 
-def test_differs_where_the_likelihood_is_no_parabola(
-    softening: lw.Estimate, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_differs_where_it_is_no_parabola(softening: lw.Estimate, monkeypatch: pytest.MonkeyPatch) -> None:
     estimate = softening.coefficient("link.F")
     assert estimate.standard_error is not None and estimate.interval is not None
     reports: list[lw.estimates.ProgressReport] = []
@@ -258,9 +250,7 @@ def test_ends_at_a_bound(nearly_linear: lw.Estimate, decay: lw.Record) -> None:
         ({"free": np.array([False, True])}, "link.k", "was stopped by its bound"),
     ],
 )
-def test_no_interval_where_none_can_be(
-    nearly_linear: lw.Estimate, change: dict[str, Any], name: str, message: str
-) -> None:
+def test_no_interval(nearly_linear: lw.Estimate, change: dict[str, Any], name: str, message: str) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
         lw.likelihood.profile_interval(replace(nearly_linear, **change), name)
 

@@ -1,7 +1,5 @@
 """Long records are searched and tested in pieces: the same answer as that of the whole, or none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -50,7 +48,7 @@ def in_pieces(record: lw.Record) -> LikelihoodFit:
 
 
 @pytest.mark.slow
-def test_the_answer_is_that_of_a_search_of_the_whole(
+def test_answer_of_the_whole(
     record: lw.Record, in_pieces: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert marginal.is_long(in_pieces.segments) and in_pieces.status is AnnealingStatus.CONVERGED

@@ -1,7 +1,5 @@
 """Linearised equations of structures of many masses: local ones against those of the whole, on several graphs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache

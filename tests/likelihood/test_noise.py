@@ -1,7 +1,5 @@
 """Noise that is coloured, found too large, or beside a model error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -240,9 +238,7 @@ def filtered(record: lw.Record) -> lw.Record:
 
 
 @pytest.mark.slow
-def test_small_coloured_residuals_of_inexact_laws_are_judged_by_blocks(
-    dragged: tuple[lw.Record, lw.Structure],
-) -> None:
+def test_small_coloured_residuals_are_judged_by_blocks(dragged: tuple[lw.Record, lw.Structure]) -> None:
     """Filters leave residuals above the noise of their stop band; at 0.5 % of the motion they decide nothing by themselves."""
     record, structure = dragged
     whole, seen = lw.identify(record, structure), lw.identify(filtered(record), structure)

@@ -1,7 +1,5 @@
 """Score tests of what a fit lacks: against fits with it, and linear regression."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Offsets, gains, drift and hum of sensors: found with the laws, admitted, and known beforehand to within."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace

@@ -231,7 +231,7 @@ def test_a_shape_is_set_and_freed_and_a_mode_has_no_mass_to_change() -> None:
         ("wing.mode2", "link", "mode 2 of the host"),
     ],
 )
-def test_a_mass_or_a_link_with_the_name_of_a_part_of_a_host_is_told_with_both(
+def test_a_mass_or_link_named_as_a_part_of_a_host_is_told_with_both(
     taken: str, kind: str, clash: str
 ) -> None:
     mass, name = (taken, "spring") if kind == "mass" else ("store", taken)

@@ -295,7 +295,7 @@ def test_names_are_one_to_a_row_and_what_neither_weighs_nor_holds_is_named() -> 
         (1j * beam(10)[1], 0.0, "the damping matrix holds complex128 values"),
     ],
 )
-def test_damping_that_is_none_is_refused(
+def test_wrong_damping_is_refused(
     damping: scipy.sparse.csc_array, modal_damping: float, message: str
 ) -> None:
     with pytest.raises(lw.StructureError, match=message):

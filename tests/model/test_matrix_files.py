@@ -150,7 +150,7 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
         ("bad.pch", b"\x00\x01DMIG* no more\xff" * 40, "bad.pch"),
     ],
 )  # fmt: skip
-def test_a_file_of_nastran_without_a_whole_matrix_is_told(
+def test_a_nastran_file_without_matrix_is_told(
     tmp_path: Path, name: str, content: bytes, message: str
 ) -> None:
     (tmp_path / name).write_bytes(content)

@@ -66,9 +66,7 @@ def test_units_follow_through_the_rates() -> None:
         ("F*z", "v/d*z", "Division by zero", 2),
     ],
 )
-def test_rates_that_disagree_are_refused_at_their_place(
-    law: str, rate: str, message: str, position: int
-) -> None:
+def test_rates_that_disagree_are_refused(law: str, rate: str, message: str, position: int) -> None:
     with pytest.raises(lw.LawError, match=message) as error:
         _ = lw.Law.parse(law, {"z": rate}).units
     assert (error.value.text, error.value.position) == (rate, position)

@@ -106,9 +106,7 @@ def test_a_link_with_memory_keeps_the_unit_of_its_ends(tmp_path: Path) -> None:
         ),
     ],
 )  # fmt: skip
-def test_what_contradicts_itself_is_refused(
-    tmp_path: Path, link: str, modes: str, more: str, message: str
-) -> None:
+def test_contradictions_are_refused(tmp_path: Path, link: str, modes: str, more: str, message: str) -> None:
     with pytest.raises(lw.StructureError, match=re.escape(message)) as error:
         beam(tmp_path, link, modes, more)
     assert "\n" not in str(error.value)

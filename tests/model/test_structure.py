@@ -51,9 +51,7 @@ def mixed() -> Structure:
     )
 
 
-def test_incidence_carries_the_sign_of_every_end_and_elongations_are_first_less_second(
-    mixed: Structure,
-) -> None:
+def test_incidence_has_the_sign_of_every_end_and_elongations_are_first_less_second(mixed: Structure) -> None:
     np.testing.assert_array_equal(mixed.incidence.toarray(), [[1, -1, 0, 0], [0, 1, 0, 0], [0, 0, -1, 1]])
     np.testing.assert_array_equal(mixed.base_incidence, [0, 0, 1, -1])
     x, base = np.array([[1.0, 2.0, 4.0], [0.5, 0.0, -1.0]]), np.array([10.0, 0.25])
@@ -79,9 +77,7 @@ def test_sharing_resolves_and_counts_once(mixed: Structure) -> None:
     assert mixed.link("s3").coefficients["k"].value == 50.0
 
 
-def test_filling_in_unknowns_gives_plain_numbers_and_changing_a_known_value_keeps_sharing(
-    mixed: Structure,
-) -> None:
+def test_filling_in_unknowns_gives_numbers_and_a_changed_value_keeps_sharing(mixed: Structure) -> None:
     filled = mixed.with_values({"s1.k": 70.0, "s3.c": 0.5, "m3.mass": 0.4})
     assert filled.parameters == ()
     assert [link.values["k"] for link in filled.links] == [70.0, 70.0, 70.0, 100.0]
@@ -116,7 +112,7 @@ MANY = Structure(
         (lambda mixed: MANY.link("zzz"), r'"s8", "s9", \.\.\., "s19"$'),
     ],
 )  # fmt: skip
-def test_what_is_not_there_is_refused_with_the_names_there_are(
+def test_unknown_names_list_others(
     mixed: Structure, ask: Callable[[Structure], object], message: str
 ) -> None:
     with pytest.raises(StructureError, match=message):
@@ -132,9 +128,7 @@ def test_what_is_not_there_is_refused_with_the_names_there_are(
         (("s.c",), {"s1.k", "s1.c", "s2.c", "s3.c", "s4.c", "m3.mass"}),
     ],
 )
-def test_unknown_chooses_by_link_beginning_coefficient_and_mass(
-    mixed: Structure, which: tuple[str, ...], free: set[str]
-) -> None:
+def test_unknown_chooses_by_name_and_mass(mixed: Structure, which: tuple[str, ...], free: set[str]) -> None:
     assert {parameter.name for parameter in mixed.unknown(*which).parameters} == free
 
 

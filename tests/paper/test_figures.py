@@ -99,9 +99,7 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
     ("figure", "masses"),
     [(figures.figure_3, ["m1"]), (figures.figure_5, ["m1", "m3", "m5", "m7"])],
 )
-def test_primary_masses_are_shown_with_and_without_sinks(
-    figure: Callable[[], Figure], masses: list[str]
-) -> None:
+def test_primary_masses_with_and_without_sinks(figure: Callable[[], Figure], masses: list[str]) -> None:
     panels = titled(figure())
     assert list(panels) == masses
     bare = [np.mean(curve(axes, "without sinks")[1] ** 2) for axes in panels.values()]
@@ -180,7 +178,7 @@ def test_figure_9_has_the_paper_beside_ours(report: StudyReport) -> None:
 
 
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
-def test_forces_stand_beside_the_theory(
+def test_forces_beside_the_theory(
     report: StudyReport, draw: Callable[..., Figure], shown: list[float]
 ) -> None:
     """The made-up coefficients are all off by one factor, so the error is that factor's wherever the force is largest."""

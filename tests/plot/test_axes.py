@@ -129,9 +129,7 @@ def test_pictures_are_all_that_is_public_beside_saving_them() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_is_drawn_on_the_axes_of_the_caller_or_its_own(
-    name: str, drawings: dict[str, Draw]
-) -> None:
+def test_a_picture_is_drawn_on_axes_of_the_caller_or_its_own(name: str, drawings: dict[str, Draw]) -> None:
     figure = Figure()
     left, right = figure.subplots(1, 2)
     assert drawings[name](ax=left) is left

@@ -69,9 +69,7 @@ def test_penalty_is_what_stands_between_evidence_and_margin(discovered: lw.Disco
 
 
 @pytest.mark.slow
-def test_stated_links_are_certain_whatever_is_thought_of_their_terms(
-    chain: lw.Structure, discovered: lw.Discovery
-) -> None:
+def test_stated_links_are_certain_whatever_their_terms(chain: lw.Structure, discovered: lw.Discovery) -> None:
     spring = link("spring1", "m1-ground", "k*d", k=30000.0)
     known = lw.discover(discovered.estimate.record, with_links(chain.unknown("nes"), spring))
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
@@ -200,9 +198,7 @@ def test_result_json_holds_the_discovery(discovery_folder: Path, discovered: lw.
     assert "truth" not in alone and "nmse_percent" not in alone
 
 
-def test_terms_csv_has_every_candidate_that_was_tested(
-    discovery_folder: Path, discovered: lw.Discovery
-) -> None:
+def test_terms_csv_has_every_tested_candidate(discovery_folder: Path, discovered: lw.Discovery) -> None:
     rows = list(csv.DictReader((discovery_folder / "terms.csv").read_text().splitlines()))
     columns = (
         "name link term unit kept told reliable value standard_error z margin first second certain price"
@@ -240,9 +236,7 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discov
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
 
 
-def test_nothing_is_left_where_writing_fails(
-    discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
-) -> None:
+def test_nothing_is_left_of_a_failure(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
     other = replace(chain, masses=chain.masses[:1], links=chain.links[:1])
     with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
         lw.report.write_discovery(discovered, tmp_path / "answer", truth=other)

@@ -44,9 +44,7 @@ def test_joined_records_have_those_of_both_parts() -> None:
         ([2.0, 1.0], [2.0, np.nan], [1.0, 0.0], "sample 0 is there beside its reading"),
     ],
 )
-def test_wrong_clipped_samples_are_refused(
-    samples: list[float], readings: list[float], sides: list[float], message: str
-) -> None:
+def test_wrong_samples(samples: list[float], readings: list[float], sides: list[float], message: str) -> None:
     with pytest.raises(lw.RecordError, match=message):
         lw.records.ClippedSamples(np.array(samples), np.array(readings), np.array(sides))
 

@@ -50,9 +50,7 @@ def _lacking(record: lw.Record) -> lw.Record:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [_driven, _carried, _on_rig, _on_host])
-def test_every_way_to_identify_refuses_a_gap_in_an_input(
-    case: Callable[[], tuple[lw.Record, lw.Structure]],
-) -> None:
+def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Record, lw.Structure]]) -> None:
     record, structure = case()
     lacking = _lacking(record)
     with pytest.raises(lw.IdentificationError) as error:
@@ -76,9 +74,7 @@ def test_a_modal_test_refuses_a_gap_in_its_force() -> None:
 @pytest.mark.parametrize(
     ("missing", "longest"), [([0, 3], (4, 9)), ([9, 2], (3, 8)), ([6], (0, 5)), (range(1, 10), (0, 0))]
 )
-def test_the_piece_that_is_named_is_the_longest_without_a_gap(
-    missing: list[int], longest: tuple[int, int]
-) -> None:
+def test_the_longest_piece_without_a_gap_is_named(missing: list[int], longest: tuple[int, int]) -> None:
     record = PROBLEMS["two masses, 20 dB"].clean[100:110]
     values = record.values.copy()
     values[missing, 0] = np.nan

@@ -94,9 +94,7 @@ def test_records_of_one_clock_are_joined_by_time() -> None:
     assert "a:base were joined by time." in joined.notes
 
 
-def test_samples_at_the_same_times_are_not_changed_and_records_that_cannot_be_joined_by_time_are_refused(
-    record: lw.Record,
-) -> None:
+def test_samples_at_the_same_times_stay_and_what_cannot_be_joined_is_refused(record: lw.Record) -> None:
     joined = lw.records.joined_by_time(record.select(["x:m1"])[:300], record.select(["a:base"])[100:])
     assert joined.start == 0.5 and (joined.values == record.values[100:300]).all()
     first, base_part = record.select(["x:m1"]), record.select(["a:base"])

@@ -153,9 +153,7 @@ def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, 
          "channel x:m1: the value is infinite; leave the cell of an overloaded sample empty (sample 30)"),
     ],
 )  # fmt: skip
-def test_a_useless_measurement_is_refused(
-    wave: dict[str, Floats], change: dict[str, Any], message: str
-) -> None:
+def test_what_is_useless_is_refused(wave: dict[str, Floats], change: dict[str, Any], message: str) -> None:
     time = change.pop("time", np.arange(N) / RATE)
     with pytest.raises((RecordError, ArgumentTypeError)) as caught:
         Record.from_arrays(time, {**wave, **change})
@@ -198,9 +196,7 @@ def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
         (lambda r: r.with_noise(np.inf, seed=0), "decibel must be within 1000 of zero, got inf"),
     ],
 )  # fmt: skip
-def test_a_request_that_cannot_be_met_says_why(
-    record: Record, act: Callable[[Record], object], message: str
-) -> None:
+def test_a_wrong_request_says_why(record: Record, act: Callable[[Record], object], message: str) -> None:
     with pytest.raises((RecordError, ArgumentTypeError)) as caught:
         act(record)
     assert message in str(caught.value)

@@ -44,9 +44,7 @@ def test_a_rounded_time_gives_the_rate_that_was_meant(rate: float, digits: int) 
 
 @pytest.mark.parametrize("rate", [160.46573, 106.11374, 245.97814, 83.72193])
 @pytest.mark.parametrize("rounding", [np.round, np.floor])
-def test_a_rounded_time_gives_a_rate_that_is_no_round_number(
-    rate: float, rounding: Callable[[Floats], Floats]
-) -> None:
+def test_a_rounded_time_gives_an_odd_rate(rate: float, rounding: Callable[[Floats], Floats]) -> None:
     time = rounding((0.4 + np.arange(2000) / rate) * 1000.0) / 1000.0
     # rounding to 1e-3 s differs between samples: it leaves open some 1e-3 s over length times number of samples
     assert Timeline.fit(time).rate == pytest.approx(rate, rel=10.0 * 1e-3 * rate / 2000.0**2)

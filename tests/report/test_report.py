@@ -104,7 +104,7 @@ def test_page_needs_nothing_else(answer_folder: Path) -> None:
     assert len(page) < 1.5e6
 
 
-def test_figures_beyond_the_size_of_a_page_lie_beside_it(
+def test_large_figures_lie_beside(
     fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that no page is larger than 1.5 MB, however many links and channels there are."""
@@ -159,7 +159,7 @@ def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_p
     assert fractions == sorted(fractions) and fractions[0] >= 0.0 and 0.8 < fractions[-1] <= 1.0
 
 
-def test_a_discovery_from_a_simulated_record_with_memory_is_written(
+def test_a_discovery_of_memory_is_written(
     discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
 ) -> None:
     """Its figures are not compared with the true forces, which the motion alone does not tell."""

@@ -76,9 +76,7 @@ def test_a_figure_of_an_answer_is_a_function_and_a_line(
     assert kind != "Absorption" or re.search(r"the balance closes to \d+e-\d+\.", page)
 
 
-def test_a_figure_of_every_link_is_a_function_and_a_line(
-    fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_figure_of_every_link(fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def again(reported: Reported[lw.Estimate], link: str) -> Callable[[], Figure]:
         return lambda: force_figure(reported.result, link)
 

@@ -59,17 +59,13 @@ def test_an_error_fits_on_a_screen(error: lw.LinkwiseError) -> None:
         f'[[mass]]\nname="m1"\nmass=1\n[[link]]\nname="s"\nbetween=["{LONG}","ground"]\nlaw="k*d"\n',
     ],
 )
-def test_a_structure_file_with_something_long_in_it(
-    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_long_structure_file(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "long.toml").write_text(text)
     assert run(["structure", "show", str(tmp_path / "long.toml")]) == 2
     assert len(capsys.readouterr().err) < SCREEN
 
 
-def test_a_record_with_long_headers(
-    tmp_path: Path, chain_file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_long_headers(tmp_path: Path, chain_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "long.csv").write_text(f"time,{LONG},{LONG}2,x:{LONG}\n0,1,2,3\n")
     assert run(["identify", str(tmp_path / "long.csv"), str(chain_file)]) == 2
     assert len(capsys.readouterr().err) < SCREEN

@@ -89,9 +89,7 @@ def test_a_segment_longer_than_the_test_is_the_whole_test() -> None:
     assert near.to_dict()["coefficients"] == far.to_dict()["coefficients"]
 
 
-def test_a_force_may_be_a_long_expression(
-    files: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_force_may_be_long(files: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Longer than the name of a file can be, with a colon in no place where a file could be meant. All terms are alike, which
     is compiled in no time."""
     monkeypatch.chdir(files)

@@ -128,9 +128,7 @@ def test_the_folder_where_one_is(name: str, tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("reason", [EBUSY, EACCES])
-def test_a_folder_that_cannot_be_renamed_is_filled(
-    reason: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fixed_folder_is_filled(reason: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As one on which a disk is mounted, or one in a folder of somebody else's."""
     folder = tmp_path / "answer"
     folder.mkdir()
@@ -181,7 +179,7 @@ def test_folders_of_others_are_not_swept_away(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such places")
 @pytest.mark.parametrize("place", ["/proc/answer", "/dev/null/answer", "x" * 300])
-def test_a_place_that_takes_no_folder_is_refused_before_the_work(
+def test_a_place_without_folders_is_refused(
     place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

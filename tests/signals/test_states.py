@@ -73,7 +73,7 @@ def test_measured_motion_is_taken_as_it_is() -> None:
         ("savgol", 1e-4, 2e-3),  # the window is cut at 1.4 bandwidths, and a loses first
     ],
 )
-def test_all_methods_derive_what_was_not_measured(
+def test_methods_derive_what_is_missing(
     method: DifferentiationMethod, v_limit: float, a_limit: float
 ) -> None:
     states = differentiate(_record(x_m1=X[:, 0], x_m2=X[:, 1]), method)
@@ -129,7 +129,7 @@ SLOW = np.cos(TIME[:64]) + 0.01 * np.random.default_rng(1).normal(size=64)
         ({"x_m1": SLOW}, "spline", r"64 samples are too few, since \d+ at each end have one-sided derivatives only"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_differentiated_is_refused(
+def test_refused_signals(
     channels: dict[str, np.ndarray], method: DifferentiationMethod, message: str
 ) -> None:
     with pytest.raises(RecordError, match=message):

@@ -25,9 +25,7 @@ FRICTION = oscillator(
         (0.02, 1.0, False, False), (0.02 + 1e-10, 1.0, False, False), (0.02 + 1e-6, 1.0, False, True),
     ],
 )  # fmt: skip
-def test_a_branch_holds_off_the_kink_where_it_is_watched(
-    x: float, v: float, unwatched: bool, holds: bool
-) -> None:
+def test_a_branch_holds_off_a_watched_kink(x: float, v: float, unwatched: bool, holds: bool) -> None:
     """A schedule begins with the branches above every kink."""
     schedule = RunSchedule(FRICTION, Excitation.of({"x:m1": x, "v:m1": v}), np.arange(2.0))
     system = compiled_system(schedule.shape)
@@ -62,9 +60,7 @@ def test_a_piece_may_begin_on_a_kink(side: float) -> None:
 
 
 @pytest.mark.parametrize("order", [0, 5])
-def test_branches_that_are_kept_are_those_that_would_be_chosen(
-    order: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kept_branches_are_those_that_would_be_chosen(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kinks in the motion to a base, which jumps from sample to sample or runs smoothly."""
     law = "k*d + g*max(d - e, 0) + c*v*abs(v)"
     on_base = oscillator(law, mass=1.0, to="base", k=400.0, g=4000.0, e=4e-3, c=0.8)

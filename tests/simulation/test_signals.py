@@ -73,7 +73,7 @@ def test_responses_take_no_signal() -> None:
 
 
 @pytest.mark.parametrize("suffix", ["csv", "h5", "mat"])
-def test_the_command_takes_signals_and_files_keep_them(
+def test_commands_and_files_keep_signals(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

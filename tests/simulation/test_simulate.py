@@ -190,7 +190,7 @@ def test_a_resting_structure_rests_and_a_simulated_record_survives_a_pickle(spri
         ("k*sqrt(1 + d/s)", {"k": 10.0, "s": 0.05}, 0.2, "the displacement of mass m1 is -0.05 m"),
     ],
 )
-def test_what_diverges_stops_and_says_when_and_where(
+def test_what_diverges_says_when_and_where(
     law: str, values: dict[str, Any], time: float, message: str
 ) -> None:
     with pytest.raises(SimulationError) as caught:

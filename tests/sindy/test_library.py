@@ -176,9 +176,7 @@ def test_masses_without_states_are_refused() -> None:
         local_equations(states, bnes_chain(4), 3)
 
 
-def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_library_beyond_memory_says_its_size_and_what_would_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     flat = np.zeros((40, 50))
     states = States(np.arange(40.0), tuple(f"m{k + 1}" for k in range(50)), flat, flat, flat, flat)
     monkeypatch.setattr(library, "available_memory", lambda: 16 * 10**9)

@@ -70,9 +70,7 @@ def run_by(executor: Executor, study: lw.study.Study, folder: Path) -> list[lw.s
 
 
 @pytest.mark.slow
-def test_rows_depend_neither_on_order_nor_on_the_executor(
-    small_folder: Path, study: lw.study.Study, tmp_path: Path
-) -> None:
+def test_neither_order_nor_executor_count(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
     assert run_by(Here(5), study, tmp_path / "out") == list(lw.study.read_rows(small_folder))
 
 
@@ -90,9 +88,7 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     assert [row.seconds for row in again] == [row.seconds for row in rows]
 
 
-def test_a_worker_that_dies_loses_only_what_it_was_at(
-    small_folder: Path, study: lw.study.Study, tmp_path: Path
-) -> None:
+def test_a_worker_that_dies_loses_a_batch(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
     known = list(lw.study.read_rows(small_folder))
     unlucky = list(study.cases())[-1]
     executor = Here(2, {unlucky: 2}, known=known)
@@ -135,9 +131,7 @@ class Replaying(concurrent.futures.Executor):
         return future
 
 
-def test_shards_by_any_executor_are_gathered(
-    small_folder: Path, study: lw.study.Study, tmp_path: Path
-) -> None:
+def test_shards_of_any_executor_join(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
     known = lw.study.read_rows(small_folder)
     executor, folder = Replaying(known), tmp_path / "out"
     for part in (1, 3):
@@ -180,9 +174,7 @@ class Gone(Executor):
         pass
 
 
-def test_answers_that_are_not_finite_are_no_answers(
-    study: lw.study.Study, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_infinite_answers_are_no_answers(study: lw.study.Study, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))

@@ -199,8 +199,6 @@ def with_an_end_unseen() -> lw.Structure:
     ],
     ids=["collinear", "not linear", "two states", "no start", "an end that is not recorded"],
 )
-def test_what_cannot_be_identified_is_refused(
-    clean: Callable[[], lw.Record], asked: lw.Structure, message: str
-) -> None:
+def test_unidentifiable_is_refused(clean: Callable[[], lw.Record], asked: lw.Structure, message: str) -> None:
     with pytest.raises(lw.LinkwiseError, match=message):
         lw.identify(noisy(clean(), 40.0, SEEDS[0]), asked, method="weak")

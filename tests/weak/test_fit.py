@@ -130,7 +130,7 @@ def test_windows_that_miss_a_sample_are_left_out(chain: lw.Structure, clean: lw.
         assert 0.0 < apart.max() < 3.0
 
 
-def test_large_and_small_structures_are_solved_alike(
+def test_large_and_small_alike(
     chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The sparse way, beyond some hundreds of unknowns, gives the values of the dense one, and its standard errors."""

@@ -70,9 +70,7 @@ def test_a_wrong_gain_of_an_applied_force_is_named(
 @pytest.mark.parametrize(
     ("name", "factor", "snr_db"), [("m1", 1.02, 40.0), ("m2", 1.1, 20.0), ("m2", 1.01, 40.0)]
 )
-def test_a_mass_that_is_wrong_takes_trust_away(
-    name: str, factor: float, snr_db: float, chain: lw.Structure
-) -> None:
+def test_a_wrong_mass_takes_trust(name: str, factor: float, snr_db: float, chain: lw.Structure) -> None:
     """By its ratio to the other one, which is all that a motion without forces tells."""
     wrong = tuple(
         replace(mass, mass=lw.Coefficient.number(factor * float(mass.mass.value or 0.0)))
@@ -194,9 +192,7 @@ def test_a_coefficient_that_hardly_stands_above_the_noise_takes_trust_away() -> 
 
 
 @pytest.mark.parametrize("large", [False, True])
-def test_large_structures_are_tested_by_the_weak_form_alone(
-    large: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_large_structures_are_tested_weakly_alone(large: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Quadratic damping of a link, named by one score test where the likelihood is not searched."""
     if large:
         monkeypatch.setattr("linkwise.identification.weak_answer._LARGEST", 1)

@@ -76,9 +76,7 @@ def chains(weak: WeakLaw, d: np.ndarray, variance: float, **values: float) -> li
         (5, lambda d: d**5 - 10 * S**2 * d**3 + 15 * S**4 * d),
     ],
 )
-def test_powers_without_bias_are_hermite_polynomials(
-    power: int, hermite: Callable[[np.ndarray], np.ndarray]
-) -> None:
+def test_powers_are_hermite_polynomials(power: int, hermite: Callable[[np.ndarray], np.ndarray]) -> None:
     d = np.linspace(-2.0, 2.0, 9)
     [[unbiased, slope, *_]] = chains(weak_law(Law.parse(f"k*d**{power}"), frozenset()), d, S**2)
     assert unbiased == pytest.approx(hermite(d), abs=1e-12)

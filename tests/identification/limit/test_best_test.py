@@ -44,9 +44,7 @@ def test_the_best_keeps_the_limits_and_its_error_is_that_of_limit(
     assert len(alike) > 1 and np.ptp(scaled) < 1e-3 * scaled[0]
 
 
-def test_its_command_simulates_the_test(
-    found: BestTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_command_simulates_it(found: BestTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     lw.write_structure(SPRING, tmp_path / "structure.toml")
     printed = found.to_dict()["tests"][0]

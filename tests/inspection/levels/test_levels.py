@@ -262,9 +262,7 @@ def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_inspect_compares_levels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     for name, size in (("soft", 0.1), ("hard", 2.0)):
         lw.write_record(tap(size, 4e9).with_noise(40.0, seed=1), f"{name}.csv")

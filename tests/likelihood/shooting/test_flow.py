@@ -1,7 +1,5 @@
 """The flow over segments and its tangents: against the engine, against their declared orders, against differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

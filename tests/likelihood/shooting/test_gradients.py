@@ -1,7 +1,5 @@
 """Residuals, defects and the equations of segments: every gradient against differences of the cost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -261,7 +259,7 @@ def test_losses_cost_what_their_densities_say() -> None:
     ("masses", "sensors", "unknown"),
     [(2, ("v:m1", "v:m2"), ("all", "mass:m2")), (4, (), ("nes",)), (14, (), ("all",))],
 )
-def test_gradients_by_the_adjoint_are_slopes_of_the_cost(
+def test_adjoint_gradients_are_slopes(
     masses: int, sensors: tuple[str, ...], unknown: tuple[str, ...]
 ) -> None:
     """Along a random direction, by central differences of the flow, whose order is higher than that of the sensitivities."""

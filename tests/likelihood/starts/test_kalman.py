@@ -1,7 +1,5 @@
 """Smoothed states of linear systems."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -23,7 +23,7 @@ lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.01, rate=1000.0)
         ({}, set()),
     ],
 )
-def test_compiled_equations_stay_in_one_small_folder(
+def test_compiled_code_stays_in_a_folder(
     tmp_path: Path, variables: dict[str, str], folders: set[str]
 ) -> None:
     (tmp_path / "a file").touch()

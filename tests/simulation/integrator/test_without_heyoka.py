@@ -54,7 +54,7 @@ def moved(law: str, values: dict[str, Any], drive: dict[str, Any]) -> lw.Record:
 
 
 @pytest.mark.parametrize(("law", "values", "drive"), LAWS, ids=[law for law, _, _ in LAWS])
-def test_motion_is_that_of_heyoka(
+def test_as_heyoka(
     law: str, values: dict[str, Any], drive: dict[str, Any], request: pytest.FixtureRequest
 ) -> None:
     by_heyoka = moved(law, values, drive).values

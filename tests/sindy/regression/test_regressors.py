@@ -223,9 +223,7 @@ def test_too_few_rows_to_hold_any_out_and_settings_outside_their_range_are_refus
 
 @pytest.mark.parametrize("regressor", [Stlsq(), L1()])
 @pytest.mark.parametrize("decibel", [30.0, 20.0])
-def test_the_choice_on_rows_held_out_beats_all_terms_on_noisy_states(
-    regressor: Regressor, decibel: float
-) -> None:
+def test_the_choice_on_rows_held_out_beats_all_terms_in_noise(regressor: Regressor, decibel: float) -> None:
     structure = bnes_chain(6)
     record = chain_record(6, sensors=("x", "v", "a"))
     system = monomial_equations(noisy_states(record, "states", decibel, seed=1000), 3)
@@ -261,9 +259,7 @@ def test_weights_are_those_of_weighted_least_squares() -> None:
 
 
 @pytest.mark.parametrize("penalty", [0.3, 0.1, 0.01, 1e-3, 1e-5])
-def test_the_l1_solution_satisfies_the_conditions_of_optimality(
-    chain: StreamedSystem, penalty: float
-) -> None:
+def test_the_l1_solution_meets_the_conditions_of_optimality(chain: StreamedSystem, penalty: float) -> None:
     gram = Gram.of(chain)
     fit = L1(penalty, debias=False).fit_gram(gram, chain.units, chain.targets)
     for target in range(4):
