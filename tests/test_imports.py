@@ -103,17 +103,6 @@ def test_only_the_command_line_imports_the_whole_package() -> None:
     assert users == {"cli"}
 
 
-def test_a_module_at_the_root_serves_several_packages() -> None:
-    """One that serves a single package belongs there."""
-    doors = {"linkwise", "linkwise.__main__"}
-    shared = [name for name in MODULES - doors if package(name) == "root"]
-    users = {
-        name: {package(module_name(path)) for path in FILES if name in imports_of(path)} - {"root"}
-        for name in shared
-    }
-    assert len(users) > 8 and {name for name, packages in users.items() if len(packages) < 2} == set()
-
-
 def test_no_circles() -> None:
     """Imports that only type checkers see count too."""
     graph = {

@@ -1,6 +1,5 @@
 """Maps of absorption are the single answers, point by point, whatever is swept; what cannot be swept is said."""
 
-import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -187,20 +186,3 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
         match=r"a sweep of 10000000000 runs needs 7.4e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
     ):
         absorption_map(CHAIN, over, **SHORT)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("masses", [2, 4])
-def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
-    """Per run: some hundred kilobytes that every sweep takes, more or less by versions of NumPy, are in both peaks."""
-    trial: dict[str, Any] = {"duration": 0.1, "rate": 500.0, "release": RELEASE, "workers": 1}
-    chain, alphas = lw.bnes_chain(masses), np.linspace(-200.0, -20.0, 200)
-    absorption_map(chain, {"nes1.alpha": alphas[:2]}, **trial)  # loads what a first one does
-    peaks = []
-    for values in (alphas[:40], alphas):
-        tracemalloc.start()
-        absorption_map(chain, {"nes1.alpha": values}, **trial)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    predicted = map.map_bytes(160, masses)
-    assert predicted / 2 < peaks[1] - peaks[0] < predicted

@@ -1,15 +1,48 @@
 """The parabola in all candidates against least squares done anew, and the search on it against all choices there are."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations, product
+from typing import Self
 
 import numpy as np
 import pytest
-from present import some
-from regressions import Regression
 
 from linkwise.discovery.criterion import Penalty, QuadraticModel
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """y (N,) = columns (N, p) c + noise of deviation 1."""
+
+    columns: np.ndarray
+    y: np.ndarray
+
+    @classmethod
+    def drawn(cls, seed: int, size: int = 7, samples: int = 60) -> Self:
+        """Columns of sizes over six decades that lean on each other."""
+        random = np.random.default_rng(seed)
+        columns = random.normal(size=(samples, size)) @ (
+            np.eye(size) + 0.4 * random.normal(size=(size, size))
+        )
+        true = random.normal(size=size)
+        y = columns @ true + random.normal(size=samples)
+        return cls(columns * 10.0 ** random.uniform(-3.0, 3.0, size), y)
+
+    @property
+    def quadratic(self) -> QuadraticModel:
+        names = tuple(f"c{number}" for number in range(self.columns.shape[1]))
+        free = Penalty(0.0, 0.0, np.full(len(names), -1), frozenset())
+        return QuadraticModel(names, self.columns.T @ self.columns, self.columns.T @ self.y, free)
+
+    def least_squares(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
+        """Values, z, and the squares that are left less those of y itself."""
+        part = self.columns[:, chosen]
+        values, *_ = np.linalg.lstsq(part, self.y)
+        deviation = np.sqrt(np.linalg.inv(part.T @ part).diagonal())
+        left = self.y - part @ values
+        return values, values / deviation, float(left @ left - self.y @ self.y)
+
 
 SAME = 1e-8  # the same sums in another order
 SIZE = 8
@@ -25,59 +58,6 @@ def test_a_choice_is_its_least_squares(chosen: list[int]) -> None:
     np.testing.assert_allclose(solved.values, values, rtol=SAME)
     np.testing.assert_allclose(solved.z, z, rtol=SAME)
     assert regression.quadratic.cost(chosen) == pytest.approx(cost, rel=SAME)
-
-
-@pytest.mark.parametrize("chosen", [[], *CHOICES[:-1]], ids=str)
-def test_what_is_outside_is_tried_one_by_one(chosen: list[int]) -> None:
-    """z squared is what a coefficient takes off the cost."""
-    regression = Regression.drawn(2)
-    numbers, values, z = regression.quadratic.additions(chosen)
-    assert numbers.tolist() == [number for number in range(7) if number not in chosen]
-    for number, value, score in zip(some(numbers), values, z, strict=True):
-        together, deviations, cost = regression.least_squares([*chosen, number])
-        assert value == pytest.approx(together[-1], rel=SAME)
-        assert score == pytest.approx(deviations[-1], rel=SAME)
-        assert score**2 == pytest.approx(regression.quadratic.cost(chosen) - cost, rel=SAME)
-
-
-@pytest.mark.parametrize("by_blocks", [False, True])
-def test_an_exchange_is_an_addition_to_the_others(by_blocks: bool) -> None:
-    quadratic = Regression.drawn(3).quadratic
-    if by_blocks:
-        quadratic = replace(
-            quadratic, scatter=2.0 * quadratic.h, by_blocks=(np.diag(quadratic.h.diagonal()),)
-        )
-    chosen = [0, 2, 3, 6]
-    for place, exchanged in enumerate(quadratic.exchanges(chosen)):
-        added = quadratic.additions([k for k in chosen if k != chosen[place]])
-        others = np.isin(added.numbers, exchanged.numbers)
-        np.testing.assert_allclose(exchanged.values, added.values[others], rtol=SAME)
-        np.testing.assert_allclose(exchanged.z, added.z[others], rtol=SAME)
-
-
-@pytest.mark.parametrize("by_blocks", [False, True])
-def test_another_scatter_gives_the_sandwich(by_blocks: bool) -> None:
-    """As the scatter of g, or as that which blocks tell, where this is the larger one."""
-    regression, random = Regression.drawn(4), np.random.default_rng(4)
-    plain = regression.quadratic
-    root = 5.0 * random.normal(size=(7, 7)) * np.sqrt(plain.h.diagonal())[:, None]
-    scatter = root @ root.T
-    told = {"by_blocks": (0.5 * plain.h, scatter)} if by_blocks else {"scatter": scatter}
-    quadratic = replace(plain, **told)
-    least = plain.h if by_blocks else 0.0 * plain.h
-
-    def deviations(chosen: list[int]) -> np.ndarray:
-        block = np.ix_(chosen, chosen)
-        inverse = np.linalg.inv(plain.h[block])
-        variances = [(inverse @ matrix[block] @ inverse).diagonal() for matrix in (least, scatter)]
-        return np.sqrt(np.maximum(*variances))
-
-    solved = quadratic.solve(range(7))
-    np.testing.assert_allclose(solved.z, solved.values / deviations([*range(7)]), rtol=SAME)
-    assert quadratic.cost(range(7)) == plain.cost(range(7))
-    numbers, values, z = quadratic.additions([0, 2, 3])
-    for number, value, score in zip(some(numbers.tolist()), values, z, strict=True):
-        assert score == pytest.approx(value / deviations([0, 2, 3, number])[-1], rel=SAME)
 
 
 def problem(seed: int) -> QuadraticModel:

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies
-from work import function_calls
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.files import read_record, write_record
+from linkwise.files import read_record
 from linkwise.records.record import Record
 
 Reader = Callable[..., Record]
@@ -301,20 +300,6 @@ def test_an_uneven_time_is_resampled_gaps_stay_open_and_a_rate_far_above_is_refu
 
 
 # Writing, work, real files -------------------------------------------------------------------------------------
-
-
-def test_cells_of_numbers_are_read_without_a_call_for_each(tmp_path: Path) -> None:
-    """Nine more columns add no call per row, ten times the rows at most ten times the calls; bench_files.py times it."""
-
-    def calls(rows: int, columns: int) -> int:
-        values = np.random.default_rng(1).standard_normal((rows, columns))
-        record = Record(0.0, 1000.0, tuple(f"x:m{i}" for i in range(columns)), values)
-        write_record(record, tmp_path / "r.csv")
-        assert np.array_equal(read_record(tmp_path / "r.csv").values, values)
-        return function_calls(lambda: read_record(tmp_path / "r.csv"))
-
-    few, wide, long = calls(2000, 1), calls(2000, 10), calls(20_000, 1)
-    assert wide - few < 2000 and long <= 10 * few
 
 
 def test_the_measured_records_are_read(shared_data: Path) -> None:

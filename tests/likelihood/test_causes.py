@@ -299,18 +299,6 @@ def test_what_the_equations_cannot_tell_apart_is_told_together() -> None:
     assert "the wrong sign of x:m1 would do the same" in fit.message
 
 
-def test_the_part_of_a_long_record_that_moves_is_enough() -> None:
-    """A record that rests for longer than is looked at."""
-    clean = pushed()
-    rest = np.zeros((25_000, len(clean.channels)))
-    long = replace(clean, values=np.concatenate([rest, clean.values]), simulated=None).with_noise(
-        30.0, seed=1
-    )
-    wrong = changed(long, force_m1=-long.channel("force:m1"))
-    found = recording_errors([wrong], CHAIN.unknown("all"))
-    assert [(cause.kind, cause.where) for cause in found] == [("sign", "force:m1")]
-
-
 @pytest.mark.slow
 def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
     """The terms that are found in a wrong record are not those that explain the right one."""

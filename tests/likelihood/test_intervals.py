@@ -111,21 +111,6 @@ def test_the_curvature_is_the_profiles(short_record: lw.Record, ours: Likelihood
     assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.slow
-def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
-    """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
-    clean = chain_record(2, duration=0.2)
-    estimates = []
-    for seed in range(60):
-        noisy = clean.with_noise(40.0, seed=seed)
-        noisy = replace(noisy, noise=dict(present(noisy.simulated).noise))
-        estimates.append(likelihood_fit([noisy], UNKNOWN, TRUE).values)
-    z = (np.stack(estimates) - TRUE) / np.sqrt(np.diag(slow.covariance))
-    # a variance over 60 scatters by sqrt(2/60) = 0.18: 3 deviations
-    assert np.mean(z**2, axis=0) == pytest.approx(np.ones(5), abs=0.55)
-    assert np.abs(z.mean(axis=0)).max() < 3.0 / np.sqrt(60)
-
-
 MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
 CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
 SHORT = 0.5  # s, a twelfth of the paper's record: intervals cover and errors reach the bound at any duration

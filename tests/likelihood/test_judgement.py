@@ -16,7 +16,6 @@ from within import assert_within, errors
 
 import linkwise as lw
 from linkwise.likelihood.noise import is_coloured, whiteness_text
-from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 
@@ -96,23 +95,6 @@ def test_a_low_rate_needs_no_model_error(chain: lw.Structure) -> None:
     fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=1000), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
     assert_within(fit, chain, 5.0)
-
-
-def test_outliers_are_seen_and_normal_noise_has_none() -> None:
-    rng = np.random.default_rng(5)
-    normal = rng.normal(size=(6000, 3))
-    assert not has_outliers(normal, np.ones(3)) and not has_outliers(normal, np.zeros(3))
-    hit = normal.copy()
-    hit[::200, 1] += 8.0
-    assert has_outliers(hit, np.array([1.0, np.std(hit[:, 1]), 1.0]))
-    assert outliers_exceed_noise(hit) and not outliers_exceed_noise(normal)
-    assert not outliers_exceed_noise(1.2 * hit)  # typical ones are larger, too
-    # differences hold the motion: they tell nothing
-    moving = normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
-    assert not has_outliers(moving, np.ones(3))
-    # its differences have a kurtosis too
-    decaying = np.exp(-np.arange(6000.0) / 800.0) * np.sin(np.arange(6000.0))
-    assert not has_outliers(normal + 3.0 * decaying[:, None], np.ones(3))
 
 
 @pytest.mark.parametrize(("correlation", "coloured"), [(0.0, False), (0.3, True), (-0.3, True)])

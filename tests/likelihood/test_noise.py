@@ -99,18 +99,6 @@ def test_noise_that_is_stated_and_larger_is_not_excused() -> None:
     assert lw.identify(stated, lw.bnes_chain(2).unknown("nes")).verdicts[0] is lw.Verdict.NOISE_MISMATCH
 
 
-@pytest.mark.parametrize("correlation", [-0.4, 0.5, 0.9])
-def test_an_autoregression_is_found(correlation: float) -> None:
-    series = autoregressive(np.random.default_rng(1), (6000, 2), correlation)
-    series[700:710] = 0.0  # missing
-    noise = present(estimated_noise(series))
-    assert noise.channels.tolist() == [0] and noise.samples.tolist() == [5990, 5990]
-    error = np.sqrt((1.0 - correlation**2) / 6000)
-    assert noise.coefficients[0][0] == pytest.approx(correlation, abs=4.0 * error)
-    size = np.sqrt(2.0 / 6000 * (1.0 + correlation**2) / (1.0 - correlation**2))
-    assert noise.variances[0] == pytest.approx(1.0, abs=4.0 * size + 0.05)  # never below what is left is flat
-
-
 def resonant(rng: np.random.Generator, samples: float, damping: float) -> np.ndarray:
     """A motion at so many samples a period under white forces."""
     pole = np.exp((-damping + 1j) * 2.0 * np.pi / samples)

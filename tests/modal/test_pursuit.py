@@ -7,7 +7,7 @@ from tapped_beam import DAMPING, shaken, tapped
 
 import linkwise as lw
 from linkwise.modal.measured import ModalMeasurement
-from linkwise.modal.pursuit import Projection, doubled_mode, pursued_modes, shadow_mode
+from linkwise.modal.pursuit import Projection, pursued_modes
 from linkwise.progress import silent
 
 
@@ -60,18 +60,3 @@ def test_derivatives_of_what_is_left_are_those_of_differences() -> None:
         # half the slope downwards; central differences of the second order
         expected = -(ahead - behind) / (4.0 * step)
         assert linear.slope[number] == pytest.approx(expected, rel=1e-5, abs=1e-6 * linear.cost)
-
-
-def test_a_faint_mode_that_moves_like_its_neighbour_is_a_shadow_of_it() -> None:
-    frequencies, damping = np.array([6.0, 13.8, 14.0]), np.array([0.01, 0.013, 0.001])
-    shapes = np.array([[0.3, 0.5, 0.1], [0.108, -0.081, 0.082], [-0.0017, 0.0012, -0.0014]])
-    faint = np.array([True, False, True])
-    assert shadow_mode(frequencies, damping, shapes, faint) == 2
-    assert doubled_mode(frequencies, damping, shapes) is None  # it is outside the bandwidth, of 0.18 Hz
-    for reason, others in {
-        "far away": (np.array([6.0, 13.8, 14.6]), shapes, faint),
-        "moves by itself": (frequencies, np.array([*shapes[:2], [-0.0017, 0.0012, 0.0014]]), faint),
-        "stands above the noise": (frequencies, shapes, np.array([True, False, False])),
-        "beside a faint one": (frequencies, shapes, np.ones(3, dtype=bool)),
-    }.items():
-        assert shadow_mode(others[0], damping, *others[1:]) is None, reason

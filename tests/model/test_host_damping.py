@@ -1,7 +1,6 @@
 """Damping between the modes of hosts: the matrix that a structure has, its file, and what is refused."""
 
 import pickle
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from structures import structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.tests.score_test import missing_terms
 
 FREQUENCIES, RATIOS = (5.0, 6.0, 9.0), (0.01, 0.02, 0.015)
 SHAPES = np.array([[1.0, 0.4], [-0.8, 0.6], [0.5, -0.7]])  # of each mode at tip and joint
@@ -164,17 +162,6 @@ def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
     expected = shapes.T @ dashpots @ shapes
     np.testing.assert_allclose(found[:2, :2], expected[:2, :2], rtol=1e-9, atol=1e-12)  # rounding
     assert np.abs(found[0, 1]) > 1e-3
-
-
-def test_dampers_between_modes_do_not_crowd_out_what_a_diagnosis_tests() -> None:
-    """Nothing is offered for them: with 45 pairs each, no frequency of a second host was tested."""
-    modes = 10
-    between = dict.fromkeys(combinations(range(1, modes + 1), 2), 0.01)
-    body = tuple(lw.model.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes))
-    hosts = [lw.Host(name, body, damping=between) for name in ("left", "right")]
-    hypotheses, _ = missing_terms(structure({}, hosts=hosts))
-    tested = {hypothesis.where for hypothesis in hypotheses if hypothesis.kind == "frequency"}
-    assert tested == {f"{name}.mode{number}" for name in ("left", "right") for number in range(1, modes + 1)}
 
 
 def test_an_export_says_what_ends_of_dampers_between_modes_are(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from present import some
 
 import linkwise as lw
 from linkwise.expression import Program, differentiate
-from linkwise.model.slider_corners import slider_parts, smooth_rates
+from linkwise.model.slider_corners import smooth_rates
 
 VALUES = {"k": 200.0, "Fs": 12.0}
 LAW = lw.Law.parse(lw.model.named_law("jenkins").law, lw.model.named_law("jenkins").states)
@@ -60,22 +60,3 @@ def test_a_slider_that_slides_fast_lags_by_a_time() -> None:
         assert steepest < 1.0 / lag
         (rate,) = Program(list(rates), NAMES, wide=LAW.variables)(0.0, v, np.array([12.0]), *NUMBERS)
         assert abs(rate[0]) < 1e-9 * VALUES["k"] * v
-
-
-def parts_of(name: str, *values: float) -> list[float] | None:
-    named = lw.model.named_law(name)
-    parts = slider_parts(lw.Law.parse(named.law, named.states))
-    return None if parts is None else list(map(float, parts(*values)))
-
-
-def test_sliders_alone_are_told_by_stiffness_and_largest_size() -> None:
-    assert parts_of("jenkins", *NUMBERS) == [200.0, 12.0]
-    assert (parts_of("iwan(1)", 0.7, -0.4, 15.0, 300.0) or [])[:2] == [1.0, 1.0]
-    for other in some(("bouc-wen", "lugre", "dahl", "maxwell", "zener", "backlash-slip")):
-        assert parts_of(other) is None
-    states: Mapping[str, lw.model.LinkState | str] = {
-        "q": lw.model.named_law("jenkins").states["q"],
-        "z": "v - z",
-    }
-    assert slider_parts(lw.Law.parse("q + z", states)) is None
-    assert slider_parts(lw.Law.parse("k*d")) is None

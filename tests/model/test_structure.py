@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from present import present, some
-from work import ComparedName, function_calls
 
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
@@ -150,15 +149,6 @@ def test_unknown_frees_the_leader_of_a_shared_coefficient_and_an_exact_name_is_n
     assert {parameter.name for parameter in freed.parameters} == {"nes1.k", "nes1.c"}
 
 
-def test_shape_key_follows_topology_and_laws_not_values() -> None:
-    base = pair(NUMBER(1.0), NUMBER(2.0))
-    assert base.shape_key == pair(UNKNOWN(), NUMBER(3.0)).shape_key
-    turned = Structure("pair", base.masses, (base.links[0], spring("high", "a", "b")))
-    other_law = Link("high", ("b", "a"), Law.parse("k*d"), {"k": NUMBER(1.0)})
-    other = Structure("", base.masses, (base.links[0], other_law))
-    assert len({base.shape_key, turned.shape_key, other.shape_key}) == 3
-
-
 def test_structures_compare_hash_and_pickle_and_cannot_be_changed(mixed: Structure) -> None:
     again = pickle.loads(pickle.dumps(mixed))
     assert again == mixed
@@ -241,21 +231,3 @@ def test_what_cannot_be_is_refused_in_words(case: str) -> None:
     build, message = REFUSED[case]
     with pytest.raises(StructureError, match=re.escape(message)):
         build()
-
-
-def test_many_masses_are_built_and_changed_with_work_linear_in_size() -> None:
-    """Four times the masses take at most four times the calls, with what does not grow; a quadratic method takes 16."""
-
-    def build(n: int) -> None:
-        names = [ComparedName(f"m{i}") for i in range(n)]
-        masses = tuple(mass(name) for name in names)
-        links = tuple(
-            spring(ComparedName(f"s{i}"), names[i], names[i - 1] if i else GROUND) for i in range(n)
-        )
-        chain = Structure("", masses, links).unknown("all")
-        filled = chain.with_values({parameter.name: 1.0 for parameter in chain.parameters})
-        filled.elongations(np.zeros((2, n)))
-
-    assert Structure("", (A, B), (spring("s", "b", "a"),)).size == 2  # two masses on one spring may fly
-    build(10)  # what is compiled and cached on first use
-    assert function_calls(lambda: build(400)) <= 4 * function_calls(lambda: build(100))

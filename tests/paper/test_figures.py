@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
 from present import present, some
-from problems import chain_record
 
 import linkwise as lw
 from linkwise.paper import figures
@@ -67,21 +66,6 @@ def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
     figure = displacements_figure(lw.analysis.orbit_envelope(chain, {"v:m1": 1.0}, duration=1.0, rate=1000.0))
     # the bound above, which a stiffness off by 1e-4 exceeds within a second
     assert worst_departure(figure, shared_reference / "bnes_2.csv") > 1e-6
-
-
-def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
-    figure = figures.figure_4()
-    horizon = present(chain_record(8).simulated).horizon
-    assert len(figure.axes) == 8 and "one of many" in figure.get_suptitle()
-    assert f"{horizon:.2f} s" in figure.get_suptitle()
-    for axes in some(figure.axes):
-        labels = axes.get_legend_handles_labels()[1]
-        assert {"past the horizon", "range of neighbouring orbits"} <= set(labels)
-        edge = next(line for line in axes.lines if line.get_linestyle() == "--")
-        assert np.asarray(edge.get_xdata())[0] == horizon
-    calm = figures.figure_2()
-    assert [axes.get_title(loc="left") for axes in calm.axes] == ["a  primary mass m1", "b  sink m2"]
-    assert calm.get_suptitle() == "" and calm.legends == []
 
 
 def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:

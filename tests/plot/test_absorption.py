@@ -1,14 +1,12 @@
 """Figures of absorption: what is drawn is what was found, and nothing is promised that is not there."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from present import some
 
 import linkwise as lw
-from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure
+from linkwise.plot.absorptions import crossings_figure, decay_figure
 
 
 @pytest.fixture(scope="module")
@@ -35,32 +33,6 @@ def test_decay_shows_every_primary_mass_with_and_without(eight: lw.Absorption) -
     lower, upper = 0.9 * eight.with_sinks.envelope, 1.1 * eight.with_sinks.envelope
     drawn = lw.absorption.AbsorptionIntervals(eight, 2, 0, (), lower, upper, diverged=0, closure=0.0)
     assert "envelope, 95 % of draws" in labels(decay_figure(drawn))
-
-
-def test_a_structure_without_a_name_leaves_no_gap_in_the_title(eight: lw.Absorption) -> None:
-    unnamed = replace(eight.with_sinks, structure=replace(eight.with_sinks.structure, name=""))
-    for result, title in (
-        (eight, "bistable chain of 8 masses, sinks removed for comparison"),
-        (replace(eight, with_sinks=unnamed), "Sinks removed for comparison"),
-    ):
-        axes = decay_figure(result).axes[0]
-        assert title in [axes.get_title(loc=place) for place in ("left", "center")]
-
-
-def test_energy_bands_fill_the_panel_and_links_look_the_same_in_both(eight: lw.Absorption) -> None:
-    panels = []
-    for axes in some(energy_figure(eight).axes):
-        paths = [path for band in axes.collections for path in band.get_paths()]
-        top = max(float(np.asarray(path.vertices)[:, 1].max()) for path in paths)
-        # identity
-        assert top == pytest.approx(100.0, abs=1e-6)
-        panels.append(
-            {band.get_label(): tuple(np.asarray(band.get_facecolor())[0]) for band in axes.collections}
-        )
-    both = set(panels[0]) & set(panels[1])
-    assert {"spring1", "spring4", "still there"} <= both
-    assert all(panels[0][name] == panels[1][name] for name in both)
-    assert {"nes1", "nes1-harvester"} <= set(panels[0]) and "nes1" not in panels[1]
 
 
 def test_crossings_are_marked_above_each_sink(eight: lw.Absorption) -> None:

@@ -1,12 +1,9 @@
 """Maps of time and frequency, and coherence, show what is in the channels and what is not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.plot.records import coherences_figure
 
 RATE, COUNT = 1000.0, 8192
 TIME = np.arange(COUNT) / RATE
@@ -43,12 +40,3 @@ def test_what_follows_linearly_is_coherent() -> None:
     second = 3.0 * first + rng.normal(size=COUNT)
     values, _ = lw.plot.coherence(record(m1=first, m2=second), "x:m1", "x:m2").get_lines()
     assert np.mean(np.asarray(values.get_ydata())) == pytest.approx(0.9, abs=0.03)
-
-
-def test_a_channel_that_is_zero_or_alone_is_drawn_empty() -> None:
-    moving = record(m1=np.cos(TIME), m2=np.sin(TIME))
-    silent = replace(moving, values=moving.values * [0.0, 1.0])
-    assert not lw.plot.spectrogram(silent, "x:m1").collections
-    values, _ = lw.plot.coherence(silent, "x:m1", "x:m2").get_lines()
-    assert not np.any(values.get_ydata())
-    assert len(coherences_figure(lw.inspect(record(m1=np.sin(TIME)))).axes) == 1

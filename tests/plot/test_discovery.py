@@ -16,8 +16,7 @@ from structures import link, with_links
 
 import linkwise as lw
 from linkwise.discovery.result import runner_up_changes, runner_up_rows, term_rows
-from linkwise.plot import save
-from linkwise.plot.discoveries import evidence_figure, path_figure
+from linkwise.plot.discoveries import path_figure
 from linkwise.plot.graphs import crossings, graph_figure, node_positions
 from linkwise.plot.style import MEASURED
 
@@ -123,12 +122,6 @@ def test_a_tree_is_drawn_without_crossings_and_the_same_each_time() -> None:
     assert np.median(lengths) == pytest.approx(1.0, abs=0.25)  # a link is about 1 long, as declared
 
 
-def test_parts_that_nothing_joins_stand_apart() -> None:
-    points = node_positions(6, [(0, 1), (2, 3), (3, 4)])
-    heights = [points[nodes, 1] for nodes in ([0, 1], [2, 3, 4], [5])]
-    assert heights[0].max() < heights[1].min() and heights[1].max() < heights[2].min()
-
-
 def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
     path, runners = path_figure(discovered).axes
     [chosen] = [line for line in path.lines if line.get_label() == "chosen"]
@@ -147,22 +140,6 @@ def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
         if name in runner_up.change.split()
     ]
     assert all(added in change for added, change in some(named))
-
-
-def test_evidence_stands_above_the_price_where_a_term_was_kept(discovered: lw.Discovery) -> None:
-    [axes] = evidence_figure(discovered).axes
-    [prices] = [line.get_xdata() for line in axes.lines if line.get_label() == "penalty of the term"]
-    bars = np.array([bar.get_width() for bars in axes.containers for bar in bars])
-    assert len(bars) == len(discovered.terms)
-    np.testing.assert_array_equal(bars > prices, [term.kept for term in discovered.terms])
-
-
-@pytest.mark.slow
-def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discovery, tmp_path: Path) -> None:
-    bare = replace(discovered, runners_up=(), path=(), terms=discovered.kept)
-    for name, draw in {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}.items():
-        png, svg = save(draw(bare), tmp_path / name)
-        assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
 
 
 @pytest.mark.slow

@@ -84,15 +84,6 @@ def test_force_figure_names_axes_units_and_curves(measured: lw.Estimate, chain: 
     assert len(spring.axes) == 1 and "wells" not in labels(spring)
 
 
-def test_histories_have_a_strip_a_channel() -> None:
-    figure = histories_figure(waves(3))
-    assert [axes.get_ylabel() for axes in figure.axes] == [f"x:m{k}\nmm" for k in (1, 2, 3)]
-    assert figure.axes[-1].get_xlabel() == "time, s"
-    assert figure.axes[0].get_title(loc="left") == "waves.csv"
-    many = histories_figure(waves(13)).axes
-    assert len(many) == 10 and "3 more channels not shown" in many[0].get_title(loc="left")
-
-
 @pytest.mark.parametrize(
     "record", [waves(1, gap=slice(100, 200)), waves(2, samples=20_000, gap=slice(0, 9_000))]
 )

@@ -47,21 +47,6 @@ def test_a_missing_term_shows_over_the_motion() -> None:
     assert outside[0] <= 4 < outside[1]  # of 24: one in twenty by chance
 
 
-def test_time_and_frequency_are_drawn_whole(with_a_gap: lw.Estimate) -> None:
-    over_time = lw.plot.residuals(with_a_gap, "x:m2")
-    [line] = over_time.get_lines()
-    assert len(np.asarray(line.get_xdata())) == len(with_a_gap.motion.time)
-    spectrum, level = lw.plot.residuals(with_a_gap, "x:m2", "frequency").get_lines()
-    assert np.mean(np.asarray(spectrum.get_ydata())) == pytest.approx(1.0, abs=0.2)
-    # at half the sampling rate, as at zero, a one-sided density is half as large
-    assert np.max(np.asarray(spectrum.get_xdata())) < 0.5 * with_a_gap.record.rate
-    assert set(np.asarray(level.get_ydata())) == {1.0}
-    figure = residuals_figure(with_a_gap)
-    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["x:m1", "x:m2"]
-    named = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert sorted(named) == ["95 % of noise", "white noise", "x:m1 over nes1", "x:m2 over nes1"]
-
-
 def test_what_is_not_there_is_refused(with_a_gap: lw.Estimate) -> None:
     with pytest.raises(lw.RecordError, match=r"no residuals of 'x:m3'.*choose from x:m1, x:m2"):
         lw.plot.residuals(with_a_gap, "x:m3")

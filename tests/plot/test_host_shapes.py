@@ -35,20 +35,6 @@ def test_bars_are_two_standard_deviations_either_way() -> None:
     assert not any(isinstance(part, LineCollection) for part in known)
 
 
-def test_the_legend_of_many_modes_lies_beside_the_lines() -> None:
-    frequencies = tuple(5.0 + mode for mode in range(8))
-    shapes = {"tip": (1.0,) * 8, "joint": (-1.0,) * 8}
-    many = structure({}, hosts=[host("wing", frequencies, 0.01, shapes)])
-    figure = shapes_figure(many)
-    figure.draw_without_rendering()
-    (axes,) = figure.axes
-    legend = axes.get_legend()
-    assert legend is not None
-    box = legend.get_window_extent()
-    assert box.x0 >= axes.get_window_extent().x1
-    assert box.x1 <= figure.bbox.x1
-
-
 def test_every_host_and_unit_has_a_panel() -> None:
     """Shapes of points that turn have another unit and size."""
     two = structure({}, hosts=[wing(), wing("tail")])

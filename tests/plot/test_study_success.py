@@ -43,12 +43,3 @@ def test_without_a_frequency_the_rate_is_shown_and_cells_that_were_not_run_are_e
     assert set(numbers(axes, "black")) == {(0, 0), (0, 2), (1, 0), (1, 1)}
     with pytest.raises(lw.StudyError, match="nothing to draw: no method of the study looks for terms"):
         success_figure([])
-
-
-def test_a_row_is_a_structure_and_length_and_a_column_a_method() -> None:
-    figure = success_figure(reach_maps())
-    titles = ["discover\nchain, 1 s", "sindy, links\n", "chain, 2 s", ""]
-    assert [axes.get_title(loc="left") for axes in figure.axes] == titles
-    assert [axes.get_xlabel() != "" for axes in figure.axes] == [False, False, True, True]
-    assert [axes.get_ylabel() != "" for axes in figure.axes] == [True, False, True, False]
-    assert numbers(figure.axes[1], WELL) == {(row, column): 100 for row in range(2) for column in range(3)}

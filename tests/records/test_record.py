@@ -300,16 +300,6 @@ def test_decimation_picks_the_truth_at_the_same_instants() -> None:
     assert whole.decimate(1) is whole
 
 
-@pytest.mark.parametrize("factor", [2, 5, 16])
-def test_decimated_white_noise_is_white(factor: int) -> None:
-    taps = lowpass(factor).taps
-    correlation = np.correlate(taps, taps, "full")[len(taps) - 1 :: factor]
-    # the ripple that the filter is designed for; a filter that stops at the Nyquist frequency has 0.1 of the first
-    ripple = 10.0 ** (-ATTENUATION / 20.0)
-    assert np.max(np.abs(correlation[1:])) < ripple * correlation[0]
-    assert correlation[0] == pytest.approx(1.0 / factor, rel=ripple)
-
-
 def test_motion_that_folds_is_told() -> None:
     noise = 1e-3 * np.random.default_rng(3).standard_normal((20000, 1))
     slow, fast = tone(0.5 * RATE / 8.0), tone(1.1 * RATE / 8.0)

@@ -17,7 +17,7 @@ import linkwise.paper
 from linkwise.plot.links import force_figure
 from linkwise.registry import Registry
 from linkwise.report import absorption, discovery, estimate
-from linkwise.report.page import Build, Reported, Section, figure_section, sections_of, write_figures
+from linkwise.report.page import Build, Reported, figure_section
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -85,26 +85,6 @@ def test_a_figure_of_every_link(fitted: lw.Estimate, tmp_path: Path, monkeypatch
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert (folder / "again_nes1.png").exists() and page.count('aria-label="nes1"') == 2
     assert not (folder / "again_spring1.png").exists()  # all of it is known
-
-
-def test_sections_that_have_nothing_to_say_are_left_out(fitted: lw.Estimate) -> None:
-    builders = {"empty": lambda reported: None, "full": lambda reported: Section(reported.result.method)}
-    assert sections_of(builders, Reported(fitted)) == {"full": Section("weak")}
-
-
-def test_figures_are_drawn_once(fitted: lw.Estimate, tmp_path: Path) -> None:
-    drawn: list[str] = []
-
-    def draw(result: str) -> Figure:
-        drawn.append(result)
-        return force_figure(fitted, "spring1")
-
-    sections = sections_of({"force": figure_section('A <b>"force"</b>', draw)}, Reported("once"))
-    fractions: list[float] = []
-    shown = write_figures(sections, tmp_path, lambda report: fractions.append(report.fraction))
-    assert drawn == ["once"] and fractions == [0.0]
-    assert shown["force"].startswith('<svg role="img" aria-label="A &lt;b&gt;&#34;force&#34;&lt;/b&gt;"')
-    assert shown["force"].rstrip().endswith("</svg>") and "xmlns" not in shown["force"]
 
 
 def test_every_figure_is_that_of_a_page_the_paper_or_a_command() -> None:

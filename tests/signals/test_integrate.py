@@ -2,16 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import cumulative_simpson
 
 from linkwise.signals.states import DRIFT_FREQUENCY, drift_frequency, integral
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 100, 101])
-def test_the_integral_is_that_of_scipy(count: int) -> None:
-    values = np.random.default_rng(count).normal(size=count)
-    expected = cumulative_simpson(values, dx=0.01, initial=0.0)
-    np.testing.assert_allclose(integral(values, 0.01), expected, rtol=1e-12, atol=1e-15)  # the same formula
 
 
 def test_the_integral_has_its_order() -> None:

@@ -39,15 +39,6 @@ def test_differences_have_their_declared_order_up_to_both_ends(order: int, deriv
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
 
 
-def test_differences_are_exact_for_polynomials_of_their_order() -> None:
-    polynomial = np.polynomial.Polynomial([1.0, 2.0, -1.0, 0.5, 0.3])
-    time = np.linspace(0, 1, 40)
-    for derivative in (1, 2):
-        computed = finite_differences(polynomial(time), 39.0, derivative, order=4)
-        # identity, and each derivative multiplies rounding by the rate
-        np.testing.assert_allclose(computed, polynomial.deriv(derivative)(time), atol=1e-12 * 39**derivative)
-
-
 def test_another_order_is_refused() -> None:
     message = "order must be 2, 4 or 6 and derivative 1 or 2, got order 3 and derivative 1"
     with pytest.raises(RecordError, match=message):

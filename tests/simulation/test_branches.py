@@ -5,33 +5,12 @@ import pytest
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.model.excitation import Excitation
-from linkwise.simulation.integrator.compiled import compiled_system
-from linkwise.simulation.integrator.formulas import SCALE, Placement
-from linkwise.simulation.run import RunSchedule, branches_hold
 
 FRICTION = oscillator(
     "k*d + g*max(d - e, 0) + g*min(d + e, 0) + f*tanh(v/s) + c*v*abs(v)",
     mass=1.0,
     k=400.0, g=4000.0, e=0.02, f=0.3, s=0.01, c=0.5,
 )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("x", "v", "unwatched", "holds"),
-    [
-        (0.1, 1.0, False, True), (0.1, 1.0, True, False),
-        (0.1, 0.0, False, False), (0.1, -1.0, False, False),
-        (0.02, 1.0, False, False), (0.02 + 1e-10, 1.0, False, False), (0.02 + 1e-6, 1.0, False, True),
-    ],
-)  # fmt: skip
-def test_a_branch_holds_off_a_watched_kink(x: float, v: float, unwatched: bool, holds: bool) -> None:
-    """A schedule begins with the branches above every kink."""
-    schedule = RunSchedule(FRICTION, Excitation.of({"x:m1": x, "v:m1": v}), np.arange(2.0))
-    system = compiled_system(schedule.shape)
-    parameters = schedule.parameters(system.layout)
-    parameters[system.layout.unwatched] = float(unwatched)
-    assert branches_hold(system, Placement(0.0, schedule.start / SCALE, parameters)) is holds
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 import concurrent.futures
 import multiprocessing
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
@@ -20,9 +19,6 @@ from linkwise.study.executor import (
     Executor,
     FailureKind,
     ProcessExecutor,
-    Timing,
-    failed_row,
-    next_batch,
     run_batch,
 )
 from linkwise.study.row import Case
@@ -214,41 +210,6 @@ def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
         lw.study.run_study("paper", tmp_path / "out", workers=0)
     with pytest.raises(lw.StudyError, match="at least one worker"):
         ProcessExecutor(0)
-
-
-def test_batches_last_as_long_as_they_should() -> None:
-    cases = [Case("a", 20.0, "fast", seed) for seed in range(30)] + [
-        Case("a", 20.0, "slow", seed) for seed in range(4)
-    ]
-    rows = [
-        failed_row(Case("a", 20.0, "fast", 99), 2, "", seconds=0.01),
-        failed_row(Case("a", 20.0, "slow", 99), 2, "", seconds=5.0),
-    ]
-    timing, pending = Timing(rows, cases, {"a": 2, "b": 4}), deque(cases)
-    suspects = {cases[12]}
-    sizes = []
-    while pending:
-        sizes.append(len(next_batch(pending, timing, 0.1, suspects)))
-    assert sizes == [10, 2, 1, 10, 7, 1, 1, 1, 1]
-    unknown = deque(Case("b", 20.0, "new", seed) for seed in range(2))
-    assert len(next_batch(unknown, timing, 1e9, set())) == 1  # nobody knows how long it takes
-    assert timing.expected(Case("b", 20.0, "slow", 0)) == pytest.approx(4 * 5.0)  # twice the masses
-    assert timing.expected(unknown[0]) == pytest.approx(4 * (0.01 + 5.0) / 2)
-
-
-def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0, 10.0, 10.0, 20.0])
-    monkeypatch.setattr("linkwise.study.executor.perf_counter", lambda: next(clock))
-    cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
-    timing = Timing([], cases, {"a": 2})
-    assert timing.left is None
-    timing.finished(cases[0], 2.0)
-    timing.finished(cases[3], 8.0)
-    # Ten seconds of work took ten seconds: two cases of 2 s and two of 8 s are left.
-    assert timing.left == pytest.approx(20.0)
-    assert timing.rate == pytest.approx(0.2)
-    # The same, seen twice as late: the workers are half as fast.
-    assert timing.left == pytest.approx(40.0)
 
 
 def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.study.Study) -> None:

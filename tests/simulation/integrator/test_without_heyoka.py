@@ -10,10 +10,8 @@ import pytest
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.simulation.integrator import compiled
 from linkwise.simulation.integrator.dop853 import ScipySystem
 from linkwise.simulation.integrator.formulas import CompiledSystem, SystemShape
-from linkwise.simulation.integrator.taylor import HeyokaSystem
 
 LAWS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
     ("k*d + c*v + k3*d**3", {"k": 90.0, "c": 0.3, "k3": 500.0}, {}),
@@ -108,13 +106,3 @@ def test_questions_are_answered_with_heyoka_blocked(chain: lw.Structure) -> None
     for name, (value, error) in found.items():
         assert abs(value - fit.coefficient(name).value) < 1e-3 * error
     assert channels == ["x:m1", "x:m2"] and absorbed == "With its " and grade == "explained"
-
-
-def test_the_system_is_that_of_the_library_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, kind in (("there", HeyokaSystem), (None, ScipySystem)):
-        compiled._kind.cache_clear()
-        with monkeypatch.context() as patch:
-            if module is None:
-                patch.setitem(sys.modules, "heyoka", None)
-            assert compiled._kind() is kind
-    compiled._kind.cache_clear()

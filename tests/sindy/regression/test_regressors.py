@@ -130,23 +130,6 @@ def test_the_gram_matrix_gives_what_qr_gives(noise: float) -> None:
     np.testing.assert_allclose(fit.standard_error, errors, rtol=1e-6, atol=1e-14 / scale.min())
 
 
-def test_a_full_cubic_library_on_exact_data_gives_what_qr_gives() -> None:
-    """Of four masses, 165 columns: the share of each term in its equation, relative to the largest."""
-    record = chain_record(4, sensors=("x", "v", "a"))
-    stored = monomial_equations(differentiate(record), 3).stored()
-    scale = np.linalg.norm(stored.matrix, axis=0)
-    factor, triangle = np.linalg.qr(stored.matrix / scale)
-    direct = np.linalg.solve(triangle, factor.T @ stored.target)
-    fit = LeastSquares().fit(stored)
-    largest = np.abs(direct).max(axis=0)
-    # same numerics; measured 2e-15
-    assert np.max(np.abs(fit.coefficients * scale[:, None] - direct) / largest) < 1e-10
-    chosen = Stlsq(1e-5).fit(stored)
-    # A damper contributes 1e-4 of its equation, so its own digits are four fewer.
-    selected = (chosen.coefficients * scale[:, None])[chosen.support]
-    np.testing.assert_allclose(selected, direct[chosen.support], rtol=1e-6)
-
-
 def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
     # The condition number of these columns is 1e7, of their Gram matrix 1e14: without the residual pass two digits are left.
     random = np.random.default_rng(1)
@@ -156,34 +139,6 @@ def test_the_digits_lost_in_the_normal_equations_come_back() -> None:
     fit = LeastSquares().fit(DenseSystem(matrix, matrix @ truth, tuple("abcdefgh")))
     # 1e-16 times the condition number, and a digit and a half; measured 2e-11
     np.testing.assert_allclose(fit.coefficients[:, 0], truth, rtol=1e-7)
-
-
-@pytest.mark.parametrize("dropped", [1, 5, 6, 11])
-def test_dropping_columns_gives_what_qr_gives_on_the_rest(dropped: int) -> None:
-    equations, _ = _problem(0.1)
-    gram = Gram.of(equations)
-    scale = np.linalg.norm(equations.matrix, axis=0)
-    for whole, rows in ((gram, slice(None)), (gram.training, ~held_out_rows(equations.rows))):
-        for target in range(2):
-            support = np.ones(12, dtype=bool)
-            support[np.random.default_rng(dropped).permutation(12)[:dropped]] = False
-            matrix = (equations.matrix[:, support] / scale[support])[rows]
-            right = equations.target[rows, target]
-            direct = np.linalg.lstsq(matrix, right)[0]
-            solution = whole.solution(target).on(support)
-            scaled, squares = solution.scaled, solution.squares
-            # Same numerics: the condition number of these columns is about 20.
-            np.testing.assert_allclose(scaled[support], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max())
-            assert not scaled[~support].any()
-            assert squares == pytest.approx(np.sum((right - matrix @ direct) ** 2), rel=1e-8)
-            small = solution.restricted()
-            np.testing.assert_allclose(
-                small.anchor[:, 0], direct, rtol=1e-8, atol=1e-8 * np.abs(direct).max()
-            )
-            answer = gram.unscaled((np.sqrt(solution.variances()) * gram.scale**2)[:, None])[support, 0]
-            covariance = np.linalg.inv(matrix.T @ matrix)
-            # the inverse of the same Gram matrix
-            np.testing.assert_allclose(answer, np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
 def test_rows_held_out_are_every_fifth_of_a_hundred_runs_and_judge_alone() -> None:
@@ -271,20 +226,6 @@ def test_the_l1_solution_meets_the_conditions_of_optimality(chain: StreamedSyste
         np.testing.assert_allclose(gradient[active], penalty * np.sign(scaled[active]), rtol=1e-9, atol=1e-12)
         # optimality, to the digits of the line above
         assert np.max(np.abs(gradient)) <= penalty * (1 + 1e-9)
-
-
-def test_l1_agrees_with_coordinate_descent() -> None:
-    equations, _ = _problem(0.1)
-    gram = Gram.of(equations)
-    fit = L1(0.02, debias=False).fit(equations)
-    for target in range(2):
-        moments, scaled = gram.moments[:, target] / gram.norms[target], np.zeros(12)
-        for _ in range(3000):
-            for j in range(12):
-                rest = moments[j] - gram.matrix[j] @ scaled + scaled[j]
-                scaled[j] = np.sign(rest) * max(abs(rest) - 0.02, 0.0)
-        found = fit.coefficients[:, target] * gram.scale / gram.norms[target]
-        np.testing.assert_allclose(found, scaled, atol=1e-8)
 
 
 def test_l1_by_default_keeps_the_true_terms_and_debias_undoes_the_shrinkage() -> None:
