@@ -9,7 +9,7 @@ from structures import link, oscillator, structure
 import linkwise as lw
 from linkwise.estimates.estimate import Estimate
 
-RATE, DURATION = 200.0, 5.0
+RATE, DURATION = 200.0, 10.0
 LAW = {"k": 1000.0, "c": 2.0, "k3": 2e5}
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=2e5)
 PAIR = structure(

@@ -173,7 +173,7 @@ def test_channels_of_unknown_links_are_refused(hysteretic: lw.Record) -> None:
 def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
     """Before it yields, the link is a spring of k + kh."""
     force = multisine(0.01, 60.0)
-    record = lw.simulate(joint(), duration=2.0, rate=200.0, sensors=["x"], forces={"m1": force})
+    record = lw.simulate(joint(), duration=4.0, rate=200.0, sensors=["x"], forces={"m1": force})
     asked = structure({"m1": lw.Coefficient.unknown()}, named("joint", "m1-ground", "bouc-wen-classical"))
     fit = lw.identify(record.with_noise(40.0, seed=6), asked)
     assert not fit.trusted
@@ -288,14 +288,14 @@ def wing(mass: float | lw.Coefficient = 0.05) -> lw.Structure:
 
 @cache
 def shaken(kind: str, seed: int) -> lw.Record:
-    """A second of a force of twelve frequencies, with three sensors of one kind."""
+    """Two seconds of a force of twelve frequencies, with three sensors of one kind."""
     rng = np.random.default_rng(seed)
     tones = zip(rng.uniform(2.0, 40.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12), strict=True)
     force = " + ".join(f"0.6*sin({2.0 * np.pi * frequency}*t + {phase})" for frequency, phase in tones)
     return lw.simulate(
         wing(),
         forces={"wing.joint": force},
-        duration=1.0,
+        duration=2.0,
         rate=400.0,
         sensors=[f"{kind}:wing.tip", f"{kind}:wing.joint", f"{kind}:store"],
     ).with_noise(35.0, seed=seed)

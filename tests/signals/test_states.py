@@ -1,4 +1,4 @@
-"""States from records: what is measured stays, what is not is derived, and what cannot be is refused."""
+"""States from records: what is measured stays, what is not is derived or integrated, and what cannot be is refused."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,14 @@ from present import present
 
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
-from linkwise.signals.states import DifferentiationMethod, differentiate, finite_differences
+from linkwise.signals.states import (
+    DRIFT_FREQUENCY,
+    DifferentiationMethod,
+    differentiate,
+    drift_frequency,
+    finite_differences,
+    integral,
+)
 
 RATE = 1000.0
 TIME = np.arange(3000) / RATE
@@ -125,3 +132,20 @@ def test_refused_signals(
 ) -> None:
     with pytest.raises(RecordError, match=message):
         differentiate(_record(**channels), method)
+
+
+def test_the_integral_has_its_order() -> None:
+    errors = []
+    for count in (101, 201):
+        time = np.linspace(0.0, 2.0, count)
+        errors.append(np.abs(integral(np.cos(3.0 * time), time[1]) - np.sin(3.0 * time) / 3.0).max())
+    assert errors[0] / errors[1] == pytest.approx(2.0**4, rel=0.05)  # order four, as of parabolas
+
+
+@pytest.mark.parametrize(("frequency", "cutoff"), [(0.5, 0.1), (5.0, 1.0), (40.0, DRIFT_FREQUENCY)])
+def test_drift_is_below_the_motion(frequency: float, cutoff: float) -> None:
+    time = np.arange(20_000) / 1000.0
+    sine = np.sin(2.0 * np.pi * frequency * time)
+    for drift in (0.0, 0.05 * time, 0.5 * np.sin(0.4 * time)):  # of the sensor, weaker than the motion
+        assert drift_frequency(sine + drift, 1000.0) == pytest.approx(cutoff, rel=0.02)
+    assert drift_frequency(np.full(100, 9.81), 1000.0) == DRIFT_FREQUENCY  # at rest
