@@ -59,19 +59,6 @@ def test_what_the_user_put_beside_a_result_is_kept(tmp_path: Path) -> None:
     assert not (folder / "b").exists()
 
 
-@pytest.mark.parametrize("killed", [False, True])
-def test_failed_result_leaves_the_earlier_one(killed: bool, tmp_path: Path) -> None:
-    """One killed between the two renames: the earlier result is found under its hidden name."""
-    folder = tmp_path / "answer"
-    write_result(folder, a="1")
-    if killed:
-        folder.rename(tmp_path / ".answer.0123abcd.old")
-    with pytest.raises(RuntimeError, match="on the way"), atomic_folder(folder) as partial:
-        (partial / "a").write_text("half")
-        raise RuntimeError("on the way")
-    assert (folder / "a").read_text() == "1" and list(tmp_path.iterdir()) == [folder]
-
-
 @pytest.mark.parametrize("text", [None, "no JSON", '{"files": []}', '["method"]', '{"method": "weak"}'])
 def test_a_folder_that_is_no_result_is_refused(tmp_path: Path, text: str | None) -> None:
     folder = tmp_path / "thesis"

@@ -1,16 +1,14 @@
 """Every linkwise type that a public function returns or a public attribute holds is public itself."""
 
-import ast
 import inspect
-import sys
 from collections.abc import Iterator
-from functools import cache, cached_property
-from importlib import import_module
-from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from functools import cached_property
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 from public import public
+
+import linkwise as lw
 
 
 class Unlisted:
@@ -51,61 +49,38 @@ def leaky() -> Unlisted | None:
     return None
 
 
-@cache
-def namespace(module: str) -> dict[str, Any]:
-    """The names that annotations of a module use, those that are imported for type checkers only included."""
-    file = sys.modules[module].__file__
-    nodes = ast.walk(ast.parse(Path(str(file)).read_text(encoding="utf-8")))
-    imports = [node for node in nodes if isinstance(node, ast.ImportFrom)]
-    names = {
-        alias.asname or alias.name: getattr(import_module(str(node.module)), alias.name)
-        for node in imports
-        for alias in node.names
-    }
-    return names | vars(sys.modules[module])
+LATE = {"Structure": lw.Structure}  # what a module imports for type checkers alone
 
 
-def evaluated(annotation: object, module: str) -> object:
-    """The type that an annotation means."""
-    text = annotation if isinstance(annotation, str) else getattr(annotation, "__forward_arg__", None)
-    return annotation if text is None else eval(text, namespace(module))
-
-
-def classes(annotation: object, module: str) -> Iterator[type]:
+def classes(annotation: object) -> Iterator[type]:
     """All classes in a type: `list[Unlisted | None]` has three."""
-    annotation = evaluated(annotation, module)
-    if isinstance(annotation, list | tuple):  # the arguments of a callable
-        for part in annotation:
-            yield from classes(part, module)
-        return
-    if get_origin(annotation) is Literal:
-        return
-    for part in (get_origin(annotation), getattr(annotation, "__bound__", None), *get_args(annotation)):
-        if part is not None:
-            yield from classes(part, module)
+    parts = annotation if isinstance(annotation, list | tuple) else get_args(annotation)
+    if get_origin(annotation) is not Literal:
+        for part in (get_origin(annotation), getattr(annotation, "__bound__", None), *parts):
+            yield from classes(part) if part is not None else ()
     if isinstance(annotation, type):
         yield annotation
 
 
 def returned(function: Any) -> Iterator[type]:
     """The classes in what a function returns."""
-    function = inspect.unwrap(function)
-    yield from classes(function.__annotations__["return"], function.__module__)
+    yield from classes(get_type_hints(inspect.unwrap(function), localns=LATE).get("return"))
 
 
 def attribute_types(owner: type) -> Iterator[tuple[str, type]]:
     """The public attributes of a class, inherited ones included, and the classes in what they give."""
-    for base in (
-        base for base in owner.__mro__ if base.__module__.partition(".")[0] == "linkwise" or base is owner
-    ):
-        for name, annotation in inspect.get_annotations(base).items():
-            if not name.startswith("_"):
-                yield from ((name, kind) for kind in classes(annotation, base.__module__))
+    for name, annotation in get_type_hints(owner, localns=LATE).items():
+        yield from ((name, kind) for kind in classes(annotation) if not name.startswith("_"))
+    for base in owner.__mro__:
         for name, value in vars(base).items():
             getter = next(
                 (part for key in ("fget", "func", "__func__") if (part := getattr(value, key, None))), value
             )
-            if not name.startswith("_") and inspect.isfunction(getter):
+            if (
+                not name.startswith("_")
+                and inspect.isfunction(getter)
+                and base.__module__.partition(".")[0] in ("linkwise", owner.__module__.partition(".")[0])
+            ):
                 yield from ((name, kind) for kind in returned(getter))
 
 

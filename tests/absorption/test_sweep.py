@@ -10,7 +10,6 @@ from structures import equal_sinks, link, structure
 import linkwise as lw
 from linkwise.absorption import absorption_map, map
 from linkwise.absorption.wells import barriers
-from linkwise.plot.absorptions import map_figure
 
 CHAIN = lw.bnes_chain(2)
 RELEASE = {"v:m1": 1.0}
@@ -162,19 +161,6 @@ def test_a_map_of_chaos_says_so() -> None:
     )
     calm = absorption_map(CHAIN, {"nes1.c": [0.02, 0.03]}, **SHORT)
     assert calm.horizon is None and calm.to_dict()["findings"] == []
-
-
-def test_axes_know_their_scale_and_what_no_run_reached_has_no_bar_of_numbers() -> None:
-    over = {"nes1.alpha": [-150.0, -100.0, -50.0], "nes1.beta": [1e5, 4e5, 1.6e6]}
-    swept = absorption_map(CHAIN, over, **SHORT)
-    assert [axis.logarithmic for axis in swept.axes] == [False, True]
-    panel = map_figure(swept).axes[0]
-    assert (panel.get_xscale(), panel.get_yscale()) == ("linear", "log")
-    assert panel.get_xlabel() == "nes1.alpha, N/m" and panel.get_title("left") == "settling time (below 50 %)"
-    never = absorption_map(CHAIN, over, **SHORT | {"settle": 0.05})
-    assert np.isnan(never["settled"]).all() and np.isfinite(never["sinks_share"]).all()
-    bars = [axes.get_ylabel() for axes in map_figure(never).axes if axes.get_label() == "<colorbar>"]
-    assert bars == ["%", "%", ""]  # of settling none
 
 
 def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytest.MonkeyPatch) -> None:

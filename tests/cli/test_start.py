@@ -82,10 +82,7 @@ def test_without_links_they_are_discovered(file: Path) -> None:
         ("--yes", "give --mass frame=KG --mass sink=KG"),
         (ANSWERED, "give --yes to take it, or state columns by --channel"),
         ("--mass a=1 --mass b=2 --yes", "--channel 'x:a[mm]=Laser frame' --channel 'x:b[mm]=Laser sink'"),
-        (
-            f"{ANSWERED} --link 'leaf: frame:k*d' --yes",
-            'expected "FIRST - SECOND: LAW"',
-        ),
+        (f"{ANSWERED} --link 'leaf: frame:k*d' --yes", 'expected "FIRST - SECOND: LAW"'),
         (f"{ANSWERED} --link leaf --yes", "--link 'leaf' is not NAME: A - B: LAW"),
         (f"{ANSWERED} --known leaf.c=1 --yes", "no --link is given"),
         (f"{ANSWERED} --channel x:base=7 --yes", "does not exist"),

@@ -45,10 +45,7 @@ def within(discovery: lw.Discovery, true: lw.Structure, most: float = 4.5) -> bo
     )
 
 
-@pytest.mark.parametrize(
-    ("n", "decibel"),
-    [(2, 20.0), (4, 40.0), (6, 20.0)],
-)
+@pytest.mark.parametrize(("n", "decibel"), [(2, 20.0), (4, 40.0), (6, 20.0)])
 def test_the_papers_chain_is_found_exactly(n: int, decibel: float) -> None:
     chain = lw.bnes_chain(n)
     discovery = chain_discovery(n, decibel, 1000)

@@ -40,11 +40,7 @@ def mirrored() -> lw.Record:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("records", "stop"),
-    [
-        ([mirrored()], "kn"),
-        ([with_gap()], "kc"),
-        ([struck(0.1), struck(1.0)], "kc"),
-    ],
+    [([mirrored()], "kn"), ([with_gap()], "kc"), ([struck(0.1), struck(1.0)], "kc")],
     ids=["on the other side", "gaps are no silence", "reached in another record"],
 )
 def test_a_stop_that_was_reached_is_found_with_friction_beside(records: list[lw.Record], stop: str) -> None:

@@ -89,15 +89,6 @@ def test_a_damaged_file_is_one_clear_error(tmp_path: Path, suffix: str) -> None:
     assert any(word in said for word in words)
 
 
-@pytest.mark.parametrize("suffix", [".mat", ".h5", ".parquet"])
-def test_half_a_file_is_one_clear_error(record: Record, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"run{suffix}"
-    write_record(record, path)
-    path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(RecordError, match=f"cannot be read as a {suffix} file: "):
-        read_record(path)
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -122,11 +122,7 @@ def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_pat
             "acc_time",
             "accX",
         ),
-        (
-            {"buffers": [{"name": "t", "data": T.tolist()}, {"name": "accX", "data": A.tolist()}]},
-            "t",
-            "accX",
-        ),
+        ({"buffers": [{"name": "t", "data": T.tolist()}, {"name": "accX", "data": A.tolist()}]}, "t", "accX"),
         (
             [
                 {"sensor": sensor, "seconds_elapsed": f"{t:.9g}", "x": f"{a:.12g}"}

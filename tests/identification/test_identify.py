@@ -184,10 +184,7 @@ def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Str
     unknown = chain.unknown("nes")
     starts = {"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.01}
     options: dict[str, Any] = {"starts": starts, "loss": lw.likelihood.Huber()}
-    for named, method in (
-        ({"method": "weak"}, lw.WeakForm()),
-        (options, lw.MaximumLikelihood(**options)),
-    ):
+    for named, method in (({"method": "weak"}, lw.WeakForm()), (options, lw.MaximumLikelihood(**options))):
         by_name, by_object = (lw.identify(record, unknown, **how) for how in (named, {"method": method}))
         assert np.array_equal(by_name.values, by_object.values)
         assert np.array_equal(by_name.covariance, by_object.covariance)

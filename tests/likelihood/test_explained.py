@@ -133,21 +133,6 @@ def test_two_terms_that_explain_as_much_are_no_second_answer() -> None:
     assert {cause.term for cause in fit.diagnosis[:2]} == {"d", "d**3"}
 
 
-@pytest.mark.slow
-def test_an_interrupt_of_the_fit_with_a_term_leaves_the_answer_as_stated() -> None:
-    """The bar stays full meanwhile: the search of the laws as stated is done."""
-    fractions: list[float] = []
-
-    def stop(report: lw.estimates.ProgressReport) -> None:
-        fractions.append(report.fraction)
-        if fractions[-2:] == [1.0, 1.0]:
-            raise KeyboardInterrupt
-
-    fit = lw.identify(record(2e7, 1.0, 61), ASKED, progress=stop)
-    assert fit.alternative is None and fit.grade is lw.Grade.APPROXIMATE
-    assert fit.values == pytest.approx(answer(2e7, 1.0, 61).values, rel=1e-4)
-
-
 BEAM = host("beam", [3.3, 20.6], 0.01, {"tip": [3.2, -3.2], "mid.z": [1.1, 2.3]})
 ON_BEAM = structure({"m1": 0.02}, link("spring", "m1-beam.tip", "k*d", k=2.0), hosts=[BEAM])
 CREEPING = link("joint", "m1-ground", "k*added", {"added": "v - abs(v)*added/z0"}, k=5.0, z0=0.1)

@@ -74,10 +74,7 @@ def test_an_unseen_machine_is_named(
 
 @pytest.mark.parametrize(
     ("subject", "mass", "hz", "options"),
-    [
-        (OSCILLATOR, "m1", 7.3, {}),
-        pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow),
-    ],
+    [(OSCILLATOR, "m1", 7.3, {}), pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow)],
 )
 def test_a_harmonic_force_is_found(
     subject: lw.Structure, mass: str, hz: float, options: dict[str, Any]

@@ -100,11 +100,7 @@ def problem(name: str) -> tuple[ShootingProblem, Misfit]:
 
 
 def both(
-    name: str,
-    *,
-    whole: bool,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
+    name: str, *, whole: bool, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
 ) -> tuple[LocalLinearization, Linearization]:
     """Local and dense equations; the reach that of the record, or the `whole` structure."""
     shooting, misfit = problem(name)

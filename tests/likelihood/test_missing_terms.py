@@ -274,8 +274,7 @@ def recorded(change: Change, structure: lw.Structure = PLAY) -> lw.Record:
 
 
 @pytest.mark.parametrize(
-    ("change", "structure", "kind"),
-    [(drifting(3e-4), PLAY, "drift"), (late(3e-4), MORE_DRAG, "term")],
+    ("change", "structure", "kind"), [(drifting(3e-4), PLAY, "drift"), (late(3e-4), MORE_DRAG, "term")]
 )
 def test_a_small_error_beside_a_missing_term_is_borne(
     change: Change, structure: lw.Structure, kind: str

@@ -159,8 +159,7 @@ def test_the_well_in_which_a_hidden_mass_rests_is_identified() -> None:
 
 
 @pytest.mark.parametrize(
-    ("well", "force", "snr", "seed"),
-    [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202)],
+    ("well", "force", "snr", "seed"), [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202)]
 )
 def test_the_well_where_the_law_hardly_bends_is_found(
     well: float, force: float, snr: float, seed: int

@@ -50,11 +50,7 @@ RANDOM = {
         "m1": random_force(np.random.default_rng(3), 10.0, 400.0, rms=8.0, highest=20.0, band_limited=True)
     }
 }
-MIXED = [
-    ("x:m1", "v:m2"),
-    ("x:m1", "a:m2"),
-    ("x:m1", "a:m1", "x:m2"),
-]
+MIXED = [("x:m1", "v:m2"), ("x:m1", "a:m2"), ("x:m1", "a:m1", "x:m2")]
 CASES = {
     "gap": Case(
         two("k*d + c*v + s*max(d - g, 0)", k=500.0, c=0.5, s=8000.0, g=0.004),

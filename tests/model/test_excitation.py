@@ -115,16 +115,3 @@ def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle() -> None:
     again = pickle.loads(pickle.dumps(given))
     assert again.forces == given.forces and again.release == given.release
     assert np.array_equal(again.base.values, sampled.values)
-
-
-def test_inputs_of_the_same_samples_share_nothing_that_can_be_changed() -> None:
-    values, time = np.sin(0.3 * np.arange(200)), np.linspace(0.0, 1.9, 40)
-    first, second = Sampled(0.0, 100.0, values), Sampled(0.0, 100.0, values)
-    expected = second.value(time)
-    first.pieces.edges[:] = first.pieces.coefficients[:] = 0.0
-    assert np.array_equal(Sampled(0.0, 100.0, values).value(time), expected)
-    assert second.pieces.edges.any() and second.pieces.coefficients.any()
-    long = Sampled(0.0, 100.0, np.sin(0.3 * np.arange(20_100)))  # whose spline is kept in another form
-    for derivative in (0, 1, 2):  # away from the ends, where splines differ
-        expected = second.derivative(time[12:28], derivative)
-        assert long.derivative(time[12:28], derivative) == pytest.approx(expected, rel=1e-9, abs=1e-9)

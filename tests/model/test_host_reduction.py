@@ -307,20 +307,6 @@ def two_and_two() -> Matrices:
     return scipy.sparse.eye_array(3).tocsc(), scipy.sparse.diags_array([100.0, 100.0, 400.0]).tocsc()
 
 
-def test_a_kept_mode_in_resonance_moves_the_frequency_of_the_error() -> None:
-    """The error is taken at half the frequency that follows, where a mode that is kept has no finite receptance."""
-    matrices = lw.modal.HostMatrices(*two_and_two(), None, ("7x", "7y", "8x"))
-    reduced = matrices.reduce("post", {"tip": "7y", "end": "8x"}, keep=2, residual=False)
-    half = 10.0 / (2.0 * np.pi)
-    assert 0.899 * half < reduced.band < 0.99 * half
-    # all the flexibility of 8x is left out, at a frequency where that of 7y is 1/(100 - w^2)
-    square = (2.0 * np.pi * reduced.band) ** 2
-    left_out, kept = 1.0 / (400.0 - square), 1.0 / (100.0 - square)
-    assert reduced.error == pytest.approx(left_out / np.hypot(left_out, kept), rel=1e-9)
-    three, four = (lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=keep) for keep in (3, 4))
-    assert three.band == pytest.approx(0.5 * (four.host.modes[3].frequency.value or 0.0))
-
-
 def test_an_oblique_direction_is_a_point() -> None:
     """A force along (0.6, 0.8) moves the node by 0.36/100 + 0.64/400 along it; against a coordinate system turned by that."""
     mass, stiffness = scipy.sparse.eye_array(2).tocsc(), scipy.sparse.diags_array([100.0, 400.0]).tocsc()

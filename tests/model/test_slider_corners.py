@@ -47,16 +47,3 @@ def test_every_slider_of_iwan_is_rounded_and_other_rates_are_as_written() -> Non
     for states in some(as_written):
         other = lw.Law.parse("F*z", states)
         assert smooth_rates(other) == tuple(rate.expression for rate in other.rates)
-
-
-def test_a_slider_that_slides_fast_lags_by_a_time() -> None:
-    """Its rate changes with its force no faster than the reciprocal of the time, however fast it slides."""
-    for lag, v in some(((1e-3, 0.3), (1e-3, 300.0), (0.1, 3.0))):
-        rates = smooth_rates(LAW, lag)
-        slope = Program([differentiate(rates[0], "q")], NAMES, wide=LAW.variables)
-        (by_force,) = slope(0.0, v, np.array([11.9999, 12.0001]), *NUMBERS)
-        steepest = VALUES["k"] * v / (0.03 * VALUES["Fs"] + lag * VALUES["k"] * v)
-        np.testing.assert_allclose(by_force, -steepest, rtol=1e-9)
-        assert steepest < 1.0 / lag
-        (rate,) = Program(list(rates), NAMES, wide=LAW.variables)(0.0, v, np.array([12.0]), *NUMBERS)
-        assert abs(rate[0]) < 1e-9 * VALUES["k"] * v

@@ -80,8 +80,7 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("figure", "masses"),
-    [(figures.figure_3, ["m1"]), (figures.figure_5, ["m1", "m3", "m5", "m7"])],
+    ("figure", "masses"), [(figures.figure_3, ["m1"]), (figures.figure_5, ["m1", "m3", "m5", "m7"])]
 )
 def test_primary_masses_with_and_without_sinks(figure: Callable[[], Figure], masses: list[str]) -> None:
     panels = titled(figure())

@@ -77,11 +77,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     record = chain_record(2, duration=1.0, rate=500.0, speed=0.1).with_noise(40.0, seed=1)
     validated = lw.validate(record, lw.bnes_chain(2))
     periodic, tapped = compared("sin(2*pi*16*t)"), compared("exp(-((t - 0.1)/0.01)**2)")
-    sinks = (
-        lw.bnes_chain(2).link("nes1"),
-        {ODD: lw.bnes_chain(2, beta=1.1e6).link("nes1")},
-        (-0.02, 0.02),
-    )
+    sinks = (lw.bnes_chain(2).link("nes1"), {ODD: lw.bnes_chain(2, beta=1.1e6).link("nes1")}, (-0.02, 0.02))
     spring = lw.rig(
         masses={"m1": 1.0},
         links={"spring": "m1 - ground: k*d + c*v"},

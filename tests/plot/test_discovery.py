@@ -7,17 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from present import some
 from structures import link, with_links
 
 import linkwise as lw
-from linkwise.discovery.result import runner_up_changes, runner_up_rows, term_rows
-from linkwise.plot.discoveries import path_figure
-from linkwise.plot.graphs import crossings, graph_figure, node_positions
+from linkwise.discovery.result import term_rows
+from linkwise.plot.graphs import graph_figure
 from linkwise.plot.style import MEASURED
 
 
@@ -107,39 +104,6 @@ def test_graph_draws_doubt(discovered: lw.Discovery) -> None:
     dropped = in_doubt(discovered, "m2-ground.k3")
     faint = [line for line in graph_figure(dropped).axes[0].lines if line.get_linestyle() == ":"]
     assert [to_hex(line.get_color()).upper() for line in faint] == [MEASURED]
-
-
-def test_a_tree_is_drawn_without_crossings_and_the_same_each_time() -> None:
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    assert crossings(square, [(0, 2), (1, 3)]) == 1
-    assert crossings(square, [(0, 1), (1, 2), (2, 3), (3, 0)]) == 0
-    rng = np.random.default_rng(1001)
-    edges = [(int(rng.integers(0, node)), node) for node in range(1, 40)]
-    points = node_positions(40, edges)
-    assert crossings(points, edges) == 0
-    np.testing.assert_array_equal(points, node_positions(40, edges))
-    lengths = np.array([np.hypot(*(points[a] - points[b])) for a, b in edges])
-    assert np.median(lengths) == pytest.approx(1.0, abs=0.25)  # a link is about 1 long, as declared
-
-
-def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
-    path, runners = path_figure(discovered).axes
-    [chosen] = [line for line in path.lines if line.get_label() == "chosen"]
-    assert np.asarray(chosen.get_xydata()).tolist() == [[5, 0.0]]
-    criterion = next(line for line in path.lines if str(line.get_label()).startswith("criterion"))
-    heights = np.asarray(criterion.get_ydata())
-    assert heights.min() == 0.0 and len(heights) == len(discovered.path)
-    names = [label.get_text() for label in runners.get_yticklabels()]
-    assert names == [row[0] for row in runner_up_rows(discovered)[1:]]
-    # a coefficient that no printed law has, such as m2-m1.k2, says nothing by its name
-    dropped = {term.name: f"{term.name} ({term.term})" for term in discovered.terms if not term.kept}
-    named = [
-        (added, change)
-        for change, runner_up in zip(runner_up_changes(discovered), discovered.runners_up, strict=True)
-        for name, added in dropped.items()
-        if name in runner_up.change.split()
-    ]
-    assert all(added in change for added, change in some(named))
 
 
 @pytest.mark.slow

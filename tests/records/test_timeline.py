@@ -50,14 +50,6 @@ def test_a_rounded_time_gives_an_odd_rate(rate: float, rounding: Callable[[Float
     assert Timeline.fit(time).rate == pytest.approx(rate, rel=10.0 * 1e-3 * rate / 2000.0**2)
 
 
-@pytest.mark.parametrize(("rate", "seconds"), [(64.0, 64.0), (100.0, 12.0), (1024.0, 4.0)])
-def test_a_time_of_five_significant_digits_gives_the_rate_that_was_meant(rate: float, seconds: float) -> None:
-    exact = np.arange(int(seconds * rate)) / rate
-    timeline = Timeline.fit(np.array([float(f"{time:.5g}") for time in exact]))
-    assert timeline.rate == rate
-    assert np.array_equal(timeline.index, np.arange(len(exact)))
-
-
 def test_times_of_single_precision_and_of_a_clock_that_jitters_within_bounds_are_even() -> None:
     time = (np.arange(20_000) / 1000.0).astype(np.float32)
     timeline = Timeline.fit(time)

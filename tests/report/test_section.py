@@ -85,13 +85,3 @@ def test_a_figure_of_every_link(fitted: lw.Estimate, tmp_path: Path, monkeypatch
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert (folder / "again_nes1.png").exists() and page.count('aria-label="nes1"') == 2
     assert not (folder / "again_spring1.png").exists()  # all of it is known
-
-
-def test_every_figure_is_that_of_a_page_the_paper_or_a_command() -> None:
-    source = Path(linkwise.__file__).parent
-    texts = {path: path.read_text(encoding="utf-8") for path in source.rglob("*.py")}
-    made = {
-        name for text in texts.values() for name in re.findall(r"^def (\w+_figure)\(", text, re.MULTILINE)
-    }
-    users = [text for path, text in texts.items() if path.parent.name in ("report", "paper", "cli")]
-    assert len(made) > 20 and {name for name in made if not any(name in text for text in users)} == set()

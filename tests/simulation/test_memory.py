@@ -12,11 +12,7 @@ from structures import link, named, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.expression import (
-    Number,
-    Program,
-    substitute,
-)
+from linkwise.expression import Number, Program, substitute
 
 END, RATE = 3.0, 100.0  # s, Hz: each law passes its kinks several times
 VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest

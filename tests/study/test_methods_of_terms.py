@@ -147,23 +147,6 @@ def test_pysindy_is_named_where_it_is_missing(subject: Subject, monkeypatch: pyt
             PySindyMethod("peer").evaluate(given, given.simulate(), snr_db=40.0, seed=1)
 
 
-@pytest.mark.parametrize("threshold", [0.003, 0.02, 0.1])
-def test_pysindy_and_our_own_judge_monomials_alike_without_noise(threshold: float) -> None:
-    """Two implementations, with derivatives of their own; a threshold is the same share of the right-hand side in both."""
-    pytest.importorskip("pysindy", reason="install the extra [peers] to compare with PySINDy")
-    fine = Subject("fine", CHAIN, duration=1.0, rate=5000.0, release={"v:m1": 1.0})
-    clean = fine.simulate()
-    peer, ours = (
-        method.evaluate(fine, clean, snr_db=300.0, seed=1)
-        for method in (
-            PySindyMethod("peer", threshold=threshold),
-            SindyMethod("ours", "monomials", threshold=threshold),
-        )
-    )
-    assert peer.terms == ours.terms and peer.terms["extra"] == 0 and peer.terms["right"] >= 4
-    assert peer.status == ours.status == "converged"
-
-
 @pytest.mark.parametrize("kind", ["discover", "sindy", "pysindy"])
 def test_what_is_not_masses_on_links_is_refused(kind: str) -> None:
     joint = named("joint", "m1-ground", "bouc-wen", k=500.0, c=1.0, F=5.0, x0=5e-3, s=0.6)

@@ -13,14 +13,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.progress import silent
-from linkwise.study.executor import (
-    CaseBatch,
-    CaseResult,
-    Executor,
-    FailureKind,
-    ProcessExecutor,
-    run_batch,
-)
+from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor, run_batch
 from linkwise.study.row import Case
 from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
@@ -201,15 +194,6 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     assert reports[0].done == len(study) - len(faulty) and reports[-1].done == len(study)
     assert {case for batch in executor.batches for case in batch} == faulty
     assert list(lw.study.read_rows(tmp_path / "out")) == answered
-
-
-def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
-    with pytest.raises(lw.StudyError, match="and a scheduler has workers of its own; give one of the two"):
-        lw.study.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")
-    with pytest.raises(lw.StudyError, match="at least one worker, got 0"):
-        lw.study.run_study("paper", tmp_path / "out", workers=0)
-    with pytest.raises(lw.StudyError, match="at least one worker"):
-        ProcessExecutor(0)
 
 
 def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.study.Study) -> None:

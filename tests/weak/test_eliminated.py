@@ -144,11 +144,7 @@ def test_a_branch_on_a_host() -> None:
     wing = host("wing", (5.2, 9.0), (0.01, 0.012), {"tip": (1.0, -0.9), "joint": (0.62, 0.5)})
 
     def carrying(**values: lw.Coefficient | float) -> lw.Structure:
-        return structure(
-            {"store": 0.5},
-            named("branch", "store-wing.tip", "zener", **values),
-            hosts=[wing],
-        )
+        return structure({"store": 0.5}, named("branch", "store-wing.tip", "zener", **values), hosts=[wing])
 
     solid = {"k": 500.0, "k1": 300.0, "c1": 12.0}
     taps = {"wing.joint": "6*sin(14*t) + 6*sin(33*t + 1) + 5*sin(45*t + 2) + 4*sin(57*t)"}

@@ -191,21 +191,6 @@ def test_a_coefficient_that_hardly_stands_above_the_noise_takes_trust_away() -> 
     assert lw.identify(stiff_pair(25.0, seed=1)[1], structure.unknown("all"), method="weak").trusted
 
 
-@pytest.mark.parametrize("large", [False, True])
-def test_large_structures_are_tested_weakly_alone(large: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Quadratic damping of a link, named by one score test where the likelihood is not searched."""
-    if large:
-        monkeypatch.setattr("linkwise.identification.weak_answer._LARGEST", 1)
-    chain = lw.bnes_chain(2)
-    spring = chain.link("spring1")
-    values = {name: float(spring.coefficients[name].value or 0.0) for name in ("k", "c")}
-    rough = with_links(chain, link("spring1", "m1-ground", "k*d + c*v + q*v*abs(v)", **values, q=1.0))
-    clean = lw.simulate(rough, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
-    fit = lw.identify(clean.with_noise(40.0, seed=2), chain.unknown("all"), method="weak")
-    assert not fit.trusted and "a force like v*abs(v) in spring1" in fit.message
-    assert bool(fit.diagnosis) is not large and ('Method "ml"' in fit.message) is large
-
-
 def test_a_bias_of_the_weak_form_takes_trust_away() -> None:
     """Gaps of a link bend the motion within its windows: the likelihood puts the spring many standard errors away."""
     law = "k*d + c*v + h*(max(d - 0.0005, 0) + min(d + 0.0005, 0))"

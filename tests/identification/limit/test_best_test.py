@@ -22,9 +22,7 @@ def found() -> BestTest:
     return lw.best_test(SPRING, "spring.k", duration=2.0, rate=60.0, noise=NOISE, within=within)
 
 
-def test_the_best_keeps_the_limits_and_its_error_is_that_of_limit(
-    found: BestTest,
-) -> None:
+def test_the_best_keeps_the_limits_and_its_error_is_that_of_limit(found: BestTest) -> None:
     """As an expression of t, not by its samples; of the linear structure errors halve where forces double."""
     best = found.plans[0]
     errors = [plan.error_of("spring.k") for plan in found.plans[1:]]

@@ -188,13 +188,6 @@ def test_a_chaotic_chain_is_predicted_in_windows() -> None:
     assert wrong.verdicts == (lw.Verdict.PREDICTION_DISAGREES,)
 
 
-@pytest.mark.parametrize("burn", [0.004, 0.006, 0.02])
-def test_a_burn_of_few_samples_makes_no_linear_structure_chaotic(burn: float) -> None:
-    linear = oscillator("k*d + c*v", name="spring", k=900.0, c=2.0)
-    validation = lw.validate(forced(linear, 4)[217:], linear, burn=burn)
-    assert validation.free_run and validation.horizon is None and validation.trusted
-
-
 # --- data as they are
 
 

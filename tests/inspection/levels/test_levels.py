@@ -251,16 +251,6 @@ def test_what_a_comparison_needs_is_told() -> None:
         lw.inspection.compare_levels([tap(1.0, 0.0, "x:m1"), tap(2.0, 0.0)])
 
 
-def test_the_order_of_levels_does_not_depend_on_the_length_of_records() -> None:
-    weak, strong = tap(1.0, 0.0).with_noise(40.0, seed=1), tap(1.5, 0.0).with_noise(40.0, seed=2)
-    # 2 s and 6 s: the strong one has the lower root mean square
-    comparison = lw.inspection.compare_levels([weak[:400], strong])
-    assert comparison.levels == pytest.approx([1.0, 1.5], rel=1e-9)  # N, the peaks, on samples at 0.1 s
-    document = comparison.to_dict()
-    assert [level["force_peak"] for level in document["levels"]] == comparison.levels.tolist()
-    assert "peak force, N" in str(comparison)
-
-
 @pytest.mark.usefixtures("unrendered")
 def test_inspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)

@@ -243,8 +243,7 @@ def test_other_doors_refuse_a_rig() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("term", "value", "named"),
-    [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")],
+    ("term", "value", "named"), [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")]
 )
 def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, named: str) -> None:
     """Chi-square is within chance of 1; a coefficient was up to 54 standard errors off, and trusted."""

@@ -10,11 +10,7 @@ from present import present
 from problems import rubbing_trio, truth
 
 import linkwise as lw
-from linkwise.likelihood.shooting.flow import (
-    POINTS,
-    Inputs,
-    flow,
-)
+from linkwise.likelihood.shooting.flow import POINTS, Inputs, flow
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
