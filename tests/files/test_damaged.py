@@ -146,11 +146,11 @@ def test_any_damage_gives_a_record_or_an_error(
     monkeypatch.setattr(subprocess, "Popen", None)  # in this process
     assert lw.read_record(path).channels[0] == "x:m1"
     refused = 0
-    for seed in range(100):
+    for seed in range(40):
         path.write_bytes(damaged_bytes(Random(seed), sound))
         try:
             lw.read_record(path)
         except lw.RecordError as error:
             assert str(error).startswith(str(path)) and "\n" not in str(error)
             refused += 1
-    assert refused > 30
+    assert refused > 12

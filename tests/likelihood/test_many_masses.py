@@ -76,7 +76,6 @@ class Case:
 
 CASES = {
     "chain": Case(lambda: lw.bnes_chain(12)),
-    "tree": Case(lambda: tree(14)),
     "grid": Case(lambda: grid(4), offsets=("x:m3", "x:m12")),
     "shared coefficients and unknown masses": Case(lambda: shared(12), ("mass:m3", "mass:m11")),
     "links with memory": Case(lambda: with_memory(10), sensors=("x", "state")),

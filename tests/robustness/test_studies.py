@@ -76,7 +76,6 @@ def test_a_full_disk_is_no_wrong_usage(tmp_path: Path) -> None:
     "arguments",
     [
         ["structure", "show", "/dev/zero"],
-        ["simulate", "/dev/zero", "--duration", "1", "--rate", "100", "-o", "run.csv"],
         ["study", "/dev/zero", "-o", "out"],
         ["identify", "/dev/zero", "chain.toml"],
     ],
