@@ -39,12 +39,9 @@ def test_law_error_cuts_a_long_text_and_keeps_the_caret_right() -> None:
         (RecordError("no"), "no"),
         (StructureError("no", where="chain.toml"), "chain.toml: no"),
         (StructureError("no"), "no"),
-        (
-            SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"),
-            "x of m1 passed 1e9 m at 0.3 s",
-        ),
+        (SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"), "x of m1 passed 1e9 m at 0.3 s"),
     ],
-)
+)  # fmt: skip
 def test_message_names_the_place(error: LinkwiseError, text: str) -> None:
     assert str(error) == text
 

@@ -121,13 +121,10 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
         ({"nes1.alpha": [1.0], "nes1.beta": [1.0], "nes1.c": [1.0]}, r"takes one or two parameters, got 3"),
         ({"nes1.gamma": [1.0]}, r'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
         ({"nes1.alpha": [np.nan]}, r"nes1\.alpha: the values of a swept parameter must be a row of finite"),
-        (
-            {"a:m1": [1.0]},
-            r"a:m1: a sweep takes coefficients, masses and releases; write a release as x:MASS",
-        ),
+        ({"a:m1": [1.0]}, r"a:m1: a sweep takes coefficients, masses and releases; write a release as x:MASS"),
         ({"m2.mass": [-1.0, 0.01]}, r"mass of|positive"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> None:
     with pytest.raises(lw.StructureError, match=message):
         absorption_map(CHAIN, over, **SHORT)

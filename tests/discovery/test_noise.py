@@ -142,15 +142,12 @@ def test_noise_of_a_load_cell_gives_no_false_term() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (
-            {"terms": "d, v, tanh(v/vr)"},
-            "parameters of terms (tanh(v/vr)) and random forces cannot be estimated together",
-        ),
+        ({"terms": "d, v, tanh(v/vr)"}, "parameters of terms (tanh(v/vr)) and random forces cannot be estimated together"),
         ({"delays": ["x:m1"]}, "random forces and a delay of x:m1 cannot be estimated together"),
         ({"admit": ["gain"]}, "random forces and errors of sensors to be admitted (gain)"),
         ({"ambient": ["m3"]}, "no ambient force can act on m3: the masses are m1, m2"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises(lw.IdentificationError) as error:
         lw.discover(ambient(11), masses(truth()), **{"ambient": "all", **options})  # type: ignore[arg-type]

@@ -67,8 +67,7 @@ def test_nothing_is_said_where_all_is_well_or_the_answer_has_no_intervals() -> N
         # d (d^2 - 1) (d^2 - 4) has wells at -2, 0 and 2
         (("k*d - 5*d**3 + d**5", {"k": 4.0}, [0.01], (-2.2, 1.9)), "sink never reached the well at +2 m"),
         ((LAW, SINK, SMALL, (-0.02, 0.02), -0.998), "sink: alpha and beta are strongly correlated (-0.9980)"),
-        ((LAW, SINK, [0.1, 1e3, 0.015], (-0.02, 0.02)),
-         "sink.c cannot be distinguished from zero: 0.02 within ±0.015 ?."),
+        ((LAW, SINK, [0.1, 1e3, 0.015], (-0.02, 0.02)), "sink.c cannot be distinguished from zero: 0.02 within ±0.015 ?."),
     ],
 )  # fmt: skip
 def test_what_a_record_cannot_tell_of_a_sink_is_one_sentence(given: tuple[Any, ...], said: str) -> None:

@@ -132,14 +132,10 @@ def test_json_in_its_usual_forms(content: Any, keywords: dict[str, Any], tmp_pat
             "Accelerometer/seconds_elapsed",
             "Accelerometer/x",
         ),
-        (
-            {"device": {"model": "a"}, "data": [{"s": t, "ax": a} for t, a in zip(T, A, strict=True)]},
-            "s",
-            "ax",
-        ),
+        ({"device": {"model": "a"}, "data": [{"s": t, "ax": a} for t, a in zip(T, A, strict=True)]}, "s", "ax"),
     ],
     ids=["buffers with settings", "lists with names", "rows of sensors", "objects"],
-)
+)  # fmt: skip
 def test_json_of_phones(content: Any, time: str, motion: str, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(json.dumps(content))
     record = read_record(tmp_path / "run.json", channels={"time": time, "a:m1": motion})

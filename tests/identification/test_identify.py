@@ -150,8 +150,7 @@ def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.
     ("options", "message"),
     [
         ({"method": "strong"}, "unknown method 'strong'; choose from 'ml', 'weak', 'sindy'"),
-        ({"method": "sindy", "offsets": ["x:m1"], "gains": ["x:m2"]},
-         'offsets, gains are for method "ml", not for "sindy"'),
+        ({"method": "sindy", "offsets": ["x:m1"], "gains": ["x:m2"]}, 'offsets, gains are for method "ml", not for "sindy"'),
         ({"method": lw.MaximumLikelihood(), "loss": lw.likelihood.Huber()},
          r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object"),
     ],

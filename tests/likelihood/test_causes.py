@@ -259,13 +259,11 @@ def test_a_driven_record_without_one_has_none() -> None:
 
 
 WRONG = {
-    "missing friction": with_links(
-        CHAIN, named("rough", "m2-m1", "bouc-wen", k=0, c=0, F=0.3, x0=0.005, s=0.5)
-    ),
+    "missing friction": with_links(CHAIN, named("rough", "m2-m1", "bouc-wen", k=0, c=0, F=0.3, x0=0.005, s=0.5)),
     "missing relaxation": with_links(CHAIN, named("slow", "m2-m1", "zener", k=0.0, k1=10.0, c1=1.0)),
     "slow relaxation": with_links(CHAIN, named("slow", "m1-ground", "zener", k=0.0, k1=1000.0, c1=1000.0)),
     "missing link": with_links(CHAIN, link("extra", "m2-ground", "k*d", k=20.0)),
-}
+}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -251,16 +251,12 @@ def test_noise_that_stands_for_a_missing_term_is_not_trusted() -> None:
 @pytest.mark.parametrize(
     ("sensors", "noise", "words"),
     [
-        (
-            ("rel:x", "v:base"),
-            "all",
-            "noise of v:base cannot be allowed for: what moves the masses is its derivative",
-        ),
+        (("rel:x", "v:base"), "all", "noise of v:base cannot be allowed for: what moves the masses is its derivative"),
         (("rel:v", "x:base"), "all", "noise of x:base cannot be allowed for beside rel:v:m1"),
         (("rel:x", "a:base"), {"a:base": -1.0}, "the noise of a:base must be a positive number in m/s^2"),
         (("x", "x:base"), ["a:base"], "the inputs that act on the structure are x:base"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused(sensors: tuple[str, ...], noise: object, words: str) -> None:
     record = on_noisy_base(sensors, "k*d + c*v", 8)
     with pytest.raises(lw.IdentificationError) as error:

@@ -40,17 +40,11 @@ SQUARE, DAMPER = link("extra", "m2-m1", "q*d**2", q=250.0), link("extra", "m2-ba
     ("stated", "missing", "records", "options", "named"),
     [
         (CHAIN, SQUARE, [bent_chain(250.0).record(1004)], {}, ("term", "nes1", "d**2")),
-        (
-            CHAIN,
-            SQUARE,
-            [bent(30.0, 1001), bent(24.0, 1002, 10.0)],
-            {"gains": ["x:m1"]},
-            ("term", "nes1", "d**2"),
-        ),
+        (CHAIN, SQUARE, [bent(30.0, 1001), bent(24.0, 1002, 10.0)], {"gains": ["x:m1"]}, ("term", "nes1", "d**2")),
         (rubbing_trio(), DAMPER, [rubbed(DAMPER)], {"starts": {"friction.s": 0.5}}, ("link", "m2-base", "v")),
     ],
     ids=["free", "calibrated", "on a base"],
-)
+)  # fmt: skip
 def test_what_a_missing_term_gains_is_what_a_fit_with_it_takes_off_the_cost(
     stated: lw.Structure,
     missing: lw.Link,

@@ -104,15 +104,11 @@ def test_a_whole_matrix_gives_ratios_and_entries_and_a_rigid_motion_is_damped_by
         ("[[0.65, 0.3], [0.3, 0.9]]", "[[0.65, 0.8], [0.8, 0.9]]", "feeds energy into a motion"),
         ("[[0.65, 0.3], [0.3, 0.9]]", "[[0.65]]", "2 rows of 2 numbers"),
         ("[[0.65, 0.3], [0.3, 0.9]]", "[{ modes = [1, 3], damping = 0.3 }]", "of modes 1 to 2"),
-        (
-            "[[0.65, 0.3], [0.3, 0.9]]",
-            "[{ modes = [1, 2], damping = 0.3 }, { modes = [2, 1], damping = 0.3 }]",
-            "given twice",
-        ),
+        ("[[0.65, 0.3], [0.3, 0.9]]", "[{ modes = [1, 2], damping = 0.3 }, { modes = [2, 1], damping = 0.3 }]", "given twice"),
         ("frequency = 6.1", "frequency = 6.1, damping = 0.01", "has a damping of its own"),
         ("[[0.65, 0.3], [0.3, 0.9]]", "[{ modes = [1, 2] }]", "damping"),
     ],
-)
+)  # fmt: skip
 def test_wrong_damping_is_refused(old: str, new: str, message: str) -> None:
     with pytest.raises(lw.StructureError, match=message) as error:
         lw.parse_structure(MATRIX.replace(old, new), "wing.toml")

@@ -125,13 +125,10 @@ def test_rayleigh_damping_follows_the_frequencies() -> None:
         ({"mass": beam()[1], "stiffness": beam()[0]}, "mass and stiffness may be swapped"),
         ({"stiffness": (1.0 + 0.02j) * beam()[1]}, "complex128 values, not real numbers"),
         ({"mass": beam()[0][:, :60]}, "must be square, got the shape (80, 60)"),
-        (
-            {"stiffness": np.nan * beam()[1]},
-            "the stiffness matrix holds nan, not a finite number, in row 1 and column 1",
-        ),
+        ({"stiffness": np.nan * beam()[1]}, "the stiffness matrix holds nan, not a finite number, in row 1 and column 1"),
         ({"mass": beam(clamped=False)[1], "stiffness": beam(clamped=False)[0]}, "swapped"),
     ],
-)
+)  # fmt: skip
 def test_matrices_that_are_no_host_are_refused(change: dict[str, object], message: str) -> None:
     mass, stiffness = beam()
     given = {"mass": mass, "stiffness": stiffness, "points": {"tip": 79}, "keep": 3, **change}

@@ -86,17 +86,11 @@ def test_a_link_with_memory_keeps_the_unit_of_its_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("link", "modes", "more", "message"),
     [
-        (TORSION.replace('"ground"', '"beam.tip"'), MODES, "",
-         'the end "beam.tip_r" turns, in rad, and "beam.tip" moves'),
+        (TORSION.replace('"ground"', '"beam.tip"'), MODES, "", 'the end "beam.tip_r" turns, in rad, and "beam.tip" moves'),
         (TORSION.replace('"ground"', '"base"'), MODES, "", 'turns, in rad, and "base" moves in m'),
         (TORSION.replace("N m/rad", "N/m"), MODES, "", "'5 N/m' is in N/m: expected a number in N m/rad"),
         (TORSION, MODES.replace("[rad]", "[deg]"), "", "the unit of tip_r must be 1/sqrt(kg)"),
-        (
-            TORSION,
-            MODES,
-            'units = { tip_r = "deg" }\n',
-            'is displaced in "rad" or "m", got \'deg\'; a record may be in other',
-        ),
+        (TORSION, MODES, 'units = { tip_r = "deg" }\n', 'is displaced in "rad" or "m", got \'deg\'; a record may be in other'),
         (TORSION, MODES, 'units = { top = "rad" }\n', "top"),
         (
             TORSION,

@@ -100,8 +100,7 @@ MANY = Structure(
         (lambda mixed: mixed.with_values({"s1.kk": 1.0}), r'"s1.kk"; did you mean "s1.k"\?; the coefficients are "s1.k"'),
         (lambda mixed: mixed.with_values({"s1.k": 1.0, "s2.k": 2.0}),
          r's2.k: is equal to "s1.k", for which another value is given'),
-        (lambda mixed: mixed.with_values({"s1.k": math.nan}),
-         r"s1.k: the value of a coefficient must be a number, got nan"),
+        (lambda mixed: mixed.with_values({"s1.k": math.nan}), r"s1.k: the value of a coefficient must be a number, got nan"),
         (lambda mixed: mixed.with_values({"m3.mass": -1.0}), r'mass "m3": the mass must be positive, got -1.0 kg'),
         (lambda mixed: mixed.unknown("nes"),
          r'"nes" is not a link, a prefix of link names or a coefficient; the links are "s1", "s2", "s3", "s4"'),
@@ -190,10 +189,8 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "number that is true": (lambda: NUMBER(True), "the value of a coefficient must be a number, got True"),
     "number that is a word": (lambda: NUMBER("ten"),  # type: ignore[arg-type]
         "the value of a coefficient must be a number, got 'ten'"),
-    "known without value": (lambda: Coefficient(None, True),
-        'a known coefficient needs a value; write "unknown" if'),
-    "bounds upside down": (lambda: UNKNOWN(lower=2.0, upper=1.0),
-        "the lower bound 2.0 must be below the upper bound 1.0"),
+    "known without value": (lambda: Coefficient(None, True), 'a known coefficient needs a value; write "unknown" if'),
+    "bounds upside down": (lambda: UNKNOWN(lower=2.0, upper=1.0), "the lower bound 2.0 must be below the upper bound 1.0"),
     "reserved name": (lambda: mass("ground"), 'mass: "ground" is reserved as an end of links'),
     "empty name": (lambda: mass(""), "mass: a mass needs a name, got ''"),
     "name with a bracket": (lambda: mass("m[1]"), "mass: 'm[1]' is not a valid name"),
@@ -202,8 +199,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         'mass "a": the name is used 2 times; names must be unique'),
     "two links of a name": (lambda: Structure("", (A,), (LOW, LOW)),
         'link "low": the name is used 2 times; names must be unique'),
-    "link to itself": (lambda: spring("low", "a", "a"),
-        'link "low": both ends are "a"; a link needs two different ends'),
+    "link to itself": (lambda: spring("low", "a", "a"), 'link "low": both ends are "a"; a link needs two different ends'),
     "ground to base": (
         lambda: Structure("", (A,), (LOW, spring("rig", BASE, GROUND))),
         'link "rig": at least one end must be a mass, got "base" and "ground"; a link between these needs a structure '

@@ -130,10 +130,7 @@ REFUSED = {
         'mass = "10 g"', 'mass = 1\nmass = 2',
         "s.toml, line 10, column 9: is not valid TOML: cannot overwrite a value",
     ),
-    "bad key": (
-        'law = "alpha*d"', 'lwa = "alpha*d"',
-        's.toml, link[2]: unknown key "lwa"; did you mean "law"?; the keys are',
-    ),
+    "bad key": ('law = "alpha*d"', 'lwa = "alpha*d"', 's.toml, link[2]: unknown key "lwa"; did you mean "law"?; the keys are'),
     "missing key": ('law = "alpha*d"', "", "s.toml, link[2]: the key `law` is missing"),
     "bad top key": (
         'name = "two', 'nmae = "two',
@@ -184,10 +181,7 @@ REFUSED = {
         's.toml, link[0] "spring": unknown coefficient e; the law k*d + c*v has the coefficients',
     ),
     "one end": ('["m2", "base"]', '["m2"]', 's.toml, link[2] "second": `between` must name two ends, got [\'m2\']'),
-    "unknown end": (
-        '["m2", "base"]', '["m3", "base"]',
-        's.toml, link "second": unknown end "m3"',
-    ),
+    "unknown end": ('["m2", "base"]', '["m3", "base"]', 's.toml, link "second": unknown end "m3"'),
     "shared with nothing": (
         "=nes.alpha", "=nes.alhpa",
         's.toml, second.alpha: "=nes.alhpa" refers to an unknown coefficient; did you mean "nes.alpha"?',

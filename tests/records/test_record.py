@@ -89,22 +89,16 @@ def test_what_is_no_channel_is_refused(name: str, message: str) -> None:
     ("change", "message"),
     [
         ({"channels": ("x:m1", "x:m1")}, "channel x:m1: is listed twice"),
-        (
-            {"values": np.zeros(5)},
-            "values have the shape (5,), expected (samples, 2) for the channels x:m1, x:m2",
-        ),
+        ({"values": np.zeros(5)}, "values have the shape (5,), expected (samples, 2) for the channels x:m1, x:m2"),
         ({"rate": 0.0}, "rate must be between 1e-30 and 1e+30 Hz, got 0 Hz"),
         ({"rate": np.nan}, "rate must be between 1e-30 and 1e+30 Hz, got nan Hz"),
         ({"start": np.inf}, "start must be finite, got inf s"),
-        (
-            {"noise": {"x:m3": 1.0}},
-            "channel x:m3: is not in the record, and something is stated of it (noise)",
-        ),
+        ({"noise": {"x:m3": 1.0}}, "channel x:m3: is not in the record, and something is stated of it (noise)"),
         ({"noise": {"x:m1": -1.0}}, "channel x:m1: noise must be a non-negative number, got -1.0"),
         ({"channels": (), "values": np.zeros((5, 0))}, "a record needs at least one channel and one sample"),
         ({"values": np.array([[0.0, 1.0], [0.0, -np.inf]])}, "channel x:m2: the value at 0.1 s is infinite"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_record_is_refused(change: dict[str, Any], message: str) -> None:
     given = {"start": 0.0, "rate": 10.0, "channels": ("x:m1", "x:m2"), "values": np.zeros((5, 2)), **change}
     with pytest.raises(RecordError) as caught:
@@ -142,8 +136,7 @@ def test_arrays_become_a_record_and_gaps_become_missing_samples(wave: dict[str, 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"x:m1": np.full(N, 0.25)},
-         "channel x:m1: every sample is 0.25: a constant channel carries no information"),
+        ({"x:m1": np.full(N, 0.25)}, "channel x:m1: every sample is 0.25: a constant channel carries no information"),
         ({"x:m1": np.full(N, np.nan)}, "channel x:m1: every sample is missing"),
         ({"x:m2": np.sin(40.0 * np.arange(N) / RATE)}, "channel x:m2: has the same samples as x:m1"),
         ({"x:m1": np.arange(N - 1.0)}, "channel x:m1: has shape (399,), but time has shape (400,)"),
@@ -181,16 +174,14 @@ def test_a_slice_is_a_record_that_starts_later(record: Record) -> None:
 @pytest.mark.parametrize(
     ("act", "message"),
     [
-        (lambda r: r[::2],
-         "sliced as record[first:last] without a step; record.decimate(factor)"),
+        (lambda r: r[::2], "sliced as record[first:last] without a step; record.decimate(factor)"),
         (lambda r: r[3], 'a record is asked for a channel, record["x:m1"], or sliced as record[first:last]'),
         (lambda r: r["x:m9"], "is not in the record; the channels are"),
         (lambda r: r[30:20], "record[30:20] is empty; the record has 400 samples"),
         (lambda r: r.between(2.0, 3.0), "no sample between 2 and 3 s; the record runs from 0 to 0.399 s"),
         (lambda r: r.decimate(2.5), "factor must be a positive integer, got 2.5"),
         (lambda r: r.decimate(0), "factor must be a positive integer, got 0"),
-        (lambda r: r.decimate(50),
-         "400 samples are too few to decimate by 50: its anti-alias filter spans 2501"),
+        (lambda r: r.decimate(50), "400 samples are too few to decimate by 50: its anti-alias filter spans 2501"),
         (lambda r: replace(r, interpolation={"force:m1": "held"}).decimate(4),
          "is stated as held between its samples, which samples at a lower rate cannot show"),
         (lambda r: r.with_noise(np.inf, seed=0), "decibel must be within 1000 of zero, got inf"),

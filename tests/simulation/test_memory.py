@@ -25,9 +25,7 @@ VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through 
         "psi": 0.3, "dpsi": 0.01, "lam": 0.4,
     },
     "backlash-slip": {"k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "g": 0.4},
-    "band-brake": {
-        "k": 60.0, "c": 0.8, "Fp": 12.0, "Fm": 14.0, "x0": 0.05, "g": 0.4, "b": 0.4, "w": 25.0, "h": 0.3,
-    },
+    "band-brake": {"k": 60.0, "c": 0.8, "Fp": 12.0, "Fm": 14.0, "x0": 0.05, "g": 0.4, "b": 0.4, "w": 25.0, "h": 0.3},
     "dahl": {"sigma": 300.0, "Fc": 12.0, "c": 1.0},
     "lugre": {"s0": 300.0, "s1": 0.5, "s2": 1.0, "Fc": 10.0, "Fs": 14.0, "vs": 0.4},
     "jenkins": {"k": 200.0, "Fs": 12.0},

@@ -89,16 +89,10 @@ def test_an_exact_motion_gives_the_laws() -> None:
     ("clean", "asked", "true", "count", "snr_db"),
     [
         (shaken, asked_mount(), MOUNT, 12, 30.0),
-        (
-            harvesting,
-            asked_harvester(R=PIEZO["R"]),
-            {f"piezo.{name}": PIEZO[name] for name in PIEZO},
-            8,
-            40.0,
-        ),
+        (harvesting, asked_harvester(R=PIEZO["R"]), {f"piezo.{name}": PIEZO[name] for name in PIEZO}, 8, 40.0),
     ],
     ids=["mount", "harvester whose resistance is known"],
-)
+)  # fmt: skip
 def test_intervals(
     clean: Callable[[], lw.Record], asked: lw.Structure, true: dict[str, float], count: int, snr_db: float
 ) -> None:

@@ -38,16 +38,12 @@ def clean() -> lw.Record:
     ("law", "values", "exact"),
     [
         ("k*d + c*v", {"k": 900.0, "c": 3.0}, 1e-6),
-        (
-            "k*d + k2*d**2 + k3*d**3 + c3*v*d**2 + f0",
-            {"k": 900.0, "k2": 4e3, "k3": 2e6, "c3": 5e3, "f0": -0.7},
-            1e-4,
-        ),
+        ("k*d + k2*d**2 + k3*d**3 + c3*v*d**2 + f0", {"k": 900.0, "k2": 4e3, "k3": 2e6, "c3": 5e3, "f0": -0.7}, 1e-4),
         ("k*sin(d/0.02)", {"k": 9.0}, 1e-6),
         ("k*d + c*v*abs(v)", {"k": 900.0, "c": 2.0}, 1e-3),
         ("F*tanh(v/0.3)", {"F": 2.0}, 1e-3),
     ],
-)
+)  # fmt: skip
 def test_the_force_that_makes_a_motion_gives_the_law(law: str, values: dict[str, Any], exact: float) -> None:
     """m x'' + f(x, x') = w is an identity, to the alias of the test functions, where v is integrated by parts.
 
@@ -201,10 +197,7 @@ def gone(record: lw.Record, missing: slice, column: int | slice) -> lw.Record:
     [
         (chain_record(2, duration=0.033), r"too short: its 34 samples give \d windows of \d+ samples, and 8"),
         (gone(chain_record(2, duration=1.0), slice(None, None, 10), 0), "no mass has 8 complete windows"),
-        (
-            gone(chain_record(2, duration=1.0), slice(None), slice(None)),
-            "too many samples are missing|no sample",
-        ),
+        (gone(chain_record(2, duration=1.0), slice(None), slice(None)), "too many samples are missing|no sample"),
         (
             chain_record(2, duration=1.0, sensors=("a",)),
             r"needs displacements, and the record has a:m1, a:m2",
@@ -215,7 +208,7 @@ def gone(record: lw.Record, missing: slice, column: int | slice) -> lw.Record:
         ),
     ],
     ids=["short", "broken", "empty", "no displacements", "no sensor"],
-)
+)  # fmt: skip
 def test_records_that_give_no_equations_are_refused(record: lw.Record, message: str) -> None:
     with pytest.raises(lw.LinkwiseError, match=message):
         identify(record, lw.bnes_chain(2).unknown("nes"))

@@ -16,13 +16,9 @@ from linkwise.simulation.integrator.formulas import CompiledSystem, SystemShape
 LAWS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
     ("k*d + c*v + k3*d**3", {"k": 90.0, "c": 0.3, "k3": 500.0}, {}),
     ("k*d + F*tanh(v/s) - q*abs(d)*d", {"k": 90.0, "F": 1.0, "s": 0.3, "q": 30.0}, {}),
-    (
-        "k*d + F*sign(v) + kg*max(d - g, 0)",
-        {"k": 400.0, "F": 0.3, "kg": 2000.0, "g": 0.01},
-        {"forces": {"m1": "4*sin(13*t)"}},
-    ),
+    ("k*d + F*sign(v) + kg*max(d - g, 0)", {"k": 400.0, "F": 0.3, "kg": 2000.0, "g": 0.01}, {"forces": {"m1": "4*sin(13*t)"}}),
     ("k*d + c*v", {"k": 90.0, "c": 0.3}, {"impulses": (lw.model.Impulse("m1", 0.2, 0.11),)}),
-]
+]  # fmt: skip
 BOUC_WEN = {"k": 500.0, "c": 1.0, "F": 5.0, "x0": 5e-3, "s": 0.6}
 
 
