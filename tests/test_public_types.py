@@ -2,52 +2,12 @@
 
 import inspect
 from collections.abc import Iterator
-from functools import cached_property
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 from public import public
 
 import linkwise as lw
-
-
-class Unlisted:
-    """A type of linkwise's tests that no public name leads to."""
-
-
-class Leaky:
-    """Every way by which a class can hand out a type."""
-
-    field: dict[str, tuple[Unlisted | None, ...]]
-    _field: Unlisted
-
-    def method(self) -> list[Unlisted]:
-        """A type inside another one."""
-        return []
-
-    @property
-    def one(self) -> Unlisted:
-        """From a property."""
-        return Unlisted()
-
-    @cached_property
-    def cached(self) -> Unlisted:
-        """From a property that is computed once."""
-        return Unlisted()
-
-    @classmethod
-    def made(cls) -> Unlisted:
-        """From a class."""
-        return Unlisted()
-
-    def _private(self) -> Unlisted:
-        return Unlisted()
-
-
-def leaky() -> Unlisted | None:
-    """A function that hands out a type."""
-    return None
-
 
 LATE = {"Structure": lw.Structure}  # what a module imports for type checkers alone
 
@@ -108,10 +68,3 @@ def test_every_type_that_public_names_hand_out_is_public() -> None:
     names = dict(public())
     assert sum(len(list(given(name, value))) for name, value in names.items()) > 500
     assert unlisted(names, "linkwise") == {}
-
-
-def test_the_walk_sees_what_it_must_refuse() -> None:
-    leaks = unlisted({"Leaky": Leaky, "leaky": leaky}, __name__.partition(".")[0])
-    ways = {"Leaky.field", "Leaky.method", "Leaky.one", "Leaky.cached", "Leaky.made", "leaky"}
-    assert leaks == {f"{__name__}.Unlisted": ways}
-    assert unlisted({"Leaky": Leaky, "leaky": leaky, "Unlisted": Unlisted}, __name__.partition(".")[0]) == {}

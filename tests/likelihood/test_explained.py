@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import truth
-from structures import HARDENING, NES, Value, coefficient, host, link, structure
+from structures import HARDENING, NES, coefficient, host, link, structure
 from within import errors
 
 import linkwise as lw
@@ -168,21 +168,6 @@ def test_what_is_off_becomes_unknown(stated: lw.Structure, cause: Cause, freed: 
     richer = with_cause(stated, cause)
     assert [(parameter.name, parameter.unit) for parameter in richer.parameters] == [(freed, unit)]
     assert set(stated.unknown("all").parameters) <= set(richer.unknown("all").parameters)
-
-
-@pytest.mark.parametrize("name", ["m1", "m2", "m3"])
-def test_a_mass_that_is_off_is_freed_without_those_that_are_stated_equal(name: str) -> None:
-    """As its score is that of this mass alone."""
-    springs = [
-        link(f"spring{k}", f"m{k}-{below}", "k*d", k=2.0)
-        for k, below in ((1, "ground"), (2, "m1"), (3, "m2"))
-    ]
-    first, second = (lw.Coefficient.shared(f"{mass}.mass") for mass in ("m1", "m2"))
-    equal: dict[str, Value] = {"m1": 1.5, "m2": first, "m3": second}
-    richer = with_cause(structure(equal, *springs), cause("mass", name))
-    number = richer.mass_names.index(name)
-    assert [parameter.members for parameter in richer.parameters] == [((-1 - number, "mass"),)]
-    assert [mass.mass.value for mass in richer.masses if mass.name != name] == [1.5, 1.5]
 
 
 SENSORS = ("x:m1", "x:m2", "v:m1", "v:m2")

@@ -36,17 +36,3 @@ def test_a_piece_may_begin_on_a_kink(side: float) -> None:
     np.testing.assert_allclose(pushed[:900], 0.02, atol=1e-9)
     stop = (10.0 + 80.0) / (400.0 + 4000.0)  # where both springs bear the force; 0.025 without the second
     assert abs(pushed[-1] - stop) < 1e-4  # it still moves a little
-
-
-@pytest.mark.parametrize("order", [0, 5])
-def test_kept_branches_are_those_that_would_be_chosen(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Kinks in the motion to a base, which jumps from sample to sample or runs smoothly."""
-    law = "k*d + g*max(d - e, 0) + c*v*abs(v)"
-    on_base = oscillator(law, mass=1.0, to="base", k=400.0, g=4000.0, e=4e-3, c=0.8)
-    time = np.arange(401) / 200.0
-    base = lw.model.Sampled(0.0, 200.0, 0.02 * np.sin(25.0 * time) + 0.01 * np.sin(4.0 * time**2), order)
-    kept = lw.simulate(on_base, base=base, duration=2.0, rate=200.0).channel("x:m1")
-    monkeypatch.setattr("linkwise.simulation.run.branches_hold", lambda *arguments: False)
-    chosen = lw.simulate(on_base, base=base, duration=2.0, rate=200.0).channel("x:m1")
-    assert np.ptp(chosen) > 0.02  # far over the gap
-    np.testing.assert_allclose(kept, chosen, rtol=0.0, atol=1e-12)  # the integrator is right to rounding

@@ -12,8 +12,7 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.structure import Structure
 from linkwise.signals.states import States
 from linkwise.sindy import library
-from linkwise.sindy.library import Monomials, MonomialSums, link_columns, local_equations, monomial_equations
-from linkwise.sindy.regression.linear_system import RowSums
+from linkwise.sindy.library import Monomials, link_columns, local_equations, monomial_equations
 from linkwise.sindy.regression.regressors import LeastSquares, Stlsq
 
 COUNT = 400
@@ -76,23 +75,6 @@ def test_a_library_that_cannot_be_is_refused() -> None:
         Monomials(("a", "a"), 2)
     with pytest.raises(IdentificationError, match="mixing must be positive, got 0; mixing=1 keeps powers"):
         Monomials(("a", "b"), 2, mixing=0)
-
-
-@pytest.mark.parametrize("order", [2, 3, 4])
-@pytest.mark.parametrize("forces", [False, True])
-def test_distinct_sums_make_the_gram_matrix_of_all_monomials(order: int, forces: bool) -> None:
-    equations = monomial_equations(_states(bnes_chain(2), forces=forces, base=forces), order)
-    distinct, plain = equations.gram_sums(), RowSums(len(equations.names))
-    assert isinstance(distinct, MonomialSums)
-    for rows, _ in some(equations.rows_of(slice(first, first + 150)) for first in (0, 150, 300)):
-        distinct.add(rows)
-        plain.add(rows)
-    norms = np.sqrt(np.diagonal(plain.matrix()))
-    # identity: the same sums, of products of other factors
-    assert np.abs((distinct.matrix() - plain.matrix()) / np.outer(norms, norms)).max() < 1e-12
-    # lacks the lists that its products are made of
-    limited = monomial_equations(_states(bnes_chain(2)), order, mixing=1)
-    assert isinstance(limited.gram_sums(), RowSums)
 
 
 def test_masses_of_other_names_and_inputs_have_columns_of_their_own() -> None:

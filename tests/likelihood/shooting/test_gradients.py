@@ -25,7 +25,6 @@ from linkwise.likelihood.fit import Optimum, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 from linkwise.likelihood.shooting.loss import ClippedReadings, Gaussian, Huber, Loss, Student
-from linkwise.likelihood.shooting.minimise import gradient as gradient_by_adjoint
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
@@ -239,35 +238,6 @@ def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: flo
         step = EPS * scales.theta * (np.arange(len(computed)) == number)
         quotient = (cost(point.border + step) - cost(point.border - step)) / (2.0 * EPS)
         assert computed[number] == pytest.approx(quotient, rel=tolerance), number
-
-
-@pytest.mark.parametrize(
-    ("masses", "sensors", "unknown"),
-    [(2, ("v:m1", "v:m2"), ("all", "mass:m2")), (4, (), ("nes",)), (14, (), ("all",))],
-)
-def test_adjoint_gradients_are_slopes(
-    masses: int, sensors: tuple[str, ...], unknown: tuple[str, ...]
-) -> None:
-    """Along a random direction, by central differences of the flow, whose order is higher than that of the sensitivities."""
-    chain, q = lw.bnes_chain(masses), 0.1
-    channels = [f"x:{name}" for name in chain.mass_names] + list(sensors)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0, sensors=channels)
-    asked = chain.unknown(*unknown)
-    fit = likelihood_fit([record.with_noise(30.0, seed=5206900)], asked, truth(chain, asked)).optimum
-    segments, scales, point, rng = fit.segments, fit.scales, fit.point, np.random.default_rng(3)
-
-    def along(nodes: np.ndarray, border: np.ndarray, size: float) -> Misfit:
-        shifted = point.moved(
-            point.nodes + size * nodes * scales.state[:, None], point.border + size * border * scales.theta
-        )
-        return evaluate(segments, shifted, scales, fit.loss)
-
-    nodes, border = rng.normal(size=point.nodes.shape), 1e-2 * rng.normal(size=len(scales.theta))
-    misfit = along(nodes, border, 0.1)  # beside the optimum, so that there is a gradient
-    of_nodes, of_border = gradient_by_adjoint(segments, misfit, scales, fit.loss, misfit.defects.T / q**2)
-    slope = -2.0 * (np.vdot(of_nodes, nodes.T) + of_border @ border)
-    ahead, behind = (along(nodes, border, 0.1 + step).cost(q) for step in (1e-4, -1e-4))
-    assert (ahead - behind) / 2e-4 == pytest.approx(slope, rel=1e-3)
 
 
 def readings(sides: Floats) -> ClippedReadings:
