@@ -20,20 +20,26 @@ PAIR = structure(
 
 
 def machine(
-    subject: lw.Structure, hz: float, *, on: str = "m1", size: float = 1.5, wind: float = 0.0, seed: int = 1
+    subject: lw.Structure,
+    hz: float,
+    *,
+    on: str = "m1",
+    wind: float = 0.0,
+    seed: int = 1,
+    duration: float = DURATION,
 ) -> lw.Record:
     """Displacements at 40 dB under a machine on a mass, beside a ring-down or `wind` in N/sqrt(Hz); no force is recorded."""
     rng = np.random.default_rng(seed)
     fine = 4.0 * RATE
-    time = np.arange(round(fine * DURATION) + 1) / fine
+    time = np.arange(round(fine * duration) + 1) / fine
     acting = {
         name: wind * np.sqrt(0.5 * fine) * rng.normal(size=len(time))
-        + (name == on) * size * np.cos(2.0 * np.pi * hz * time + 0.7)
+        + (name == on) * 1.5 * np.cos(2.0 * np.pi * hz * time + 0.7)
         for name in subject.mass_names
     }
     forces = {name: lw.model.Sampled(0.0, fine, values, order=1) for name, values in acting.items()}
     release = {} if wind else {"x:m1": 0.03}
-    clean = lw.simulate(subject, forces=forces, release=release, duration=DURATION, rate=RATE)
+    clean = lw.simulate(subject, forces=forces, release=release, duration=duration, rate=RATE)
     names = tuple(name for name in clean.channels if name.startswith("x:"))
     values = np.stack([clean.channel(name) for name in names], axis=1)
     return lw.Record(0.0, RATE, names, values).with_noise(40.0, seed=seed)
@@ -96,7 +102,7 @@ def test_a_harmonic_force_is_taken_into_the_model() -> None:
 
 @pytest.mark.slow
 def test_discover_allows_for_a_harmonic_force() -> None:
-    record = machine(OSCILLATOR, 7.3, seed=3)
+    record = machine(OSCILLATOR, 7.3, seed=3, duration=5.0)
     found = lw.discover(record, {"m1": 1.0}, harmonics={"m1": 7.3})
     assert found.trusted and [one.law.text for one in found.structure.links] == ["k*d + k3*d**3 + c*v"]
 
