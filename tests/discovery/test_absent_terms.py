@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from judged import masses
 from present import present, some
 from structures import link, row_of_masses, structure
+from within import masses
 
 import linkwise as lw
 from linkwise.discovery.criterion import CERTAIN

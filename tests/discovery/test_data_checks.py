@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged import masses
 from problems import chain_record, parsed
+from within import masses
 
 import linkwise as lw
 

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from duffing_ring import SIZE, VALUES, ring
-from judged import graph, masses, terms
 from present import present, some
 from problems import chain_discovery, chain_record, linear_chain
 from random_structures import random_case
 from structures import HARDENING, link, row_of_masses, structure, with_links
-from within import assert_within
+from within import assert_within, graph, masses, terms
 
 import linkwise as lw
 

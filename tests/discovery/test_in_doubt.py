@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged import masses
 from present import some
 from problems import chain_discovery
 from scipy.signal import lfilter
 from structures import link, oscillator, row_of_masses, structure
+from within import masses
 
 import linkwise as lw
 

@@ -8,7 +8,7 @@ import scipy
 import scipy.signal
 from present import some
 from problems import chain_record
-from random_force import random_force
+from random_signals import random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw

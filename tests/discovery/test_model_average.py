@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from present import some
-from random_force import random_force
+from random_signals import random_force
 from structures import oscillator
 
 import linkwise as lw

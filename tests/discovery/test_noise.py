@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.linalg
-from judged import masses
 from present import present, some
 from problems import chain_record
 from scipy.signal import lfilter
 from structures import row_of_masses
+from within import masses
 
 import linkwise as lw
 

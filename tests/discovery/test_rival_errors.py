@@ -5,9 +5,9 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from judged import masses
 from present import some
 from structures import row_of_masses
+from within import masses
 
 import linkwise as lw
 

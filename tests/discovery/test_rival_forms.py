@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from present import present
-from random_force import random_force
+from random_signals import random_force
 from structures import oscillator
 
 import linkwise as lw

@@ -59,6 +59,7 @@ def test_what_must_not_come_is_noticed(outcome: Outcome, faults: list[str]) -> N
     assert complaints(COMMAND, outcome) == faults
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
 def test_deaths_and_hangs_are_noticed_and_the_rest_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "work", _dying)

@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 import scipy
-from coloured_noise import autoregressive, differenced
 from present import present
 from problems import chain_record, truth
-from random_force import random_force
+from random_signals import autoregressive, differenced, random_force
 from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 

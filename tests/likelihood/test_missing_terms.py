@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from judged import masses
 from present import present, some
 from problems import truth
-from random_force import random_force
+from random_signals import random_force
 from structures import link, named, oscillator, with_links
+from within import masses
 
 import linkwise as lw
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from coloured_noise import autoregressive, differenced
 from duffing_ring import NOISE, SIZE, VALUES, noisy, ring
 from present import present
 from problems import chain_record, truth
-from random_force import random_force
+from random_signals import autoregressive, differenced, random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record
-from random_force import random_force
+from random_signals import random_force
 from structures import asked_oscillator, equal_sinks, link, oscillator, row_of_masses, structure, with_links
 from within import assert_within, errors
 

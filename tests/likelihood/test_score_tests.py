@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import bent_chain, rubbing_trio
-from random_force import random_force
+from random_signals import random_force
 from structures import link, oscillator, with_links
 
 import linkwise as lw

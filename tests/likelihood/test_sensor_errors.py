@@ -403,6 +403,7 @@ def coupled(corner: float = 0.3, before: int = 0) -> tuple[lw.Record, lw.Structu
     return replace(clean, values=values).with_noise(40.0, seed=3)[before:], spring.unknown("all"), corner
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keywords", [{}, {"corners": ["a:m1"]}, {"corners": {"a:m1": 0.3}}])
 def test_a_high_pass_is_named_and_taken_into_the_model(keywords: dict[str, Any]) -> None:
     record, unknown, corner = coupled()
@@ -416,6 +417,7 @@ def test_a_high_pass_is_named_and_taken_into_the_model(keywords: dict[str, Any])
     assert [cause.kind for cause in fit.added] == ([] if keywords else ["high pass"])
 
 
+@pytest.mark.slow
 def test_a_high_pass_is_found_where_the_record_begins_in_motion() -> None:
     """The state of the high pass at the start decays with its corner."""
     record, unknown, corner = coupled(0.6, before=330)

@@ -10,11 +10,11 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
-from present import present, some
+from present import present
 
 import linkwise as lw
 from linkwise.paper import figures
-from linkwise.paper.figures import figure_6, figure_7, figure_8, figure_9
+from linkwise.paper.figures import figure_6, figure_7, figure_8
 from linkwise.paper.tables import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2, PaperStudy
 from linkwise.plot import save
 from linkwise.plot.records import displacements_figure
@@ -152,14 +152,6 @@ def test_figure_8_has_the_paper_beside_ours(report: StudyReport) -> None:
     assert {line.get_label() for line in own.axes[0].lines} == set(report.table.methods)
 
 
-def test_figure_9_has_the_paper_beside_ours(report: StudyReport) -> None:
-    errors, times = figure_9(report.table, report.paper).axes
-    np.testing.assert_array_equal(values(errors, "paper, physics-informed"), [0.5] * 5)
-    np.testing.assert_array_equal(values(errors, "physics-informed"), [0.4] * 5)
-    np.testing.assert_array_equal(values(times, "paper, physics-informed"), [*INFORMED_SECONDS.values()])
-    assert not any(str(line.get_label()).startswith("classical") for line in some(errors.lines))
-
-
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
 def test_forces_beside_the_theory(
     report: StudyReport, draw: Callable[..., Figure], shown: list[float]
@@ -176,14 +168,6 @@ def test_forces_beside_the_theory(
     np.testing.assert_allclose(values(forces, "ml, 20 dB"), theory * (1.0 + np.sqrt(1e-6)), rtol=1e-8)
     d = np.asarray(forces.lines[0].get_xdata())
     assert d[0] < -20.0 and d[-1] > 20.0 and forces.get_xlabel() == "elongation d, mm"  # wells at 10 mm
-
-
-def test_forces_that_nobody_found_are_not_drawn(report: StudyReport) -> None:
-    empty = StudyReport.of(report.study, [])
-    assert figure_6(empty.study, empty.table, empty.paper, BEST) is None
-    two = StudyReport.of(report.study, [row for row in paper_rows(report.study) if row.masses == 2])
-    assert figure_7(two.study, two.table, two.paper, BEST) is None
-    assert figure_6(two.study, two.table, two.paper, BEST) is not None
 
 
 def test_only_the_papers_own_chains_count(report: StudyReport) -> None:

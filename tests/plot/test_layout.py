@@ -16,7 +16,6 @@ from linkwise.plot.discoveries import evidence_figure, path_figure
 from linkwise.plot.graphs import graph_figure
 from linkwise.plot.links import force_figure
 from linkwise.plot.records import histories_figure
-from linkwise.plot.style import log_scale, sheet
 
 PIXEL = 1.5  # what rounding of glyphs may add
 
@@ -78,12 +77,3 @@ def test_what_is_cut_or_covered_is_seen() -> None:
     figure.subplots().set_ylabel("cut", labelpad=100.0)
     figure.suptitle("covered", y=0.5)
     assert faults(figure) == ["panel 0", "panel 0 on covered"]
-
-
-def test_powers_are_written_in_plain_characters() -> None:
-    values = (1e4, 1e-5, 1000.0, 0.01, 0.0, -100.0, -1e5, 2e-4, 0.002)
-    texts = ["10⁴", "10⁻⁵", "1000", "0.01", "0", "−100", "−10⁵", "2·10⁻⁴", "0.002"]
-    with sheet() as (_, [axes]):
-        axes.plot([-1e6, 1e6])
-        log_scale(axes, "y", linear_to=1e-6)
-        assert [axes.yaxis.get_major_formatter()(value) for value in values] == texts

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged import masses
 from present import present
 from problems import PROBLEMS, chain_record, parsed
 from rigs import hysteretic, measured, run
 from structures import beam_of_one_mode, link, oscillator
+from within import masses
 
 import linkwise as lw
 from linkwise.arrays import Floats

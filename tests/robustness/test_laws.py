@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from judged import masses
 from problems import chain_record
 from random_structures import draw_structure
 from structures import link, structure
+from within import masses
 
 import linkwise as lw
 

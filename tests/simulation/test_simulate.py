@@ -14,7 +14,6 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 from linkwise.model.structure import Structure
-from linkwise.progress import ProgressReport
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance
 from linkwise.simulation.energy import kinetic_energy, potential_energy
@@ -160,15 +159,6 @@ def test_the_sampling_grid_is_free(spring: Structure) -> None:
     less = simulate(spring, release={"v:m1": 1.0}, duration=0.3, rate=10.0)
     assert len(less) == 4  # 0.3*10 is 3 but for rounding
     closes(record, 1e-12)
-
-
-def test_a_long_run_reports_its_progress(spring: Structure) -> None:
-    reports: list[ProgressReport] = []
-    record = simulate(spring, release={"v:m1": 1.0}, duration=30.0, rate=1000.0, progress=reports.append)
-    fractions = [report.fraction for report in reports]
-    assert {report.activity for report in reports} == {"simulating"}
-    assert fractions == sorted(fractions) and fractions[-1] == 1.0 and len(fractions) > 3
-    assert record.values[:, 0] == pytest.approx(response(record.time), abs=1e-13)
 
 
 def test_a_resting_structure_rests_and_a_simulated_record_survives_a_pickle(spring: Structure) -> None:

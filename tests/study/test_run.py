@@ -63,6 +63,7 @@ def test_neither_order_nor_executor_count(small_folder: Path, study: lw.study.St
     assert run_by(Here(5), study, tmp_path / "out") == list(lw.study.read_rows(small_folder))
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:
@@ -196,6 +197,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     assert list(lw.study.read_rows(tmp_path / "out")) == answered
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.study.Study) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
     case = Case("bnes4", 20.0, "ml", 1000)

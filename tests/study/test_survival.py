@@ -15,10 +15,12 @@ from small_study import small
 
 import linkwise as lw
 
-pytestmark = pytest.mark.skipif(not Path("/proc").is_dir(), reason="workers are found in /proc")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc").is_dir(), reason="workers are found in /proc"),
+]
 
 
-@pytest.mark.slow
 def test_killed_twice_it_ends_as_if_undisturbed(tmp_path: Path, small_folder: Path) -> None:
     out = killed(small(tmp_path), tmp_path / "killed", kills=2, most=2, slots=1)
     assert "24 of 24 cases done, 0 failed" in out
