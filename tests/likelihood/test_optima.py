@@ -140,12 +140,12 @@ def _hit(
     snr: float = 30.0,
 ) -> lw.Record:
     """Two hits of a force in N that leave the sink in a well of the link, in m."""
-    hits = f"{force}*exp(-((t - 0.1)/0.003)**2) + {0.8 * force}*exp(-((t - 0.6)/0.003)**2)"
+    hits = f"{force}*exp(-((t - 0.1)/0.003)**2) + {0.8 * force}*exp(-((t - 1.1)/0.003)**2)"
     return lw.simulate(
         _beam(0.03, **SINK),
         forces={"beam.root": hits},
         release={"x:sink": -well},
-        duration=1.0,
+        duration=1.8,
         rate=1000.0,
         sensors=sensors,
     ).with_noise(snr, seed=seed)
