@@ -66,7 +66,7 @@ def test_what_the_answer_allows_for_is_no_alert() -> None:
     assert [alert.kind for alert in lw.inspect(marked).alerts] == ["dropped"]
     told = {name: ANSWERS[name](marked).to_dict()["alerts"] for name in ("identify, weak", "validate")}
     assert not any(told.values())
-    clean = chain(2, 30.0)[:3001]
+    clean = chain(2, 30.0)
     drifting = replace(clean, values=clean.values + np.outer(clean.time, [0.0, 1e-3]), simulated=None)
     asked = lw.bnes_chain(2).unknown("nes")
     assert alerts_of(lw.identify(drifting, asked, drifts=["x:m1"], as_stated=True)) == [("drift", "x:m2")]
@@ -86,7 +86,7 @@ def test_samples_that_a_record_lacks_are_told_also_beside_marked_ones() -> None:
 
 
 def test_a_hum_is_allowed_for_where_all_of_its_lines_are_estimated() -> None:
-    clean = chain(2, 30.0)[:3001]
+    clean = chain(2, 30.0)
     lines = 1e-3 * np.sin(2.0 * np.pi * np.outer(clean.time, [50.0, 150.0])).sum(axis=1)
     humming = replace(clean, values=clean.values + np.outer(lines, [0.0, 1.0]), simulated=None)
     [alert] = lw.inspect(humming).alerts

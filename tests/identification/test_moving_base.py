@@ -149,7 +149,7 @@ def changed(record: lw.Record, channel: str, values: np.ndarray) -> lw.Record:
 @pytest.mark.slow
 def test_gain_and_delay_of_the_base_are_told() -> None:
     """A gain of 2 %, a delay of half a sample: the first cause names it, its size to first order (5 %)."""
-    record = measured("a", "a:base", duration=2.0)
+    record = measured("a", "a:base")
     motion = record.channel("a:base")
     signal = lw.model.Sampled(record.start, record.rate, motion, band_limited=True)
     late = signal.value(np.maximum(record.time - 1e-3, record.start))

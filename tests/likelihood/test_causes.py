@@ -47,7 +47,7 @@ def changed(record: lw.Record, **channels: np.ndarray) -> lw.Record:
 
 def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray]) -> lw.Record:
     """The record of the two-mass chain with one channel changed before noise is added."""
-    clean = chain_record(2, duration=2.0)
+    clean = chain_record(2, duration=3.0)
     return changed(clean, x_m2=change(clean.channel("x:m2"), clean)).with_noise(SNR, seed=SEED)
 
 

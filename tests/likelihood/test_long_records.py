@@ -38,7 +38,7 @@ def short_ones_as_long() -> Iterator[None]:
 def record() -> lw.Record:
     """The chain of two masses, driven chaotically over its sink's barrier."""
     forces = {"m1": "60*sin(150*t) + 40*sin(190*t)"}
-    return lw.simulate(CHAIN, duration=6.0, rate=1000.0, forces=forces).with_noise(20.0, seed=5441140)
+    return lw.simulate(CHAIN, duration=10.0, rate=1000.0, forces=forces).with_noise(20.0, seed=5441140)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_answer_of_the_whole(
     assert np.max(np.abs(in_pieces.values - whole.values) / deviations) < 0.05
     np.testing.assert_allclose(np.sqrt(in_pieces.covariance.diagonal()), deviations, rtol=0.01)
     cost = in_pieces.chi_square * in_pieces.segments.observed.sum()
-    # of 4800 states; less than one standard error of one unknown costs
+    # of 8000 states; less than one standard error of one unknown costs
     assert cost == pytest.approx(whole.chi_square * whole.segments.observed.sum(), abs=1.0)
 
 

@@ -417,7 +417,7 @@ def test_the_circuit_runs_free_to_a_third_of_a_millivolt(shared_data: Path) -> N
     circuit = asked_oscillator("k*d + k2*d**2 + k3*d**3 + c*v + f0")
     trained = 4 * len(record) // 5
     # what follows is identified as well from it as from the four fifths
-    used = record[: len(record) // 20]
+    used = record[: len(record) // 10]
     steps: list[lw.estimates.ProgressReport] = []
     fit = lw.identify(used, circuit, progress=steps.append)
     # 38 of the search, and as many of each of the laws with a term that are tried for what is left

@@ -207,12 +207,12 @@ def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> Non
 def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
     """A blow at the start is a release: the same motion, the same bound."""
     blow = (lw.model.Impulse("m1", 1.0, 0.0),)
-    plan: dict[str, Any] = {"duration": 0.5, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
+    plan: dict[str, Any] = {"duration": 1.0, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
     struck = lw.limit(chain, impulses=blow, **plan)
     released = lw.limit(chain, release=RELEASE, **plan)
     # one sample of 250
     np.testing.assert_allclose(struck.standard_errors, released.standard_errors, rtol=0.02)
-    again = lw.limit(chain, release=RELEASE, impulses=(lw.model.Impulse("m1", 1.0, 0.3),), **plan)
+    again = lw.limit(chain, release=RELEASE, impulses=(lw.model.Impulse("m1", 1.0, 0.6),), **plan)
     assert again.record.simulated is not None and np.isfinite(again.standard_errors).all()
     errors = [present(bound.coefficient("spring1.k").standard_error) for bound in (again, released)]
     assert errors[0] < errors[1]
