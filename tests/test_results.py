@@ -45,6 +45,24 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "TermScore": "a comparison with a truth that is given",
 }
 
+LATE = {"Structure": lw.Structure}  # what a module imports for type checkers alone
+
+
+def classes(annotation: object) -> Iterator[type]:
+    """All classes in a type: `list[Unlisted | None]` has three."""
+    parts = annotation if isinstance(annotation, list | tuple) else get_args(annotation)
+    if get_origin(annotation) is not Literal:
+        for part in (get_origin(annotation), getattr(annotation, "__bound__", None), *parts):
+            yield from classes(part) if part is not None else ()
+    if isinstance(annotation, type):
+        yield annotation
+
+
+def returned(function: Any) -> Iterator[type]:
+    """The classes in what a function returns."""
+    yield from classes(get_type_hints(inspect.unwrap(function), localns=LATE).get("return"))
+
+
 RELEASE = {"v:m1": 1.0}
 
 
@@ -176,24 +194,6 @@ def test_a_summary_says_what_was_not_run_and_what_failed() -> None:
     assert with_first(1, 1).verdicts == (verdicts.CASES_WITHOUT_ANSWER,) and with_first(1, 1).trusted
     assert with_first(0, 2).verdicts == (verdicts.CELLS_WITHOUT_ANSWER,) and not with_first(0, 2).trusted
     assert with_first(1, 0).verdicts == (verdicts.STUDY_INCOMPLETE,) and not with_first(1, 0).trusted
-
-
-LATE = {"Structure": lw.Structure}  # what a module imports for type checkers alone
-
-
-def classes(annotation: object) -> Iterator[type]:
-    """All classes in a type: `list[Unlisted | None]` has three."""
-    parts = annotation if isinstance(annotation, list | tuple) else get_args(annotation)
-    if get_origin(annotation) is not Literal:
-        for part in (get_origin(annotation), getattr(annotation, "__bound__", None), *parts):
-            yield from classes(part) if part is not None else ()
-    if isinstance(annotation, type):
-        yield annotation
-
-
-def returned(function: Any) -> Iterator[type]:
-    """The classes in what a function returns."""
-    yield from classes(get_type_hints(inspect.unwrap(function), localns=LATE).get("return"))
 
 
 def attribute_types(owner: type) -> Iterator[tuple[str, type]]:
