@@ -399,7 +399,7 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
     )
     record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
     right = 0
-    for seed in (5081, 600, 604, *range(101, 106)):
+    for seed in (5081, 600, 604, 101):
         try:
             discovery = lw.discover(record.with_noise(34.15, seed=seed), {"m1": 3.2555, "m2": "unknown"})
         except lw.IdentificationError as error:
@@ -410,4 +410,4 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
             # four standard errors: 1e-4 of normal errors are larger
             assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)
             right += 1
-    assert right >= 1  # of 8: where 0.45 are right, 0.8 % have none
+    assert right >= 1  # of 4: where 0.45 are right, 9 % have none

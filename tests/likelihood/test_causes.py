@@ -216,7 +216,7 @@ def ac_coupled(record: lw.Record) -> lw.Record:
 
 
 def pushed() -> lw.Record:
-    return lw.simulate(CHAIN, forces={"m1": PUSH}, duration=3.0, rate=1000.0)
+    return lw.simulate(CHAIN, forces={"m1": PUSH}, duration=2.0, rate=1000.0)
 
 
 def freely() -> lw.Record:

@@ -210,7 +210,7 @@ def test_a_channel_without_noise_does_not_hide_noise_that_is_stated_too_large() 
 @pytest.fixture(scope="module")
 def dragged() -> tuple[lw.Record, lw.Structure]:
     """An oscillator with drag under a random force, 70 dB, and laws without the drag."""
-    rate, duration = 100.0, 60.0
+    rate, duration = 100.0, 40.0
     force = random_force(np.random.default_rng(11), duration, rate, rms=4.0)
     with_drag = oscillator("k*d + c*v + k3*d**3 + q*v*abs(v)", k=400.0, c=1.0, k3=1e5, q=0.05)
     record = lw.simulate(with_drag, forces={"m1": force}, duration=duration, rate=rate)

@@ -225,7 +225,7 @@ def in_coloured_forces(corner: float, seconds: float, seed: int) -> lw.Record:
 
 def test_forces_that_fall_off_are_named_in_the_band_of_the_motion_and_as_good_as_white_beyond() -> None:
     asked = chain(2).unknown("all")
-    fit = lw.identify(in_coloured_forces(3.0, 20.0, seed=5700011), asked, ambient="all")
+    fit = lw.identify(in_coloured_forces(3.0, 14.0, seed=5700011), asked, ambient="all")
     assert not fit.trusted
     assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
     cause = fit.diagnosis[0]
@@ -233,7 +233,7 @@ def test_forces_that_fall_off_are_named_in_the_band_of_the_motion_and_as_good_as
     assert cause.where in ("m1", "m2")
     assert f"an ambient force on {cause.where} that is not white (its density is" in fit.message
     assert "intervals of exact laws say: record the forces, or the structure where" in fit.message
-    beyond = lw.identify(in_coloured_forces(40.0, 20.0, seed=5700012), asked, ambient="all")
+    beyond = lw.identify(in_coloured_forces(40.0, 14.0, seed=5700012), asked, ambient="all")
     assert beyond.trusted and beyond.diagnosis == ()
     assert "which is tested where the structure moves" in beyond.message
     short = lw.identify(in_coloured_forces(3.0, 1.5, seed=5700016), asked, ambient="all")  # for a spectrum
