@@ -15,8 +15,8 @@ from time import perf_counter
 
 import numpy as np
 import pytest
-from judged import Terms, graph, masses, terms
 from random_structures import random_case
+from within import Terms, graph, masses, terms
 
 import linkwise as lw
 

@@ -11,7 +11,7 @@ from time import perf_counter
 
 import numpy as np
 from duffing_ring import NOISE, SIZE, VALUES, motion, noisy, ring
-from judged import terms
+from within import terms
 
 import linkwise as lw
 

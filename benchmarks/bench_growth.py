@@ -21,8 +21,8 @@ from typing import ParamSpec, TypeVar
 
 import numpy as np
 import pytest
-from judged import masses as kilograms
-from judged import terms
+from within import masses as kilograms
+from within import terms
 
 import linkwise as lw
 from linkwise.model.law import Law

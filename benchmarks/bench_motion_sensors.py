@@ -14,7 +14,7 @@ from time import perf_counter
 
 import numpy as np
 import pytest
-from judged import graph, masses, terms
+from within import graph, masses, terms
 
 import linkwise as lw
 

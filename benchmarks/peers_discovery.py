@@ -15,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 import pysindy
-from judged import masses
+from within import masses
 
 import linkwise as lw
 

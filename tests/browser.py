@@ -1,7 +1,5 @@
 """Pages in a real browser that has no network."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The command line, run in this process on a line as it is typed."""
 
-from __future__ import annotations
-
 import io
 import json
 import shlex

@@ -1,7 +1,5 @@
 """What all tests share: deterministic hypothesis, Ctrl-C, a cache of compiled equations, and data beside a checkout."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil
@@ -11,9 +9,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from judged import masses
 from paper_rows import paper_rows, paper_study, stored
 from problems import chain_record
+from within import masses
 
 import linkwise as lw
 

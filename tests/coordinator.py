@@ -1,7 +1,5 @@
 """Coordinators of studies in processes of their own, and how to kill them and their workers."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

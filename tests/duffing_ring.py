@@ -1,7 +1,5 @@
 """The ring of five coupled Duffing oscillators of Hsu et al., arXiv 2511.18555: 150 samples 0.2 s apart, 15.5 dB."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

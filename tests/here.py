@@ -1,7 +1,5 @@
 """Studies that are run by the process of the tests: what they start of processes is tested in tests/study."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future

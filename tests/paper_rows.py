@@ -1,7 +1,5 @@
 """Rows of the paper's study that nobody had to compute: errors as a test wants them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import sqrt

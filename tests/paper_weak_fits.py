@@ -3,8 +3,6 @@
 Every tolerance of a statistic is a stated number of its standard deviations for the records that there are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What may be None or empty in general and is not in a test: `present(record.simulated).noise`, `some(fit.links)`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """The problems that tests solve: structures with the records of their motion, and what is true of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """The public names: those of linkwise and of the packages among them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from types import ModuleType
 from typing import Any

@@ -1,7 +1,5 @@
 """Structures that nobody tuned on: random trees of masses, with laws of four kinds, hit at random places."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

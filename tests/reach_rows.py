@@ -1,7 +1,5 @@
 """A small study of methods that look for terms, and rows of it that nobody had to compute."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from linkwise.study.definition import Study, parse_study

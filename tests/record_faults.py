@@ -1,7 +1,5 @@
 """Records without a fault, and the faults that sensors and loggers give them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial

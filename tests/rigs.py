@@ -1,7 +1,5 @@
 """Links alone on a rig, and what sensors on it record."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A chain of masses in random forces, followed by a Runge-Kutta method of the tests' own."""
 
-from __future__ import annotations
-
 import numpy as np
 from structures import row_of_masses
 

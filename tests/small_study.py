@@ -1,7 +1,5 @@
 """A study that takes seconds, for the tests of everything that runs studies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 TEXT = """

@@ -1,7 +1,5 @@
 """The source files of the package, each parsed once, for the tests that walk them."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from functools import cache

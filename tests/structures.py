@@ -1,7 +1,5 @@
 """The structures that tests work on: the few words that build them, and those that several tests share."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A slender cantilever by three modes, and what accelerometers show of a hammer on it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where values of users enter, what has another type is refused with the argument, what was given and the next step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import NoneType

@@ -1,11 +1,11 @@
-"""What the errors say and carry."""
-
-from __future__ import annotations
+"""What errors say and carry, what a wrong name is told, and what a verdict forbids."""
 
 import pickle
+from dataclasses import replace
 
 import pytest
 
+import linkwise as lw
 from linkwise.errors import (
     IdentificationError,
     LawError,
@@ -14,6 +14,8 @@ from linkwise.errors import (
     SimulationError,
     StructureError,
 )
+from linkwise.registry import Registry
+from linkwise.verdict import Verdict, admit_intervals, status_of
 
 
 def test_law_error_puts_the_caret_under_the_place() -> None:
@@ -41,12 +43,9 @@ def test_law_error_cuts_a_long_text_and_keeps_the_caret_right() -> None:
         (RecordError("no"), "no"),
         (StructureError("no", where="chain.toml"), "chain.toml: no"),
         (StructureError("no"), "no"),
-        (
-            SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"),
-            "x of m1 passed 1e9 m at 0.3 s",
-        ),
+        (SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"), "x of m1 passed 1e9 m at 0.3 s"),
     ],
-)
+)  # fmt: skip
 def test_message_names_the_place(error: LinkwiseError, text: str) -> None:
     assert str(error) == text
 
@@ -70,3 +69,67 @@ def test_exit_codes() -> None:
     codes = {kind: kind.exit_code for kind in (LawError, StructureError, RecordError)}
     assert set(codes.values()) == {2}
     assert {SimulationError.exit_code, IdentificationError.exit_code, LinkwiseError.exit_code} == {1}
+
+
+def test_an_unknown_name_lists_those_there_are() -> None:
+    registry: Registry[int] = Registry("window", {"hann": 1, "hamming": 2}, IdentificationError)
+    with pytest.raises(IdentificationError) as error:
+        registry.lookup("haming")
+    assert (
+        str(error.value)
+        == "unknown window 'haming'; did you mean \"hamming\"?; choose from 'hann', 'hamming'"
+    )
+    with pytest.raises(KeyError):
+        registry["haming"]
+
+
+ADMISSIBLE = {
+    Verdict.CONVERGED,
+    Verdict.NO_INTERVALS,
+    Verdict.MODEL_ERROR_NEEDED,
+    Verdict.ENERGY_BALANCE_CLOSED,
+    Verdict.MOTIONS_FOLLOWED,
+    Verdict.MOTIONS_CUT_SHORT,
+    Verdict.PREDICTION_AGREES,
+    Verdict.UNKNOWNS_DETERMINED,
+    Verdict.NOTHING_WRONG_SEEN,
+    Verdict.LINEAR_IN_RANGE,
+    Verdict.MODES_MOVE,
+    Verdict.STUDY_COMPLETE,
+    Verdict.CASES_WITHOUT_ANSWER,
+}
+GOOD = {
+    "converged",
+    *(v.status for v in ADMISSIBLE if v not in (Verdict.NO_INTERVALS, Verdict.MODEL_ERROR_NEEDED)),
+}
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_every_verdict_advises_and_forbids_or_not(verdict: Verdict) -> None:
+    assert verdict.value.endswith(".") and len(verdict.value) > 40
+    assert verdict.forbids is (verdict not in ADMISSIBLE)
+    assert verdict.status == verdict.status.lower() and verdict.forbids is (verdict.status not in GOOD)
+
+
+def test_one_verdict_that_forbids_is_enough() -> None:
+    assert admit_intervals((Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)) and admit_intervals(())
+    assert not admit_intervals((Verdict.CONVERGED, Verdict.SEARCH_UNSETTLED))
+    assert status_of((Verdict.CONVERGED, Verdict.UNEXPLAINED_FORCES)) == "forces unexplained"
+    assert status_of((Verdict.MODEL_ERROR_NEEDED,)) == "converged"
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_all_of_an_estimate_follows_its_verdicts(verdict: Verdict, fitted: lw.Estimate) -> None:
+    estimate = replace(fitted, fit_verdicts=(verdict,))
+    document = estimate.to_dict()
+    assert document["verdicts"] == [verdict.name] and document["trusted"] is (
+        verdict.grade is lw.Grade.EXPLAINED
+    )
+    assert document["status"] == estimate.status
+    first = str(estimate).splitlines()[0]
+    assert first.endswith(f", {estimate.grade.trust}") and document["grade"] == estimate.grade.value
+    assert (estimate.coefficient("nes1.alpha").interval is None) is verdict.forbids
+    told = replace(estimate, approximate=True)  # by the scatter between parts of the record
+    assert told.grade is verdict.grade and ("Intervals are approximate" in str(told).replace("\n", " ")) is (
+        verdict.grade is lw.Grade.APPROXIMATE
+    )

@@ -1,7 +1,5 @@
 """The house, walked: one direction, no circles, one door to each guarded library."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from functools import cache
@@ -103,17 +101,6 @@ def test_a_package_imports_only_from_those_before_it() -> None:
 def test_only_the_command_line_imports_the_whole_package() -> None:
     users = {package(module_name(path)) for path in FILES if "linkwise" in imports_of(path)}
     assert users == {"cli"}
-
-
-def test_a_module_at_the_root_serves_several_packages() -> None:
-    """One that serves a single package belongs there."""
-    doors = {"linkwise", "linkwise.__main__"}
-    shared = [name for name in MODULES - doors if package(name) == "root"]
-    users = {
-        name: {package(module_name(path)) for path in FILES if name in imports_of(path)} - {"root"}
-        for name in shared
-    }
-    assert len(users) > 8 and {name for name, packages in users.items() if len(packages) < 2} == set()
 
 
 def test_no_circles() -> None:

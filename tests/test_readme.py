@@ -1,7 +1,5 @@
 """The README tells the truth: its code runs and prints what stands below it, its commands are there."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,12 +1,10 @@
-"""Every answer of a public function says whether it can be trusted: in attributes, text, JSON and a notebook."""
-
-from __future__ import annotations
+"""Every answer of a public function says whether it can be trusted; its types are public, and long work takes a progress."""
 
 import inspect
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -17,10 +15,10 @@ from public import public
 from small_study import small
 from structures import oscillator
 from tapped_beam import tapped
-from test_public_types import returned
 
 import linkwise as lw
 from linkwise.output import to_json
+from linkwise.progress import silent
 
 NO_ANSWERS = {  # what public functions give that is not an answer of its own, and why
     "DenseSystem": "the equations that a regression solves",
@@ -46,6 +44,24 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "Term": "what is asked for",
     "TermScore": "a comparison with a truth that is given",
 }
+
+LATE = {"Structure": lw.Structure}  # what a module imports for type checkers alone
+
+
+def classes(annotation: object) -> Iterator[type]:
+    """All classes in a type: `list[Unlisted | None]` has three."""
+    parts = annotation if isinstance(annotation, list | tuple) else get_args(annotation)
+    if get_origin(annotation) is not Literal:
+        for part in (get_origin(annotation), getattr(annotation, "__bound__", None), *parts):
+            yield from classes(part) if part is not None else ()
+    if isinstance(annotation, type):
+        yield annotation
+
+
+def returned(function: Any) -> Iterator[type]:
+    """The classes in what a function returns."""
+    yield from classes(get_type_hints(inspect.unwrap(function), localns=LATE).get("return"))
+
 
 RELEASE = {"v:m1": 1.0}
 
@@ -178,3 +194,72 @@ def test_a_summary_says_what_was_not_run_and_what_failed() -> None:
     assert with_first(1, 1).verdicts == (verdicts.CASES_WITHOUT_ANSWER,) and with_first(1, 1).trusted
     assert with_first(0, 2).verdicts == (verdicts.CELLS_WITHOUT_ANSWER,) and not with_first(0, 2).trusted
     assert with_first(1, 0).verdicts == (verdicts.STUDY_INCOMPLETE,) and not with_first(1, 0).trusted
+
+
+def attribute_types(owner: type) -> Iterator[tuple[str, type]]:
+    """The public attributes of a class, inherited ones included, and the classes in what they give."""
+    for name, annotation in get_type_hints(owner, localns=LATE).items():
+        yield from ((name, kind) for kind in classes(annotation) if not name.startswith("_"))
+    for base in owner.__mro__:
+        for name, value in vars(base).items():
+            getter = next(
+                (part for key in ("fget", "func", "__func__") if (part := getattr(value, key, None))), value
+            )
+            if (
+                not name.startswith("_")
+                and inspect.isfunction(getter)
+                and base.__module__.partition(".")[0] in ("linkwise", owner.__module__.partition(".")[0])
+            ):
+                yield from ((name, kind) for kind in returned(getter))
+
+
+def given(name: str, value: Any) -> Iterator[tuple[str, type]]:
+    """Where a public name hands out classes, and which."""
+    if isinstance(value, type):
+        yield from ((f"{name}.{attribute}", kind) for attribute, kind in attribute_types(value))
+    elif inspect.isroutine(value):
+        yield from ((name, kind) for kind in returned(value))
+
+
+def unlisted(names: dict[str, Any], package: str) -> dict[str, set[str]]:
+    """The classes of `package` that `names` hand out and do not hold, and where."""
+    listed = {value for value in names.values() if isinstance(value, type)}
+    leaks: dict[str, set[str]] = {}
+    for name, value in names.items():
+        for where, kind in given(name, value):
+            if kind.__module__.partition(".")[0] == package and kind not in listed:
+                leaks.setdefault(f"{kind.__module__}.{kind.__qualname__}", set()).add(where)
+    return leaks
+
+
+@pytest.mark.slow
+def test_every_type_that_public_names_hand_out_is_public() -> None:
+    names = dict(public())
+    assert sum(len(list(given(name, value))) for name, value in names.items()) > 500
+    assert unlisted(names, "linkwise") == {}
+
+
+def _parameters(thing: object) -> list[str]:
+    return list(inspect.signature(thing).parameters) if inspect.isfunction(thing) else []
+
+
+LONG = {name: value for name, value in public() if "progress" in _parameters(value)}
+
+
+def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
+    known = {"absorb", "discover", "identify", "limit", "study.run_study", "simulate", "report.write_result"}
+    assert known <= set(LONG)
+    for name, function in LONG.items():
+        parameter = inspect.signature(function).parameters["progress"]
+        stated = parameter.annotation, parameter.default, parameter.kind
+        assert stated == ("Progress", silent, inspect.Parameter.KEYWORD_ONLY), name
+
+
+@pytest.mark.slow
+def test_a_limit_tells_how_far_it_is() -> None:
+    reports: list[lw.estimates.ProgressReport] = []
+    lw.limit(
+        lw.bnes_chain(2), duration=1.0, rate=200.0, noise=20.0, release={"v:m1": 1.0}, progress=reports.append
+    )
+    fractions = [report.fraction for report in reports]
+    assert fractions == sorted(fractions) and reports[-1] == lw.estimates.ProgressReport(0.5, "sensitivities")

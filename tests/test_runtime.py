@@ -3,8 +3,6 @@
 And what is freed, which is used again.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,38 +1,38 @@
 """The size limits of CONTRIBUTING.md hold: what grows past one wants splitting, or a name for its middle."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
+from pathlib import Path
 
 from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
+TESTS = 38_000  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (13, 2354),
-    "analysis": (5, 574),
-    "cli": (24, 2158),
-    "discovery": (19, 3766),
-    "estimates": (7, 1413),
-    "export": (8, 1079),
-    "expression": (7, 1189),
-    "files": (14, 1918),
-    "identification": (16, 2575),
-    "inspection": (13, 1946),
-    "likelihood": (61, 16260),
+    "absorption": (12, 2330),
+    "analysis": (4, 574),
+    "cli": (24, 2141),
+    "discovery": (19, 3763),
+    "estimates": (7, 1421),
+    "export": (8, 1115),
+    "expression": (6, 1142),
+    "files": (14, 1914),
+    "identification": (15, 2552),
+    "inspection": (12, 1941),
+    "likelihood": (60, 15484),
     "modal": (7, 846),
-    "model": (22, 3402),
-    "paper": (3, 396),
-    "plot": (13, 2157),
-    "records": (9, 1493),
-    "report": (11, 1424),
-    "response": (14, 1665),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (12, 956),
-    "signals": (7, 932),
-    "simulation": (11, 1846),
+    "model": (20, 3393),
+    "paper": (3, 391),
+    "plot": (13, 2036),
+    "records": (8, 1485),
+    "report": (9, 1248),
+    "response": (12, 1706),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "root": (12, 954),
+    "signals": (7, 927),
+    "simulation": (10, 1842),
     "sindy": (10, 1210),
     "study": (12, 1718),
     "weak": (13, 2140),
@@ -79,6 +79,11 @@ def test_packages_keep_to_their_budgets() -> None:
         for package, (files, lines) in BUDGET.items()
         if counted["files", package] > files or counted["lines", package] > lines
     } == {}
+
+
+def test_tests_keep_to_their_budget() -> None:
+    files = Path(__file__).parent.rglob("*.py")
+    assert sum(path.read_text(encoding="utf-8").count("\n") for path in files) <= TESTS
 
 
 def test_no_file_is_too_long() -> None:

@@ -1,7 +1,5 @@
 """What a start costs: names load on first use, and help pays for nothing that it does not show."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Values with units, to SI."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -48,11 +46,7 @@ def test_to_si(given: object, dimension: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("given", "dimension", "message"),
     [
-        (
-            "30",
-            "N/m",
-            "'30' has no unit: add one, as in '30 N/m', or remove the quotes if it is in N/m already",
-        ),
+        ("30", "N/m", "'30' has no unit: add one, as in '30 N/m', or remove the quotes if it is in N/m already"),
         ("30 kg", "N/m", "'30 kg' is in kg: expected a number in N/m or a text with a unit such as '1 N/m'."),
         ("30 kg", "", "'30 kg' is in kg: expected a number."),
         ("10 KN/m", "N/m", "'10 KN/m' cannot be read as a quantity: expected a number in N/m or a text"),
@@ -65,7 +59,7 @@ def test_to_si(given: object, dimension: str, value: float) -> None:
         (True, "m", "True is not a value: expected a number in m or"),
         (None, "m", "None is not a value: expected a number in m or"),
     ],
-)
+)  # fmt: skip
 def test_to_si_refuses(given: object, dimension: str, message: str) -> None:
     with pytest.raises(LinkwiseError) as caught:
         to_si(given, dimension)

@@ -1,6 +1,4 @@
-"""How far estimates are from the truth, in the standard errors that they state."""
-
-from __future__ import annotations
+"""How far estimates are from the truth, in the standard errors that they state, and structures by who is linked how."""
 
 from collections.abc import Mapping
 
@@ -9,6 +7,7 @@ from problems import truth
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.expression import to_text
 
 
 def errors(fit: lw.Estimate, true: lw.Structure | Mapping[str, float]) -> Floats:
@@ -33,3 +32,26 @@ def assert_within(fit: lw.Estimate, true: lw.Structure | Mapping[str, float], mo
 def of(owner: str, values: Mapping[str, float]) -> dict[str, float]:
     """Coefficients of a link by their whole names."""
     return {f"{owner}.{name}": value for name, value in values.items()}
+
+
+Terms = set[tuple[frozenset[str], str]]
+
+
+def terms(structure: lw.Structure) -> Terms:
+    """Both ends and the text of what a coefficient multiplies, of every coefficient that is not 0."""
+    return {
+        (frozenset(link.between), to_text(link.law.basis[name]))
+        for link in structure.links
+        for name, coefficient in link.coefficients.items()
+        if coefficient.value != 0.0
+    }
+
+
+def graph(structure: lw.Structure) -> set[frozenset[str]]:
+    """The pairs that are linked."""
+    return {ends for ends, _ in terms(structure)}
+
+
+def masses(structure: lw.Structure) -> dict[str, float | str]:
+    """What `discover` is told: kg by name."""
+    return dict(zip(structure.mass_names, map(float, structure.mass_values), strict=True))

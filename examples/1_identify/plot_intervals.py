@@ -2,7 +2,7 @@
 What a 95 % interval means
 ==========================
 
-Sixty tests of the same structure, each with its own noise: about three of the intervals should
+Forty tests of the same structure, each with its own noise: about two of the intervals should
 miss the truth.
 """
 
@@ -25,7 +25,7 @@ law = "k1*d + k3*d**3 + c*v"
 coefficients = { k1 = 400.0, k3 = 5e5, c = 0.5 }
 """)
 clean = lw.simulate(rig, release={"x:m": 0.03}, duration=2.0, rate=250.0)
-fits = [lw.identify(clean.with_noise(20.0, seed=seed), rig.unknown("all")) for seed in range(60)]
+fits = [lw.identify(clean.with_noise(20.0, seed=seed), rig.unknown("all")) for seed in range(40)]
 
 # %%
 # The intervals of the cubic coefficient, in order, with the truth as a line:

@@ -16,10 +16,10 @@ fit = lw.identify(record.with_noise(10.0, seed=1), chain.unknown("nes"))
 print(fit)
 
 # %%
-# The same sink, under a harder blow than the one that it was identified from, in 60 structures
+# The same sink, under a harder blow than the one that it was identified from, in 30 structures
 # drawn from what is known of it:
 
-answer = lw.absorption.absorption_intervals(fit, duration=3.0, release={"v:m1": 1.0}, draws=60, seed=1)
+answer = lw.absorption.absorption_intervals(fit, duration=3.0, release={"v:m1": 1.0}, draws=30, seed=1)
 taken = answer.quantity("sinks_share")
 print(f"the sink takes {100 * taken.value:.1f} %, 95 % {100 * taken.lower:.1f} to {100 * taken.upper:.1f} %")
 

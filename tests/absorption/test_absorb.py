@@ -1,7 +1,5 @@
 """Absorption: closed forms of linear structures, energy to the last joule, crossings between samples, refusals."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from typing import Any
@@ -230,7 +228,7 @@ STRUCTURE, SIMULATION = lw.StructureError, lw.SimulationError
         (LONE, {}, STRUCTURE, r"every mass \(m1\) would belong to a sink.*name fewer sinks"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_asked(
+def test_refusals(
     structure: Structure, changes: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):

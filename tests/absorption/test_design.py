@@ -1,7 +1,5 @@
 """Designs: as good as a sweep in a tenth of its simulations, within limits, over levels and draws; what is refused."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from contextlib import suppress
@@ -16,7 +14,6 @@ from structures import link, structure
 
 import linkwise as lw
 from linkwise.absorption import DesignOptions, absorption_map
-from linkwise.plot.design import designs_figure
 
 design_module = importlib.import_module("linkwise.absorption.design")
 CHAIN = lw.bnes_chain(2)
@@ -235,19 +232,6 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
     again = document(f"{line} -o {tmp_path}/best")
     assert again["best"] == whole["best"] and again["evaluations"] == 24 and 0 < sum(counts) < 24
     assert not journal.exists()
-
-
-def test_figures_show_three_parameters_in_pairs() -> None:
-    found = lw.design(
-        CHAIN, ALPHA | BETA | MASS, "settled", DesignOptions(evaluations=20), settle=0.9, **SHORT
-    )
-    panels = [axes for axes in designs_figure(found).axes if axes.get_xlabel()]
-    labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in panels]
-    assert labels == [
-        ("nes1.alpha, N/m", "nes1.beta, N/m^3"), ("nes1.alpha, N/m", "m2.mass, kg"), ("nes1.beta, N/m^3", "m2.mass, kg"),
-    ]  # fmt: skip
-    with pytest.raises(lw.LinkwiseError, match=r'unknown varied parameter "nes1\.c"'):
-        lw.plot.designs(found, "nes1.c")
 
 
 REFUSED = {

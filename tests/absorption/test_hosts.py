@@ -1,7 +1,5 @@
 """Sinks and harvesters on hosts: the same as on masses, energy of all modes, shapes that differ from run to run, refusals."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -104,39 +102,6 @@ def test_rest_in_a_well_and_a_moving_base_are_those_of_masses() -> None:
                 assert mine.with_sinks.rms == pytest.approx(other.with_sinks.rms, rel=1e-8)
             assert ours.sinks_share == pytest.approx(theirs.sinks_share, rel=1e-7)
         assert abs(held.masses[1].with_sinks.rest) > 0.01 and shaken.masses[1].with_sinks.rest == 0.0
-
-
-@pytest.mark.slow
-def test_maps_over_sinks_on_hosts_are_those_on_masses() -> None:
-    betas = [1e5, 2e5, 4e5]
-    masses = lw.absorption.absorption_map(on_masses(), {"sink.beta": betas}, **RUN)
-    hosted = lw.absorption.absorption_map(on_host(), {"sink.beta": betas}, **TAP)
-    for name in ("rms_reduction", "sinks_share", "crossings", "remaining", "settled"):
-        np.testing.assert_allclose(hosted[name], masses[name], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(hosted["rms_reduction:frame.m1"], masses["rms_reduction:m1"], rtol=1e-6)
-    assert hosted.best("sinks_share") == masses.best("sinks_share")
-    alone = lw.absorb(on_host(betas[0]), **TAP)
-    energies = [run.host_energy("frame").mean() for run in (alone.with_sinks, alone.without)]
-    reductions = hosted["energy_reduction:frame"]
-    assert reductions[0] == pytest.approx(1.0 - energies[0] / energies[1], rel=1e-6)
-    assert hosted.best("energy_reduction:frame") == {"sink.beta": betas[int(reductions.argmax())]}
-    shares = np.sum([hosted["share:frame"], hosted["share:sink"], hosted["remaining"]], axis=0)
-    np.testing.assert_allclose(shares, 1.0, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_each_of_several_shapes_moves_its_own_points() -> None:
-    """Draws and sweeps of shapes: every run against `absorb` by itself, the one without sinks too."""
-    shape = "frame.mode1.shape.m2"
-    value = present(on_host().coefficient(shape).value)
-    values = [0.8 * value, value, 1.2 * value]
-    swept = lw.absorption.absorption_map(on_host(), {shape: values}, **TAP)
-    assert swept.axes[0].unit == "1/sqrt(kg)"
-    for number, shape_value in enumerate(values):
-        alone = lw.absorb(on_host().with_values({shape: shape_value}), **TAP)
-        assert swept["rms_reduction"][number] == pytest.approx(present(alone.rms_reduction), rel=1e-8)
-        assert swept["sinks_share"][number] == pytest.approx(alone.sinks_share, rel=1e-8)
-    assert np.ptp(swept["rms_reduction"]) > 0.01  # it matters
 
 
 @pytest.mark.slow

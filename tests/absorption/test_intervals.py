@@ -1,7 +1,5 @@
 """Intervals of absorption: draws have the covariance, intervals are those of the parameters, folders keep what they need."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -189,7 +187,7 @@ MORE = (
         ("[[link]]", MORE, r"link more is not as in result\.json"),
     ],
 )
-def test_errors_of_an_edited_structure_are_refused(
+def test_an_edited_file_is_refused(
     answer_folder: Path, tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     copy = shutil.copytree(answer_folder, tmp_path / "answer")

@@ -1,7 +1,5 @@
 """Sinks with memory: energies that close, the power in the resistor of a piezo, its optimal load, and rest at states of 0."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -84,12 +82,9 @@ def test_intervals_hold_the_power_of_the_identified_link() -> None:
         ({"piezo": -0.1}, "the damping of a harvester must be positive"),
         # a nan beside "can be trusted" before; V is 0/0 at the start in the second
         ({"piezo": "V**2/(R - R)"}, r"harvester on piezo: its power .* is not a finite number at 0 s"),
-        (
-            {"piezo": "V**2/R*abs(V)/abs(V)"},
-            r"harvester on piezo: its power .* is not a finite number at 0 s",
-        ),
+        ({"piezo": "V**2/R*abs(V)/abs(V)"}, r"harvester on piezo: its power .* is not a finite number at 0 s"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_harvester_is_refused(harvesters: dict[str, float | str], message: str) -> None:
     numbers = "finite" in message
     with pytest.raises(lw.SimulationError if numbers else lw.StructureError, match=message):

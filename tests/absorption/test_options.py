@@ -1,7 +1,5 @@
 """Options of absorb: one frozen object, or the same as keywords."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

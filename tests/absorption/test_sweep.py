@@ -1,8 +1,5 @@
 """Maps of absorption are the single answers, point by point, whatever is swept; what cannot be swept is said."""
 
-from __future__ import annotations
-
-import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -13,7 +10,6 @@ from structures import equal_sinks, link, structure
 import linkwise as lw
 from linkwise.absorption import absorption_map, map
 from linkwise.absorption.wells import barriers
-from linkwise.plot.absorptions import map_figure
 
 CHAIN = lw.bnes_chain(2)
 RELEASE = {"v:m1": 1.0}
@@ -125,13 +121,10 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
         ({"nes1.alpha": [1.0], "nes1.beta": [1.0], "nes1.c": [1.0]}, r"takes one or two parameters, got 3"),
         ({"nes1.gamma": [1.0]}, r'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
         ({"nes1.alpha": [np.nan]}, r"nes1\.alpha: the values of a swept parameter must be a row of finite"),
-        (
-            {"a:m1": [1.0]},
-            r"a:m1: a sweep takes coefficients, masses and releases; write a release as x:MASS",
-        ),
+        ({"a:m1": [1.0]}, r"a:m1: a sweep takes coefficients, masses and releases; write a release as x:MASS"),
         ({"m2.mass": [-1.0, 0.01]}, r"mass of|positive"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> None:
     with pytest.raises(lw.StructureError, match=message):
         absorption_map(CHAIN, over, **SHORT)
@@ -167,19 +160,6 @@ def test_a_map_of_chaos_says_so() -> None:
     assert calm.horizon is None and calm.to_dict()["findings"] == []
 
 
-def test_axes_know_their_scale_and_what_no_run_reached_has_no_bar_of_numbers() -> None:
-    over = {"nes1.alpha": [-150.0, -100.0, -50.0], "nes1.beta": [1e5, 4e5, 1.6e6]}
-    swept = absorption_map(CHAIN, over, **SHORT)
-    assert [axis.logarithmic for axis in swept.axes] == [False, True]
-    panel = map_figure(swept).axes[0]
-    assert (panel.get_xscale(), panel.get_yscale()) == ("linear", "log")
-    assert panel.get_xlabel() == "nes1.alpha, N/m" and panel.get_title("left") == "settling time (below 50 %)"
-    never = absorption_map(CHAIN, over, **SHORT | {"settle": 0.05})
-    assert np.isnan(never["settled"]).all() and np.isfinite(never["sinks_share"]).all()
-    bars = [axes.get_ylabel() for axes in map_figure(never).axes if axes.get_label() == "<colorbar>"]
-    assert bars == ["%", "%", ""]  # of settling none
-
-
 def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(map, "available_memory", lambda: 24 * 10**9)
     alphas, betas = np.linspace(-200.0, -20.0, 100_000), np.linspace(1e5, 2e6, 100_000)
@@ -189,20 +169,3 @@ def test_a_sweep_beyond_memory_is_refused_before_it_takes_any(monkeypatch: pytes
         match=r"a sweep of 10000000000 runs needs 7.4e\+04 GB, and 24 GB are free; use fewer values of nes1\.alpha and",
     ):
         absorption_map(CHAIN, over, **SHORT)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("masses", [2, 4])
-def test_the_memory_of_a_sweep_is_what_it_takes(masses: int) -> None:
-    """Per run: some hundred kilobytes that every sweep takes, more or less by versions of NumPy, are in both peaks."""
-    trial: dict[str, Any] = {"duration": 0.1, "rate": 500.0, "release": RELEASE, "workers": 1}
-    chain, alphas = lw.bnes_chain(masses), np.linspace(-200.0, -20.0, 200)
-    absorption_map(chain, {"nes1.alpha": alphas[:2]}, **trial)  # loads what a first one does
-    peaks = []
-    for values in (alphas[:40], alphas):
-        tracemalloc.start()
-        absorption_map(chain, {"nes1.alpha": values}, **trial)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    predicted = map.map_bytes(160, masses)
-    assert predicted / 2 < peaks[1] - peaks[0] < predicted

@@ -1,7 +1,5 @@
 """Equilibria and their stability, against closed forms, Newton's method against products, and eigenvalues."""
 
-from __future__ import annotations
-
 import math
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Linear modes, against closed forms and the defining equations."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`linkwise absorb`: what it prints and writes, and what it says to messy input."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator
@@ -133,9 +131,7 @@ def test_an_answer_not_to_be_trusted_ends_with_3(absorb: str, monkeypatch: pytes
     assert "! The energy balance with sinks has an error of 2e-06" in said(absorb, 3).out
 
 
-def test_ctrl_c_ends_a_sweep_and_leaves_nothing(
-    absorb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_ends_a_sweep(absorb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As the terminal does: it interrupts the main thread while others run."""
     calls: list[object] = []
 

@@ -1,7 +1,5 @@
 """`linkwise compare`: methods side by side, with what is missing, and a reason where a method does not apply."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,11 +1,7 @@
 """`linkwise discover`: from a record and masses to the structure, to the folder, to the exit code; and messy input."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -156,32 +152,6 @@ def test_ctrl_c_ends_with_the_best_so_far(tmp_path: Path, monkeypatch: pytest.Mo
     out = said(f"{DISCOVER} -o {tmp_path}/found", 3).out
     assert "NOT to be trusted" in out and "Not converged: interrupted." in out and "m2-m1" in out
     assert json.loads((tmp_path / "found" / "result.json").read_text())["status"] == "not converged"
-
-
-def test_ctrl_c_before_there_is_anything_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*nouns: object, **named: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(lw, "discover", interrupted)
-    assert "nothing was left half written" in said(f"{DISCOVER} -o {tmp_path}/found", 130).err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_bar_shows_stages_and_never_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    reports: list[tuple[float, str]] = []
-
-    @contextmanager
-    def bar(_: str) -> Iterator[lw.estimates.Progress]:
-        yield lambda report: reports.append((report.fraction, report.activity))
-
-    monkeypatch.setattr(command, "progress", bar)
-    said(DISCOVER)
-    fractions, stages = zip(*reports, strict=True)
-    assert any("screening 12 candidates" in stage for stage in stages)
-    assert any(stage.startswith("round 1") for stage in stages)
-    assert list(fractions) == sorted(fractions) and fractions[0] >= 0.0 and fractions[-1] <= 1.0
 
 
 @pytest.mark.parametrize("command", ["identify", "discover"])

@@ -1,7 +1,5 @@
 """Hosts on the command line: from a table of modes or matrices to an identified link and its validation."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

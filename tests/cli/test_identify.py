@@ -1,7 +1,5 @@
 """`linkwise identify`: from files to the answer, to the folder, and to the exit code; and how it is interrupted."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`linkwise inspect`: what it prints of good and of faulty files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Mapping files, decimation and headers on the command line, from a logger's file to the answer."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -173,9 +171,7 @@ def test_what_is_known_of_sensors_survives_every_format(tmp_path: Path) -> None:
     assert any("The attribute offset of x:m1, 'about zero', was not used" in note for note in noted.notes)
 
 
-def test_parts_of_a_record_and_files_of_one_clock_are_joined(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parts_and_files_of_one_clock_are_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
     lw.write_record(record[:900].select(["x:m1"]), "one.csv")

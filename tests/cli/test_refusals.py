@@ -1,7 +1,5 @@
 """What no command does: one paragraph that quotes what was typed, an exit code, and nothing written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
@@ -22,10 +20,7 @@ MODAL = "structure host modes.csv"
 ROD = "structure host rod.npz --point mid=15"
 
 REFUSED = {
-    "": [
-        ("guess", "No such command 'guess'. Try: linkwise --help"),
-        ("--frobnicate", "No such option"),
-    ],
+    "": [("guess", "No such command 'guess'. Try: linkwise --help"), ("--frobnicate", "No such option")],
     "structure": [
         ("bnes --dof 3", "the number of masses must be even and at least 2"),
         ("bnes", "Missing option '--dof'. Try: linkwise structure bnes --help"),

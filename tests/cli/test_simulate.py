@@ -1,7 +1,5 @@
 """`linkwise simulate`: what it drives, what it writes and what it tells."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`linkwise start`: from a file of columns to an answer, by options or by questions; what is not known is never taken."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -84,10 +82,7 @@ def test_without_links_they_are_discovered(file: Path) -> None:
         ("--yes", "give --mass frame=KG --mass sink=KG"),
         (ANSWERED, "give --yes to take it, or state columns by --channel"),
         ("--mass a=1 --mass b=2 --yes", "--channel 'x:a[mm]=Laser frame' --channel 'x:b[mm]=Laser sink'"),
-        (
-            f"{ANSWERED} --link 'leaf: frame:k*d' --yes",
-            'expected "FIRST - SECOND: LAW"',
-        ),
+        (f"{ANSWERED} --link 'leaf: frame:k*d' --yes", 'expected "FIRST - SECOND: LAW"'),
         (f"{ANSWERED} --link leaf --yes", "--link 'leaf' is not NAME: A - B: LAW"),
         (f"{ANSWERED} --known leaf.c=1 --yes", "no --link is given"),
         (f"{ANSWERED} --channel x:base=7 --yes", "does not exist"),
@@ -95,9 +90,7 @@ def test_without_links_they_are_discovered(file: Path) -> None:
         (f"{ANSWERED} --leave-out Time --yes", "give --rate HZ"),
     ],
 )
-def test_what_is_missing_names_its_option_and_nothing_is_written(
-    options: str, message: str, file: Path
-) -> None:
+def test_what_is_missing_names_its_option_and_writes_nothing(options: str, message: str, file: Path) -> None:
     _, err = said(f"start rig.csv {options}", 2)
     assert message in err and "Traceback" not in err
     assert [path.name for path in file.parent.iterdir()] == ["rig.csv"]

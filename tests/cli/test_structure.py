@@ -1,7 +1,5 @@
 """`linkwise structure`, and what every command has in common: help with examples, a version, a pipe that closes."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

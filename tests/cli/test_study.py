@@ -1,7 +1,5 @@
 """`linkwise study`: what it runs, what it tells again, and what its folder is refused for."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -38,9 +36,7 @@ def study(folder: Path, *options: str) -> str:
 
 
 @pytest.mark.slow
-def test_it_runs_a_study_as_the_library_does(
-    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_runs_as_the_library(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reports: list[str] = []
 
     @contextmanager

@@ -1,7 +1,5 @@
 """`linkwise validate`: JSON, exit codes, folders, and gains that are stated or found."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -96,7 +94,7 @@ def test_a_messy_file_is_mapped_like_that_of_identify(tmp_path: Path) -> None:
         ("run2.csv", "--sensor force:m1:gain=1", 0, False),
     ],
 )
-def test_a_gain_that_is_stated_counts_in_place_of_what_the_answer_found(
+def test_a_stated_gain_replaces_that_of_the_answer(
     record: str, stated: str, code: int, removed: bool
 ) -> None:
     """Both were taken out, and a record of a load cell that was repaired could not be told."""

@@ -1,7 +1,5 @@
 """All links that could be: every pair is asked, what is stated stays, and what is known not to be does not come back."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -81,10 +79,7 @@ def test_names_of_masses_with_hyphens_do_not_clash() -> None:
     ]
     law = lw.Law.parse("k*d + c*v")
     values = {"k": lw.Coefficient.number(2e3), "c": lw.Coefficient.number(0.3)}
-    joined = [
-        lw.Link("first", ("a-b", "c"), law, values),
-        lw.Link("second", ("b-c", "a"), law, values),
-    ]
+    joined = [lw.Link("first", ("a-b", "c"), law, values), lw.Link("second", ("b-c", "a"), law, values)]
     true = structure(masses, *springs, *joined)
     record = lw.simulate(true, release={"v:c": 1.0, "v:b-c": -1.0}, duration=2.0, rate=400.0)
     found = lw.discover(record.with_noise(40.0, seed=2), masses, terms="v, d")

@@ -1,13 +1,11 @@
 """What is said before any time is spent: masses without a sensor, at rest, records too short, motion that is none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged import masses
 from problems import chain_record, parsed
+from within import masses
 
 import linkwise as lw
 
@@ -61,9 +59,7 @@ def test_good_records_need_no_warning(record: lw.Record, chain: lw.Structure) ->
         assert lw.discovery.check_discovery(good, masses(chain)) == ()
 
 
-def test_a_stated_link_to_a_base_that_was_not_recorded_is_refused(
-    record: lw.Record, chain: lw.Structure
-) -> None:
+def test_a_link_to_a_base_that_was_not_recorded_is_refused(record: lw.Record, chain: lw.Structure) -> None:
     """Without the displacement of the base the equation of its mass does not exist."""
     text = lw.model.format_structure(chain.unknown("all")).replace('"ground"', '"base"')
     based = lw.parse_structure(text)
@@ -74,9 +70,7 @@ def test_a_stated_link_to_a_base_that_was_not_recorded_is_refused(
 
 
 @pytest.mark.parametrize("kind", ["v", "a"])
-def test_a_base_whose_displacement_is_not_there_is_refused(
-    record: lw.Record, chain: lw.Structure, kind: str
-) -> None:
+def test_a_base_without_displacement_is_refused(record: lw.Record, chain: lw.Structure, kind: str) -> None:
     """It would be left out without a word, and its links found elsewhere."""
     moved = np.column_stack([record.values, np.sin(150.0 * np.arange(len(record)) / record.rate)])
     based = replace(record, channels=parsed(*record.channels, "x:base"), values=moved, simulated=None)
@@ -122,9 +116,7 @@ def test_masses_that_do_not_or_hardly_move_are_named(record: lw.Record, chain: l
     assert hardly == "m2 hardly moved above the noise: weak terms of links there will be missed."
 
 
-def test_a_record_that_is_too_short_is_refused_with_the_samples_that_it_needs(
-    record: lw.Record, chain: lw.Structure
-) -> None:
+def test_a_short_record_is_refused_with_the_samples_it_needs(record: lw.Record, chain: lw.Structure) -> None:
     """40 candidates, four samples each over four masses: 40 samples are the least."""
     with pytest.raises(
         lw.IdentificationError, match=r"156 samples over 4 masses for 40 candidates.*record 40 samples"

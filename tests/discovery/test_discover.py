@@ -1,7 +1,5 @@
 """Discovery of structures that are known: nothing missing, nothing false, and a plain word where a record cannot tell."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from duffing_ring import SIZE, VALUES, ring
-from judged import graph, masses, terms
 from present import present, some
 from problems import chain_discovery, chain_record, linear_chain
 from random_structures import random_case
 from structures import HARDENING, link, row_of_masses, structure, with_links
-from within import assert_within
+from within import assert_within, graph, masses, terms
 
 import linkwise as lw
 
@@ -47,10 +44,7 @@ def within(discovery: lw.Discovery, true: lw.Structure, most: float = 4.5) -> bo
     )
 
 
-@pytest.mark.parametrize(
-    ("n", "decibel"),
-    [(2, 20.0), (4, 40.0), (6, 20.0)],
-)
+@pytest.mark.parametrize(("n", "decibel"), [(2, 20.0), (4, 40.0), (6, 20.0)])
 def test_the_papers_chain_is_found_exactly(n: int, decibel: float) -> None:
     chain = lw.bnes_chain(n)
     discovery = chain_discovery(n, decibel, 1000)
@@ -259,7 +253,7 @@ def test_what_a_stated_structure_lacks_joins_it(two: tuple[lw.Record, lw.Discove
 
 
 @pytest.mark.usefixtures("memory_not_sought")
-def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
+def test_a_link_wrongly_known_not_to_be_is_not_replaced_in_silence(
     two: tuple[lw.Record, lw.Discovery],
 ) -> None:
     """Without the sink's link to its frame the record cannot be explained."""
@@ -274,7 +268,7 @@ def test_a_link_that_is_wrongly_known_not_to_be_is_not_replaced_in_good_faith(
     [(2, "a", 1002, None), (4, "v", 2001, 2)],
     ids=["accelerations, a first fit in the other well", "velocities, a first tree from forces"],
 )
-def test_what_was_integrated_is_trusted_where_the_laws_leave_only_noise(
+def test_integrated_channels_are_trusted_with_noise(
     n: int, sensor: str, seed: int, rounds: int | None
 ) -> None:
     """Neither velocity nor acceleration says where its mass is; the likelihood needs neither."""
@@ -405,7 +399,7 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
     )
     record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
     right = 0
-    for seed in (5081, 600, 604, *range(101, 106)):
+    for seed in (5081, 600, 604, 101):
         try:
             discovery = lw.discover(record.with_noise(34.15, seed=seed), {"m1": 3.2555, "m2": "unknown"})
         except lw.IdentificationError as error:
@@ -416,4 +410,4 @@ def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was
             # four standard errors: 1e-4 of normal errors are larger
             assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)
             right += 1
-    assert right >= 1  # of 8: where 0.45 are right, 0.8 % have none
+    assert right >= 1  # of 4: where 0.45 are right, 9 % have none

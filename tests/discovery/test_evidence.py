@@ -1,14 +1,12 @@
 """Evidence, path and runners-up against fits made anew with the decision turned round."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from judged import masses, terms
 from present import some
 from problems import bent_chain
+from within import masses, terms
 
 import linkwise as lw
 from linkwise.discovery.candidates import candidates_for

@@ -1,16 +1,14 @@
 """Links and terms that a record leaves in doubt: they have no intervals, or take trust from the whole answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged import masses
 from present import some
 from problems import chain_discovery
 from scipy.signal import lfilter
 from structures import link, oscillator, row_of_masses, structure
+from within import masses
 
 import linkwise as lw
 
@@ -122,9 +120,7 @@ def test_a_motion_in_one_well_does_not_tell_that_there_are_two() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "sensors"), [(ALPHA, ("x", "a")), (-ALPHA, ("a",))])
-def test_wells_that_displacements_tell_and_laws_that_are_odd_are_certain(
-    alpha: float, sensors: tuple[str, ...]
-) -> None:
+def test_wells_told_by_displacements_and_odd_laws_are_certain(alpha: float, sensors: tuple[str, ...]) -> None:
     discovery = discovered(with_stiffness(alpha), sensors)
     assert {term.term for term in discovery.kept} == {"d", "d**3", "v"}
     assert discovery.trusted and all(term.certain for term in some(discovery.kept))

@@ -1,7 +1,5 @@
 """Discovery where no combination of the terms on offer is the true law: the structure is right, and the error is told."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,7 @@ import scipy
 import scipy.signal
 from present import some
 from problems import chain_record
-from random_force import random_force
+from random_signals import random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw

@@ -1,7 +1,5 @@
 """Memory as a term: which link has it, by which law, and that nothing else is taken for it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -27,7 +25,7 @@ def plain(law: str, **values: float) -> lw.Structure:
     return pair(link("m2-m1", "m2-m1", law, **values))
 
 
-def noisy(subject: lw.Structure, seed: int, duration: float = 6.0) -> lw.Record:
+def noisy(subject: lw.Structure, seed: int, duration: float = 4.0) -> lw.Record:
     force = "9*sin(17*t) + 7*sin(31*t + 1) + 6*sin(53*t + 2)"
     record = lw.simulate(subject, forces={"m2": force}, duration=duration, rate=200.0, sensors=("x",))
     return record.with_noise(40.0, seed=seed)

@@ -1,14 +1,12 @@
 """Models that survive a selection: probabilities of terms, and bands averaged over the models."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from present import some
-from random_force import random_force
+from random_signals import random_force
 from structures import oscillator
 
 import linkwise as lw

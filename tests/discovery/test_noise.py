@@ -1,7 +1,5 @@
 """Discovery from sensors whose noise is correlated, and where forces act that no channel shows, or shows with noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -9,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.linalg
-from judged import masses
 from present import present, some
 from problems import chain_record
 from scipy.signal import lfilter
 from structures import row_of_masses
+from within import masses
 
 import linkwise as lw
 
@@ -144,15 +142,12 @@ def test_noise_of_a_load_cell_gives_no_false_term() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (
-            {"terms": "d, v, tanh(v/vr)"},
-            "parameters of terms (tanh(v/vr)) and random forces cannot be estimated together",
-        ),
+        ({"terms": "d, v, tanh(v/vr)"}, "parameters of terms (tanh(v/vr)) and random forces cannot be estimated together"),
         ({"delays": ["x:m1"]}, "random forces and a delay of x:m1 cannot be estimated together"),
         ({"admit": ["gain"]}, "random forces and errors of sensors to be admitted (gain)"),
         ({"ambient": ["m3"]}, "no ambient force can act on m3: the masses are m1, m2"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises(lw.IdentificationError) as error:
         lw.discover(ambient(11), masses(truth()), **{"ambient": "all", **options})  # type: ignore[arg-type]

@@ -1,7 +1,5 @@
 """Prediction of pieces of the records that models were not fitted to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import some
@@ -9,69 +7,8 @@ from problems import chain_record
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.discovery.prediction import BlockParabolas
 
 BLOCKS, ROWS = 10, 40
-
-
-def regression() -> tuple[np.ndarray, np.ndarray]:
-    """Columns (B, R, 3) and samples (B, R), in none of which the third is."""
-    rng = np.random.default_rng(3)
-    columns = rng.normal(size=(BLOCKS, ROWS, 3))
-    return columns, columns @ [2.0, 0.03, 0.0] + rng.normal(size=(BLOCKS, ROWS))
-
-
-@pytest.mark.parametrize("is_known", [False, True])
-@pytest.mark.parametrize("chosen", [[0], [1], [0, 1], [0, 1, 2]])
-def test_prediction_is_that_of_fits_without_each_block(chosen: list[int], is_known: bool) -> None:
-    """What is known beforehand is in every fit and paid once."""
-    columns, samples = regression()
-    known = np.array([2.01, 0.2, 0.1])
-    deviations = np.array([0.01, 0.5, 0.02]) if is_known else np.full(3, np.inf)
-
-    def fitted(blocks: np.ndarray, beside: list[int]) -> np.ndarray:
-        rows = np.concatenate([columns[blocks].reshape(-1, 3), np.diag(1.0 / deviations)])[:, beside]
-        values = np.zeros(3)
-        values[beside] = np.linalg.lstsq(rows, np.append(samples[blocks], known / deviations), rcond=None)[0]
-        return values
-
-    def paid(beside: list[int]) -> np.ndarray:
-        folds = np.arange(BLOCKS)
-        values = [fitted(folds != block, beside) for block in folds]
-        own = [np.sum((samples[block] - columns[block] @ values[block]) ** 2) for block in folds]
-        of_known = [np.sum(((known - some) / deviations) ** 2) for some in values]
-        return np.add(own, np.array(of_known) / BLOCKS)
-
-    values = fitted(np.arange(BLOCKS), [0, 1])
-    slopes = np.einsum("brk,br->bk", columns, samples - columns @ values)
-    curvatures = np.einsum("brk,brl->bkl", columns, columns)
-    prior = ((known - values) / deviations**2, np.diag(deviations**-2.0)) if is_known else None
-    parabolas = BlockParabolas(slopes, curvatures, values, {0: 0, 1: 1, 2: 2}, 2, prior)
-    excess = paid(chosen) - paid([0, 1])
-    prediction = parabolas.prediction(chosen)
-    assert prediction.excess == pytest.approx(excess.sum(), rel=1e-9, abs=1e-8)
-    assert prediction.scatter == pytest.approx(np.sqrt(BLOCKS) * excess.std(ddof=1), rel=1e-9, abs=1e-8)
-
-
-def test_calibrations_of_sensors_leave_predictions_as_they_are() -> None:
-    """They were in the first block: a needed term predicted 4900 +- 4900 better, a superfluous one 12 000 worse."""
-    record = chain_record(2, duration=2.0).with_noise(30.0, seed=5)
-    alone, calibrated = (
-        lw.discover(record, {"m1": 1.0, "m2": 0.01}, calibration=calibration)
-        for calibration in ({}, {"all": 0.01})
-    )
-    assert {term.name for term in calibrated.kept} == {term.name for term in alone.kept}
-    [selected] = [point for point in calibrated.path if point.chosen]
-    larger = [point for point in calibrated.path if point.terms > selected.terms]
-    smaller = [point for point in calibrated.path if point.terms < selected.terms]
-    assert len(larger) > 3 and len(smaller) > 3
-    for point in smaller:
-        assert point.prediction > 3.0 * point.scatter
-        assert point.prediction > 0.9 * point.criterion
-    beside = {point.terms: point for point in alone.path}
-    for point in larger:
-        assert abs(point.prediction) < 30.0
-        assert point.scatter < 3.0 * beside[point.terms].scatter
 
 
 def test_the_path_tells_prediction_and_share_of_force() -> None:

@@ -1,15 +1,13 @@
 """Stated values and zeros of sensors that are a little wrong, for which terms that are not there stand in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import pytest
-from judged import masses
 from present import some
 from structures import row_of_masses
+from within import masses
 
 import linkwise as lw
 

@@ -1,11 +1,9 @@
 """Forms that were not offered: terms that stand in for one are in doubt, those that are there are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import present
-from random_force import random_force
+from random_signals import random_force
 from structures import oscillator
 
 import linkwise as lw

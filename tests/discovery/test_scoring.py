@@ -1,7 +1,5 @@
 """A structure that was found beside the true one: terms are compared by what they do, links by their ends."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Errors of sensors that are found with the structure: calibrations, offsets, gains and delays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

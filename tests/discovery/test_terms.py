@@ -1,7 +1,5 @@
 """The terms that a link may have: read from text, named, with their units, and refused with the reason."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The page "If it refuses" names every cause and no other, and options that there are."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

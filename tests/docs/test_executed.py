@@ -1,16 +1,19 @@
-"""Pages of the documentation run their code, and a block that fails fails the build."""
-
-from __future__ import annotations
+"""Pages of the documentation run their code, and the reference has one for every public name."""
 
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+from public import public
+
+pytestmark = pytest.mark.skipif(find_spec("sphinx") is None, reason="needs the extra 'docs': make docs")
+
 
 EXTENSIONS = Path(__file__).resolve().parents[2] / "docs" / "extensions"
-pytestmark = pytest.mark.skipif(find_spec("sphinx") is None, reason="needs the extra 'docs': make docs")
+
 
 GOOD = """
 Page
@@ -95,3 +98,23 @@ def test_a_block_that_fails_fails_the_build(sites: list[Path], number: int) -> N
     site = sites[1 + number]
     said = (site / "stderr").read_text(encoding="utf-8")
     assert (site / "code").read_text() != "0" and message in said and "index.rst" in said
+
+
+@pytest.fixture
+def reference(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The extension that writes the reference."""
+    monkeypatch.syspath_prepend(EXTENSIONS)
+    module: ModuleType = pytest.importorskip("api_reference")
+    return module
+
+
+def test_every_public_name_has_a_page_of_its_own(reference: ModuleType) -> None:
+    pages = reference.pages()
+    listed = {name.rpartition("/")[2] for name in pages if name != "index"}
+    assert listed >= {name for name, _ in public()}
+    assert len({name.lower() for name in pages}) == len(pages)  # also where files do not tell capitals apart
+
+
+def test_a_public_constant_without_a_docstring_is_refused(reference: ModuleType) -> None:
+    with pytest.raises(Exception, match='the public constant "NUMBER" has no docstring'):
+        reference.comment("NUMBER", "linkwise.display")

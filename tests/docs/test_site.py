@@ -1,7 +1,5 @@
 """The check of a built site finds dead links and anchors, and what a page would load from elsewhere."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is wrong with a channel by itself stands in every answer that rests on it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

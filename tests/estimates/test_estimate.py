@@ -1,7 +1,5 @@
 """The answer as an object: names, intervals, what follows from them, and what result.json says."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from dataclasses import replace
@@ -121,9 +119,7 @@ def test_intervals_are_two_standard_errors_wide(fit: lw.Estimate) -> None:
         assert estimate.interval == pytest.approx((estimate.value - half, estimate.value + half))
 
 
-def test_the_structure_is_complete_and_unknown_names_list_those_there_are(
-    fit: lw.Estimate, chain: lw.Structure
-) -> None:
+def test_the_structure_is_complete_and_wrong_names_list_others(fit: lw.Estimate, chain: lw.Structure) -> None:
     assert fit.structure.parameters == ()
     assert fit.structure.link("nes1").values["alpha"] == fit.coefficient("nes1.alpha").value
     assert fit.structure.mass("m2").mass.value == fit.coefficient("m2.mass").value
@@ -183,9 +179,7 @@ def test_signal_to_noise_counts_the_motion_alone() -> None:
     assert NoiseEstimate.of(record, "x:m1", 9.0).snr_db == -np.inf
 
 
-def test_an_answer_is_pickled_whatever_took_note_of_its_progress(
-    record: lw.Record, chain: lw.Structure
-) -> None:
+def test_an_answer_is_pickled_whatever_noted_its_progress(record: lw.Record, chain: lw.Structure) -> None:
     reports: list[lw.estimates.ProgressReport] = []
     fit = lw.identify(record, chain.unknown("nes"), progress=lambda report: reports.append(report))
     copied = pickle.loads(pickle.dumps(fit))

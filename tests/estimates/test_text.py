@@ -1,7 +1,5 @@
 """The printed answer, word for word: one that can be trusted and one that cannot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from problems import chain_record
 
 import linkwise as lw
-from linkwise.display import format_chi_square, format_error, format_value
+from linkwise.display import format_error, format_value
 from linkwise.estimates.causes import NoiseEstimate
 from linkwise.estimates.link_estimate import LinkMotion
 
@@ -154,11 +152,3 @@ def test_numbers_end_with_their_error(value: float, error: float | None, text: s
 )
 def test_errors_have_two_digits(error: float, text: str) -> None:
     assert format_error(error) == text
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(1.0137, "1.014"), (1286.4, "1286.400"), (12864.0, "1.29e+04"), (1.6676e35, "1.67e+35")],
-)
-def test_a_chi_square_far_from_noise_has_three_digits(value: float, text: str) -> None:
-    assert format_chi_square(value) == text

@@ -1,7 +1,5 @@
 """Exported answers: executed where Python can, evaluated where MATLAB would, and safe against what names hold."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Exported equations of motion: each language computes what linkwise does, integrates alike, and holds no text as code."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import runpy
@@ -234,9 +232,7 @@ def test_jacobians_agree_with_differences(language: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("masses", [2, 4])
-def test_exports_integrate_like_the_simulation_until_the_horizon(
-    masses: int, language: str, tmp_path: Path
-) -> None:
+def test_exports_integrate_like_the_simulation(masses: int, language: str, tmp_path: Path) -> None:
     subject, release = lw.bnes_chain(masses), {"v:m1": 1.0}
     duration = {".m": 0.04, ".py": 0.2, ".c": 0.5 if masses == 2 else 0.2}[
         language

@@ -1,7 +1,5 @@
 """What somebody else wrote into a file is text in what is exported of it, and never code."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import csv

@@ -1,7 +1,5 @@
 """What is written and computed of an answer that is not to be trusted says so, in every file and where its file goes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -71,9 +69,7 @@ def test_every_export_of_the_folder_says_so(fit: lw.Estimate, answer: Path, tmp_
     assert [row[-1].value for row in sheet.iter_rows()] == ["note", *[sentence] * 3]
 
 
-def test_a_status_that_linkwise_does_not_write_is_refused(
-    fit: lw.Estimate, answer: Path, tmp_path: Path
-) -> None:
+def test_a_status_that_is_not_ours_is_refused(fit: lw.Estimate, answer: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(answer, tmp_path / "answer")
     document = json.loads((folder / "result.json").read_text())
     (folder / "result.json").write_text(json.dumps({**document, "status": 'x"""\nos'}))

@@ -1,7 +1,5 @@
 """CSV as programs and people write it: read right where that is possible, else one error with file, line and channel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -10,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies
-from work import function_calls
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.files import read_record, write_record
+from linkwise.files import read_record
 from linkwise.records.record import Record
 
 Reader = Callable[..., Record]
@@ -305,20 +302,6 @@ def test_an_uneven_time_is_resampled_gaps_stay_open_and_a_rate_far_above_is_refu
 # Writing, work, real files -------------------------------------------------------------------------------------
 
 
-def test_cells_of_numbers_are_read_without_a_call_for_each(tmp_path: Path) -> None:
-    """Nine more columns add no call per row, ten times the rows at most ten times the calls; bench_files.py times it."""
-
-    def calls(rows: int, columns: int) -> int:
-        values = np.random.default_rng(1).standard_normal((rows, columns))
-        record = Record(0.0, 1000.0, tuple(f"x:m{i}" for i in range(columns)), values)
-        write_record(record, tmp_path / "r.csv")
-        assert np.array_equal(read_record(tmp_path / "r.csv").values, values)
-        return function_calls(lambda: read_record(tmp_path / "r.csv"))
-
-    few, wide, long = calls(2000, 1), calls(2000, 10), calls(20_000, 1)
-    assert wide - few < 2000 and long <= 10 * few
-
-
 def test_the_measured_records_are_read(shared_data: Path) -> None:
     beam = read_record(shared_data / "magnet_beam_decay.csv")
     assert (beam.channels, beam.rate, len(beam), beam.notes) == (("x:m1",), 1000.0, 3000, ())
@@ -331,7 +314,7 @@ def test_the_measured_records_are_read(shared_data: Path) -> None:
     strategies.text(alphabet="time,x:m1[]() ;\t\n\r0.5-e+#\"'_naif\u00b5", max_size=300),
     strategies.booleans(),
 )
-def test_whatever_is_in_a_file_it_is_a_record_or_an_error(
+def test_any_file_is_a_record_or_an_error(
     tmp_path_factory: pytest.TempPathFactory, junk: str, headed: bool
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "junk.csv"

@@ -1,7 +1,5 @@
 """Damaged files whose libraries crash or never end: an error of the file, and this process lives."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -60,9 +58,7 @@ COLUMNS = [element(5, pack("<3i", 0, 1, 0)), element(5, pack("<4i", 0, 900_000, 
         (matrix(5, (3, 3), *COLUMNS), "the columns of a sparse matrix are out of order"),
     ],
 )  # fmt: skip
-def test_what_a_mat_file_states_is_checked_before_scipy_follows_it(
-    content: bytes, message: str, tmp_path: Path
-) -> None:
+def test_what_a_mat_file_states_is_checked_before_scipy(content: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     path.write_bytes(HEADER + content)
     with pytest.raises(lw.RecordError) as error:
@@ -110,7 +106,7 @@ FULL = np.arange(9.0).reshape(3, 3) + 1.0
 
 @pytest.mark.parametrize("values", [FULL, FULL + FULL.T, FULL - FULL.T], ids=["general", "symmetric", "skew"])
 @pytest.mark.parametrize("layout", [np.asarray, scipy.sparse.coo_array])
-def test_matrix_market_files_of_scipy_are_read(
+def test_matrix_market_files_are_read(
     values: np.ndarray, layout: Callable[..., object], tmp_path: Path
 ) -> None:
     scipy.io.mmwrite(tmp_path / "k.mtx", layout(values), comment="of a test")
@@ -140,7 +136,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
-def test_whatever_is_damaged_it_is_a_record_or_an_error(
+def test_any_damage_gives_a_record_or_an_error(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Thousands of each were read once; these show that the way there is whole."""
@@ -150,11 +146,11 @@ def test_whatever_is_damaged_it_is_a_record_or_an_error(
     monkeypatch.setattr(subprocess, "Popen", None)  # in this process
     assert lw.read_record(path).channels[0] == "x:m1"
     refused = 0
-    for seed in range(100):
+    for seed in range(40):
         path.write_bytes(damaged_bytes(Random(seed), sound))
         try:
             lw.read_record(path)
         except lw.RecordError as error:
             assert str(error).startswith(str(path)) and "\n" not in str(error)
             refused += 1
-    assert refused > 30
+    assert refused > 12

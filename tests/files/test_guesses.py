@@ -1,7 +1,5 @@
 """What columns hold: headers as public programs write them are read rightly, or are in doubt; never wrong without a word."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py
@@ -41,16 +39,8 @@ def held(path: Path, masses: tuple[str, ...]) -> list[str]:
 
 RIG = ("frame", "sink")
 HEADERS = [
-    (
-        "Time [s],Laser frame [mm],Laser sink [mm],Hammer [N]",
-        RIG,
-        "time[s] x:frame[mm] x:sink[mm] force:frame[N] mass?",
-    ),
-    (
-        "Time [s],Laser frame [mm],Laser 2 [mm],Force sink [N]",
-        RIG,
-        "time[s] x:frame[mm] x:sink[mm] force:sink[N]",
-    ),
+    ("Time [s],Laser frame [mm],Laser sink [mm],Hammer [N]", RIG, "time[s] x:frame[mm] x:sink[mm] force:frame[N] mass?"),
+    ("Time [s],Laser frame [mm],Laser 2 [mm],Force sink [N]", RIG, "time[s] x:frame[mm] x:sink[mm] force:sink[N]"),
     ("Time [s],Laser 1 [mm],Laser 2 [mm]", RIG, "time[s] x:frame[mm] mass? x:sink[mm] mass?"),
     ("Time [s],Laser 1 [mm],Laser 2 [mm]", ("m1", "m2"), "time[s] x:m1[mm] x:m2[mm]"),
     ("Time [s],Laser 2 [mm],Laser 1 [mm]", ("m1", "m2"), "time[s] x:m2[mm] x:m1[mm]"),
@@ -73,11 +63,11 @@ HEADERS = [
     ("t,x1 [mm],v1 [mm/s],a1 [m/s²]", ("m1",), "time x:m1[mm] v:m1[mm/s] a:m1[m/s²]"),
     ("Time [s],Frame [um],Frame vel [um/s],Counter", ("frame",), "time[s] x:frame[um] v:frame[um/s] -"),
     ("Time [s],Twist disc [deg],Torque disc [N m]", ("disc",), "time[s] x:disc[deg] force:disc[N m]"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("header", "masses", "expected"), HEADERS)
-def test_headers_are_read_rightly_or_are_in_doubt(
+def test_headers_are_read_or_in_doubt(
     header: str, masses: tuple[str, ...], expected: str, tmp_path: Path
 ) -> None:
     assert " ".join(held(table(tmp_path / "run.csv", header), masses)) == expected

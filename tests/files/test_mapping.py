@@ -1,7 +1,5 @@
 """Mapping files: columns, units and sensors stated once, errors that name the key, and a first mapping to be edited."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -123,10 +121,7 @@ def test_a_unit_that_is_not_that_of_the_header_is_told(tmp_path: Path) -> None:
         ('[channel."x:m1"]\noffset = "about 3 mm"', "write '0.3 m' for a known offset"),
         ('[channel."x:m1"]\ndelay = { start = 1, sgma = 2 }', "a table has the keys start and sigma"),
         ('[channel."x:m1"]\ngain = 0', "a gain of 0 shows no motion"),
-        (
-            '[channel."x:m1"]\ncalibration = 1',
-            "calibration: 1 is 100 % of what the sensor shows; write '1 %'",
-        ),
+        ('[channel."x:m1"]\ncalibration = 1', "calibration: 1 is 100 % of what the sensor shows; write '1 %'"),
         ("calibration = 0.5", "calibration: 0.5 is 50 % of what the sensor shows; write '0.5 %'"),
         ('[channel."x:m1"]\ncalibration = -0.1', "a standard deviation must not be negative"),
         ('[channel."x:m1"]\nnoise = 0.0', "a noise of 0 takes every sample as exact"),
@@ -139,7 +134,7 @@ def test_a_unit_that_is_not_that_of_the_header_is_told(tmp_path: Path) -> None:
         ('[mass]\nm1 = "-1 kg"', "mass.m1: must be positive"),
         ("rate = 1 kHz", "is not valid TOML"),
     ],
-)
+)  # fmt: skip
 def test_errors_name_file_and_key(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "run.csv"
     path.write_text("\n".join(["time,x:m1", *(f"{t},{x}" for t, x in zip(T, X, strict=True))]))

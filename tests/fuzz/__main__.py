@@ -1,7 +1,5 @@
 """`python -m fuzz --inputs 10000`: the numbers of all that ran, and every input of which something came that must not."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """One input: files, what is done with them, and what must never come of it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field

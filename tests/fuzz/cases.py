@@ -1,7 +1,5 @@
 """From a seed to an input."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 

@@ -1,7 +1,5 @@
 """Damage: bytes flipped, cut, doubled and zeroed; words of a text exchanged for hostile ones."""
 
-from __future__ import annotations
-
 import re
 from random import Random
 

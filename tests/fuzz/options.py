@@ -1,7 +1,5 @@
 """Options of every command, with values that nobody means among those that are meant."""
 
-from __future__ import annotations
-
 from random import Random
 
 from fuzz.case import Case, Kind

@@ -1,7 +1,5 @@
 """Records in every format, ours and those of other programs, sound and damaged."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from functools import cache

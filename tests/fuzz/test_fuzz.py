@@ -1,17 +1,13 @@
 """A few inputs of chance in every run of the tests, and the checks that look at what comes of them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
 from multiprocessing.connection import Connection
 
-import numpy as np
 import pytest
 
-import linkwise as lw
-from fuzz import pool, worker
+from fuzz import pool
 from fuzz.case import Case, Kind, Outcome, complaints
 from fuzz.cases import make_case
 
@@ -63,25 +59,7 @@ def test_what_must_not_come_is_noticed(outcome: Outcome, faults: list[str]) -> N
     assert complaints(COMMAND, outcome) == faults
 
 
-@pytest.mark.parametrize(
-    ("channels", "notes", "lost"),
-    [
-        (("x:m1", "x:m2"), (), ()),
-        (("x:m1",), (), ("x:m2",)),
-        (("x:m1", "x:m3"), (), ()),  # a bit of the name was flipped
-        (("x:m1",), ("Columns that are not channels were ignored: y:m2.",), ()),
-    ],
-)
-def test_a_channel_that_is_lost_in_silence_is_noticed(
-    channels: tuple[str, ...], notes: tuple[str, ...], lost: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values = np.random.default_rng(0).standard_normal((len(channels), 40))
-    record = lw.Record.from_arrays(np.arange(40) / 100, dict(zip(channels, values, strict=True)), notes=notes)
-    monkeypatch.setattr(lw, "read_record", lambda path: record)
-    case = Case(0, "record", Kind.READ, ("run.csv",), {"run.csv": b""}, ("x:m1", "x:m2"))
-    assert worker.outcome(case).lost == lost
-
-
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
 def test_deaths_and_hangs_are_noticed_and_the_rest_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "work", _dying)

@@ -1,7 +1,5 @@
 """Files that commands read beside records, sound and damaged: structures, mappings, studies, and folders of answers."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """A process that runs one case after the other and may die of any of them."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """The error of an identified force, by Eq. (8) of the paper."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What `identify` answers: right laws with intervals, wrong laws refused, and what cannot be told said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -125,9 +123,7 @@ def test_a_missing_link_is_refused(pair: lw.Structure) -> None:
 @pytest.mark.parametrize(
     ("factor", "message"), [(3.0, "the noise is smaller than stated"), (1 / 3, "or larger than stated")]
 )
-def test_noise_that_is_stated_wrong_is_refused(
-    record: lw.Record, chain: lw.Structure, factor: float, message: str
-) -> None:
+def test_wrong_noise_is_refused(record: lw.Record, chain: lw.Structure, factor: float, message: str) -> None:
     stated = {name: factor * sigma for name, sigma in present(record.simulated).noise.items()}
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert not fit.trusted and message in fit.message
@@ -154,13 +150,12 @@ def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.
     ("options", "message"),
     [
         ({"method": "strong"}, "unknown method 'strong'; choose from 'ml', 'weak', 'sindy'"),
-        ({"method": "sindy", "offsets": ["x:m1"], "gains": ["x:m2"]},
-         'offsets, gains are for method "ml", not for "sindy"'),
+        ({"method": "sindy", "offsets": ["x:m1"], "gains": ["x:m2"]}, 'offsets, gains are for method "ml", not for "sindy"'),
         ({"method": lw.MaximumLikelihood(), "loss": lw.likelihood.Huber()},
          r"loss were given beside MaximumLikelihood\(\.\.\.\); give options to that object"),
     ],
 )  # fmt: skip
-def test_unknown_method_and_options_of_others(
+def test_foreign_options(
     record: lw.Record, chain: lw.Structure, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
@@ -188,10 +183,7 @@ def test_an_estimator_is_the_method_of_its_name(record: lw.Record, chain: lw.Str
     unknown = chain.unknown("nes")
     starts = {"nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.01}
     options: dict[str, Any] = {"starts": starts, "loss": lw.likelihood.Huber()}
-    for named, method in (
-        ({"method": "weak"}, lw.WeakForm()),
-        (options, lw.MaximumLikelihood(**options)),
-    ):
+    for named, method in (({"method": "weak"}, lw.WeakForm()), (options, lw.MaximumLikelihood(**options))):
         by_name, by_object = (lw.identify(record, unknown, **how) for how in (named, {"method": method}))
         assert np.array_equal(by_name.values, by_object.values)
         assert np.array_equal(by_name.covariance, by_object.covariance)
@@ -215,9 +207,7 @@ def test_sparse_regression_finds_the_laws_of_a_clean_record(chain: lw.Structure,
 
 
 @pytest.mark.parametrize("derivative", ["spline", "savgol", "differences"])
-def test_noise_in_derivatives_is_not_trusted(
-    record: lw.Record, chain: lw.Structure, derivative: DifferentiationMethod
-) -> None:
+def test_noisy_derivatives(record: lw.Record, chain: lw.Structure, derivative: DifferentiationMethod) -> None:
     """At 30 dB alpha is 9 % off or more, by every derivative: no standard error of the regression tells."""
     fit = lw.identify(record, chain.unknown("nes"), method=lw.PhysicsInformedSindy(derivative=derivative))
     assert not fit.trusted and fit.status == "forces unexplained"

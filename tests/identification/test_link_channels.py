@@ -1,7 +1,5 @@
 """Channels of links, forces and states, in all that reads records: used, refused, or told not to be used."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,9 +22,7 @@ def record() -> lw.Record:
 
 
 @pytest.mark.slow
-def test_what_does_not_use_a_load_cell_says_so_and_gains_that_sensors_share_are_told(
-    record: lw.Record,
-) -> None:
+def test_what_does_not_use_a_load_cell_says_so_and_shared_gains_are_told(record: lw.Record) -> None:
     unknown, said = OSCILLATOR.unknown("all"), 'f:spring were not used: method "ml" alone takes {} of links.'
     assert said.format("forces") in lw.identify(record, unknown, method="weak").findings
     assert said.format("forces and states") in lw.identify(record, unknown, method="sindy").findings
@@ -53,9 +49,7 @@ def harvested(piezo: lw.Structure) -> lw.Record:
     return clean.with_noise(50.0, seed=3)
 
 
-def test_the_weak_form_does_not_disown_the_state_that_it_uses(
-    piezo: lw.Structure, harvested: lw.Record
-) -> None:
+def test_the_weak_form_does_not_disown_the_state_it_uses(piezo: lw.Structure, harvested: lw.Record) -> None:
     """Without the voltage it would refuse the law; only the load cell is left out."""
     fit = lw.identify(harvested, piezo.unknown("piezo.c"), method="weak")
     remarks = [line for line in fit.findings if "not used" in line]

@@ -4,8 +4,6 @@ The figures are those of the records' own description: of the circuit, per mass,
 k2 = -6.37e3, k3 = 7.294e5, with a constant force of about 5 mV, and a free run of 0.3 mV for these coefficients.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Identification on a moving base: what sensors relative to it, and its velocity or acceleration alone, determine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Literal

@@ -1,7 +1,5 @@
 """Laws that name recorded signals, identified and validated; what does not take them says so in a sentence."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -142,9 +140,7 @@ def test_the_record_of_a_loudspeaker_with_its_voltage_is_explained() -> None:
     measured = lw.read_record(CASE, channels=columns)[:800]
     force = "Bl*(1 + b1*d + b2*d**2)"
     law = lw.Law.parse(
-        f"k*d + k2*d**2 + k3*d**3 + c*v - {force}*i",
-        {"i": f"(u - R*i - {force}*v)/L"},
-        signals={"u": "V"},
+        f"k*d + k2*d**2 + k3*d**3 + c*v - {force}*i", {"i": f"(u - R*i - {force}*v)/L"}, signals={"u": "V"}
     )
     starts = {"b1": lw.Coefficient.unknown(1.0), "b2": lw.Coefficient.unknown(-1000.0)}
     unknown = dict.fromkeys(law.coefficients, lw.Coefficient.unknown()) | starts

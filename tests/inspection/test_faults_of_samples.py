@@ -1,7 +1,5 @@
 """Each check of single channels with its fault and without, on chains and on an oscillator under force."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each check of noise, of lines and of channels beside each other, with its fault and without."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 
@@ -218,9 +216,7 @@ def _driven_by_a_sine(frequency: float, duration: float, seed: int) -> lw.Record
 
 
 @pytest.mark.parametrize(("frequency", "duration"), [(10.0, 2.33), (50.0 / 12.0, 10.0), (50.0 / 16.0, 15.0)])
-def test_a_harmonic_of_a_sine_at_the_frequency_of_the_mains_is_no_hum(
-    frequency: float, duration: float
-) -> None:
+def test_a_harmonic_at_the_frequency_of_the_mains_is_no_hum(frequency: float, duration: float) -> None:
     """Whatever the number of periods in the record, and at high orders."""
     assert "hum" not in kinds(_driven_by_a_sine(frequency, duration, 5215501))
 

@@ -1,7 +1,5 @@
 """What would explain what a fit leaves: errors put into a record are named, with their size, and clean records show none."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -107,7 +105,7 @@ def test_missing_friction_is_no_filter() -> None:
 
 
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)
-RATE, DURATION = 200.0, 20.0
+RATE, DURATION = 200.0, 10.0
 
 
 def driven(
@@ -217,7 +215,7 @@ def ac_coupled(record: lw.Record) -> lw.Record:
 
 
 def pushed() -> lw.Record:
-    return lw.simulate(CHAIN, forces={"m1": PUSH}, duration=3.0, rate=1000.0)
+    return lw.simulate(CHAIN, forces={"m1": PUSH}, duration=2.0, rate=1000.0)
 
 
 def freely() -> lw.Record:
@@ -234,7 +232,6 @@ def exchanged(record: lw.Record) -> lw.Record:
 
 ERRORS: dict[str, tuple[Callable[[], lw.Record], Change, tuple[str, str, str]]] = {
     "sign of a force": (pushed, times("force_m1", -1.0), ("sign", "force:m1", "change the sign of force:m1")),
-    "sign of a displacement": (pushed, times("x_m2", -1.0), ("sign", "x:m2", "change the sign of x:m2")),
     "mm for m": (freely, times("x_m2", 1e3), ("unit", "x:m2", "multiply x:m2 by 0.001")),
     "kN for N": (pushed, times("force_m1", 1e-3), ("unit", "force:m1", "multiply force:m1 by 1000")),
     "swapped": (freely, exchanged, ("swapped", "x:m1", "exchange x:m1 and x:m2")),
@@ -261,19 +258,17 @@ def test_a_driven_record_without_one_has_none() -> None:
 
 
 WRONG = {
-    "missing friction": with_links(
-        CHAIN, named("rough", "m2-m1", "bouc-wen", k=0, c=0, F=0.3, x0=0.005, s=0.5)
-    ),
+    "missing friction": with_links(CHAIN, named("rough", "m2-m1", "bouc-wen", k=0, c=0, F=0.3, x0=0.005, s=0.5)),
     "missing relaxation": with_links(CHAIN, named("slow", "m2-m1", "zener", k=0.0, k1=10.0, c1=1.0)),
     "slow relaxation": with_links(CHAIN, named("slow", "m1-ground", "zener", k=0.0, k1=1000.0, c1=1000.0)),
     "missing link": with_links(CHAIN, link("extra", "m2-ground", "k*d", k=20.0)),
-}
+}  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_law_that_is_wrong_is_not_taken_for_one(wrong: str) -> None:
-    clean = lw.simulate(WRONG[wrong], release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+    clean = lw.simulate(WRONG[wrong], release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     record = replace(clean.with_noise(40.0, seed=73), simulated=None)
     assert recording_errors([record], CHAIN.unknown("all")) == ()
 
@@ -300,24 +295,12 @@ def test_what_the_equations_cannot_tell_apart_is_told_together() -> None:
     assert "the wrong sign of x:m1 would do the same" in fit.message
 
 
-def test_the_part_of_a_long_record_that_moves_is_enough() -> None:
-    """A record that rests for longer than is looked at."""
-    clean = pushed()
-    rest = np.zeros((25_000, len(clean.channels)))
-    long = replace(clean, values=np.concatenate([rest, clean.values]), simulated=None).with_noise(
-        30.0, seed=1
-    )
-    wrong = changed(long, force_m1=-long.channel("force:m1"))
-    found = recording_errors([wrong], CHAIN.unknown("all"))
-    assert [(cause.kind, cause.where) for cause in found] == [("sign", "force:m1")]
-
-
 @pytest.mark.slow
 def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
     """The terms that are found in a wrong record are not those that explain the right one."""
     law = "k*d + c*v"
     row = row_of_masses([1.0, 0.1], low=(law, {"k": 2000.0, "c": 0.5}), high=(law, {"k": 150.0, "c": 0.05}))
-    clean = lw.simulate(row, release={"v:m1": 1.0}, duration=4.0, rate=250.0)
+    clean = lw.simulate(row, release={"v:m1": 1.0}, duration=2.0, rate=250.0)
     record = replace(clean.with_noise(40.0, seed=75), simulated=None)
     wrong = changed(record, x_m2=1e3 * record.channel("x:m2"))
     found = lw.discover(wrong, {"m1": 1.0, "m2": 0.1}, terms="linear")
@@ -382,7 +365,7 @@ def record_with_stated(factors: dict[str, float]) -> lw.Record:
     ],
     ids=["one channel", "both, beside priors"],
 )
-def test_noise_stated_too_small_is_the_cause(
+def test_noise_stated_small(
     stated: dict[str, float], calibration: dict[str, float], verdict: Verdict
 ) -> None:
     """With how far it is exceeded, by which channels, and what it is; also where the search does not converge with it."""
@@ -443,9 +426,7 @@ def test_clipped_samples_are_the_first_cause() -> None:
 
 
 @pytest.mark.slow
-def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_of_a_record_with_another_fault() -> (
-    None
-):
+def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_beside_another_fault() -> None:
     marked = lw.inspection.mark_missing(clipped(0.8, 40.0, seed=81))
     fit = lw.identify(marked, CHAIN.unknown("all"), as_stated=True)
     assert fit.trusted and fit.diagnosis == ()

@@ -53,14 +53,10 @@ def assert_right(fit: Estimate, channel: str, ppm: float) -> None:
     [
         ({"clocks": ["x:m1"]}, "x:m1", PPM),
         pytest.param({"clocks": "force:m1"}, "force:m1", -PPM, marks=pytest.mark.slow),
-        pytest.param(
-            {"clocks": ["x:m1"], "input_noise": {"force:m1": 0.08}}, "x:m1", PPM, marks=pytest.mark.slow
-        ),
+        pytest.param({"clocks": ["x:m1"], "input_noise": {"force:m1": 0.08}}, "x:m1", PPM, marks=pytest.mark.slow),
     ],
-)
-def test_the_ratio_of_clocks_is_found_with_the_laws(
-    options: dict[str, Any], channel: str, ppm: float
-) -> None:
+)  # fmt: skip
+def test_the_ratio_of_clocks_is_found(options: dict[str, Any], channel: str, ppm: float) -> None:
     record = two_loggers(81, noise_of_force=0.08 if "input_noise" in options else 0.0)
     fit = lw.identify(record, OSCILLATOR.unknown("all"), as_stated=True, **options)
     assert_right(fit, channel, ppm)

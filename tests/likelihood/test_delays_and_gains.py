@@ -1,7 +1,5 @@
 """Delays of sensors, and gains and delays of applied forces, found with the laws or refused."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -423,23 +421,6 @@ def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(tmp_path: Pa
     assert fit.sensor_errors == ()  # the gain is some 1e31
     lw.report.write_result(fit, tmp_path / "answer")
     assert not lw.validate(driven(seed=41), tmp_path / "answer").coefficients  # the folder can be read
-
-
-def test_an_interrupted_search_gives_the_best_so_far() -> None:
-    """Of a gain for which the mass and the law stand as well, so that a search that ends is refused."""
-    reports: list[lw.estimates.ProgressReport] = []
-
-    def stop(report: lw.estimates.ProgressReport) -> None:
-        reports.append(report)
-        if len(reports) == 2:
-            raise KeyboardInterrupt
-
-    record, asked = driven({"m1": FIRST}, subject=ONE, seed=41), ONE.unknown("all", "mass:m1")
-    with pytest.raises(lw.IdentificationError, match="do not tell the gain of x:m1"):
-        lw.identify(record, asked, gains=["x:m1"])
-    fit = lw.identify(record, asked, gains=["x:m1"], progress=stop)
-    assert not fit.trusted
-    assert "nterrupted" in fit.message and "best so far" in fit.message
 
 
 ALL_OF_PAIR = ["x:m1", "x:m2", "force:m1", "force:m2"]

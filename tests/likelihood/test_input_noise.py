@@ -1,7 +1,5 @@
 """Noise of the channels of inputs, of forces and of the base: counted in, or told where nobody stated it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -150,9 +148,7 @@ def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
     ],
     ids=lambda value: "-".join(value) if isinstance(value, tuple) else None,
 )
-def test_coefficients_are_within_their_errors_and_the_noise_is_found(
-    sensors: tuple[str, ...], lower: str, seed: int
-) -> None:
+def test_coefficients_and_the_noise_are_found(sensors: tuple[str, ...], lower: str, seed: int) -> None:
     record = on_noisy_base(sensors, lower, seed)
     fit = lw.identify(record, storeys(lower).unknown("all"), input_noise="all")
     assert_within(fit, storeys(lower), ERRORS)
@@ -255,16 +251,12 @@ def test_noise_that_stands_for_a_missing_term_is_not_trusted() -> None:
 @pytest.mark.parametrize(
     ("sensors", "noise", "words"),
     [
-        (
-            ("rel:x", "v:base"),
-            "all",
-            "noise of v:base cannot be allowed for: what moves the masses is its derivative",
-        ),
+        (("rel:x", "v:base"), "all", "noise of v:base cannot be allowed for: what moves the masses is its derivative"),
         (("rel:v", "x:base"), "all", "noise of x:base cannot be allowed for beside rel:v:m1"),
         (("rel:x", "a:base"), {"a:base": -1.0}, "the noise of a:base must be a positive number in m/s^2"),
         (("x", "x:base"), ["a:base"], "the inputs that act on the structure are x:base"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_is_refused(sensors: tuple[str, ...], noise: object, words: str) -> None:
     record = on_noisy_base(sensors, "k*d + c*v", 8)
     with pytest.raises(lw.IdentificationError) as error:

@@ -1,7 +1,5 @@
 """Standard errors and intervals: against slow implementations, many records, profiles of the likelihood and blocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -113,21 +111,6 @@ def test_the_curvature_is_the_profiles(short_record: lw.Record, ours: Likelihood
     assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.slow
-def test_the_covariance_is_that_of_many_noises(slow: OptimizeResult) -> None:
-    """Standard errors by the slow way against the scatter of the fast way over 60 noises."""
-    clean = chain_record(2, duration=0.2)
-    estimates = []
-    for seed in range(60):
-        noisy = clean.with_noise(40.0, seed=seed)
-        noisy = replace(noisy, noise=dict(present(noisy.simulated).noise))
-        estimates.append(likelihood_fit([noisy], UNKNOWN, TRUE).values)
-    z = (np.stack(estimates) - TRUE) / np.sqrt(np.diag(slow.covariance))
-    # a variance over 60 scatters by sqrt(2/60) = 0.18: 3 deviations
-    assert np.mean(z**2, axis=0) == pytest.approx(np.ones(5), abs=0.55)
-    assert np.abs(z.mean(axis=0)).max() < 3.0 / np.sqrt(60)
-
-
 MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
 CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
 SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
@@ -184,9 +167,7 @@ def softening() -> lw.Estimate:
 
 
 @pytest.mark.parametrize("name", ["link.k", "link.c"])
-def test_agrees_with_the_hessian_where_the_problem_is_nearly_linear(
-    nearly_linear: lw.Estimate, name: str
-) -> None:
+def test_agrees_with_the_hessian_where_nearly_linear(nearly_linear: lw.Estimate, name: str) -> None:
     estimate = nearly_linear.coefficient(name)
     assert estimate.interval is not None and estimate.standard_error is not None
     # ends are sought to 1 % of a standard error; the rest is the curvature of a cosine of 1 % noise
@@ -197,9 +178,7 @@ def test_agrees_with_the_hessian_where_the_problem_is_nearly_linear(
     )
 
 
-def test_the_cost_at_the_ends_has_risen_by_384(
-    nearly_linear: lw.Estimate, linear: lw.Structure, decay: lw.Record
-) -> None:
+def test_at_the_ends_cost_is_384(nearly_linear: lw.Estimate, linear: lw.Structure, decay: lw.Record) -> None:
     """Both ends, fitted by a whole run with the coefficient known, from elsewhere."""
     low, high = lw.likelihood.profile_interval(nearly_linear, "link.c")
     assert isinstance(nearly_linear.profile, partial)
@@ -214,9 +193,7 @@ def test_the_cost_at_the_ends_has_risen_by_384(
         assert rise / optimum.noise**2 == pytest.approx(3.84, abs=0.1)
 
 
-def test_differs_where_the_likelihood_is_no_parabola(
-    softening: lw.Estimate, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_differs_where_it_is_no_parabola(softening: lw.Estimate, monkeypatch: pytest.MonkeyPatch) -> None:
     estimate = softening.coefficient("link.F")
     assert estimate.standard_error is not None and estimate.interval is not None
     reports: list[lw.estimates.ProgressReport] = []
@@ -258,9 +235,7 @@ def test_ends_at_a_bound(nearly_linear: lw.Estimate, decay: lw.Record) -> None:
         ({"free": np.array([False, True])}, "link.k", "was stopped by its bound"),
     ],
 )
-def test_no_interval_where_none_can_be(
-    nearly_linear: lw.Estimate, change: dict[str, Any], name: str, message: str
-) -> None:
+def test_no_interval(nearly_linear: lw.Estimate, change: dict[str, Any], name: str, message: str) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
         lw.likelihood.profile_interval(replace(nearly_linear, **change), name)
 

@@ -1,7 +1,5 @@
 """Answers that fit well and are wrong: what must take trust away, and what must not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -11,17 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy
-from coloured_noise import autoregressive, differenced
 from present import present
 from problems import chain_record, truth
-from random_force import random_force
+from random_signals import autoregressive, differenced, random_force
 from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
 from linkwise.likelihood.checks.verdicts import event
 from linkwise.likelihood.noise import is_coloured, whiteness_text
-from linkwise.signals.noise import has_outliers, outliers_exceed_noise
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 
@@ -103,23 +99,6 @@ def test_a_low_rate_needs_no_model_error(chain: lw.Structure) -> None:
     assert_within(fit, chain, 5.0)
 
 
-def test_outliers_are_seen_and_normal_noise_has_none() -> None:
-    rng = np.random.default_rng(5)
-    normal = rng.normal(size=(6000, 3))
-    assert not has_outliers(normal, np.ones(3)) and not has_outliers(normal, np.zeros(3))
-    hit = normal.copy()
-    hit[::200, 1] += 8.0
-    assert has_outliers(hit, np.array([1.0, np.std(hit[:, 1]), 1.0]))
-    assert outliers_exceed_noise(hit) and not outliers_exceed_noise(normal)
-    assert not outliers_exceed_noise(1.2 * hit)  # typical ones are larger, too
-    # differences hold the motion: they tell nothing
-    moving = normal + 30.0 * np.sin(np.arange(6000.0))[:, None]
-    assert not has_outliers(moving, np.ones(3))
-    # its differences have a kurtosis too
-    decaying = np.exp(-np.arange(6000.0) / 800.0) * np.sin(np.arange(6000.0))
-    assert not has_outliers(normal + 3.0 * decaying[:, None], np.ones(3))
-
-
 @pytest.mark.parametrize(("correlation", "coloured"), [(0.0, False), (0.3, True), (-0.3, True)])
 def test_whiteness_of_a_channel(correlation: float, coloured: bool) -> None:
     """Beside white channels; samples that were not measured are zero and do not count."""
@@ -170,7 +149,7 @@ def test_steps_of_the_flow_bend_no_coefficient() -> None:
     law = "k*d + k3*d**3 + c*v"
     structure = row_of_masses([1.0, 0.3], outer=(law, outer), inner=(law, inner))
     rate = 8.0 * float(np.nanmax(lw.analysis.modes(structure).frequencies))
-    clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=12000 / rate, rate=rate)
+    clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": -1.0}, duration=6000 / rate, rate=rate)
     unknown = structure.unknown("all")
     errors = []
     for seed in range(2):
@@ -237,9 +216,7 @@ def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:
     [("c*v", {"c": 0.02}, "v"), ("k*d", {"k": 20.0}, "d")],
     ids=["damper", "spring"],
 )
-def test_a_missing_link_takes_trust_away(
-    law: str, values: dict[str, float], term: str, chain: lw.Structure
-) -> None:
+def test_a_missing_link_is_named(law: str, values: dict[str, float], term: str, chain: lw.Structure) -> None:
     """A damper of the size of the sink's own, and a weak spring: a small model error makes up for either."""
     noisy = record(with_link(chain, law, **values)).with_noise(40.0, seed=4101)
     fit = lw.identify(noisy, chain.unknown("all"))
@@ -271,7 +248,7 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
 
 @pytest.mark.slow
 def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> None:
-    """A quintic spring of 5 % of the force is missing: values of 20 s differ from those of 100 s by chance."""
+    """A quintic spring of 5 % of the force is missing: values of 10 s differ from those of 40 s by chance."""
     law = "k*d + c*v + k3*d**3"
     whole = oscillator(f"{law} + q*d**5", k=987.0, c=6.0, k3=4e5, q=3.5e7)
     unknown = oscillator(law, k=987.0, c=6.0, k3=4e5).unknown("all")
@@ -281,7 +258,7 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         clean = lw.simulate(whole, forces={"m1": force}, duration=duration, rate=200.0)
         return lw.identify(clean.with_noise(40.0, seed=seed), unknown)
 
-    long, *short = (answer(duration, seed) for duration, seed in [(100.0, 8100), (20.0, 8101), (20.0, 8102)])
+    long, *short = (answer(duration, seed) for duration, seed in [(40.0, 8100), (10.0, 8101), (10.0, 8102)])
     assert {fit.grade for fit in (long, *short)} == {lw.Grade.APPROXIMATE}
     assert "Intervals are approximate: of the laws of this form" in long.explanation
     for fit in short:

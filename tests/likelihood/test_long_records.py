@@ -1,7 +1,5 @@
 """Long records are searched and tested in pieces: the same answer as that of the whole, or none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -15,7 +13,6 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting import pieces
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
-from linkwise.progress import ProgressReport
 
 CHAIN = lw.bnes_chain(2)
 ASKED = CHAIN.unknown("all")
@@ -50,7 +47,7 @@ def in_pieces(record: lw.Record) -> LikelihoodFit:
 
 
 @pytest.mark.slow
-def test_the_answer_is_that_of_a_search_of_the_whole(
+def test_answer_of_the_whole(
     record: lw.Record, in_pieces: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert marginal.is_long(in_pieces.segments) and in_pieces.status is AnnealingStatus.CONVERGED
@@ -85,27 +82,3 @@ def test_causes_are_those_of_the_whole(record: lw.Record, monkeypatch: pytest.Mo
     for mine, theirs in zip(parts, whole, strict=True):
         assert mine.gain == pytest.approx(theirs.gain, rel=0.01)
         assert mine.size == pytest.approx(theirs.size, abs=0.05 * theirs.standard_error)
-
-
-class Interrupting:
-    """A progress that keeps reports, and interrupts at the first of an activity."""
-
-    def __init__(self, activity: str) -> None:
-        self.activity, self.reports = activity, list[ProgressReport]()
-
-    def __call__(self, report: ProgressReport, /) -> None:
-        self.reports.append(report)
-        if self.activity in report.activity:
-            self.activity = "none that follows"
-            raise KeyboardInterrupt
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("activity", ["q 1e-03", "states, piece 2", "q 3e-04"])
-def test_an_interrupt_ends_it_with_the_best_so_far(record: lw.Record, activity: str) -> None:
-    progress = Interrupting(activity)
-    fit = fitted(record, LikelihoodOptions(progress=progress))
-    assert fit.status is AnnealingStatus.INTERRUPTED
-    assert fit.chi_square < 1e6 and np.isfinite(fit.values).all() and fit.has_errors
-    fractions = [report.fraction for report in progress.reports]
-    assert fractions == sorted(fractions)

@@ -1,7 +1,5 @@
 """Linearised equations of structures of many masses: local ones against those of the whole, on several graphs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -78,7 +76,6 @@ class Case:
 
 CASES = {
     "chain": Case(lambda: lw.bnes_chain(12)),
-    "tree": Case(lambda: tree(14)),
     "grid": Case(lambda: grid(4), offsets=("x:m3", "x:m12")),
     "shared coefficients and unknown masses": Case(lambda: shared(12), ("mass:m3", "mass:m11")),
     "links with memory": Case(lambda: with_memory(10), sensors=("x", "state")),
@@ -102,11 +99,7 @@ def problem(name: str) -> tuple[ShootingProblem, Misfit]:
 
 
 def both(
-    name: str,
-    *,
-    whole: bool,
-    candidates: CandidateForces | None = None,
-    errors: SensorErrors | None = None,
+    name: str, *, whole: bool, candidates: CandidateForces | None = None, errors: SensorErrors | None = None
 ) -> tuple[LocalLinearization, Linearization]:
     """Local and dense equations; the reach that of the record, or the `whole` structure."""
     shooting, misfit = problem(name)

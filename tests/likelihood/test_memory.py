@@ -1,7 +1,5 @@
 """Links with memory: flow, sensitivities, starts, intervals, and the channels of links."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -151,7 +149,7 @@ def test_a_harvester_is_identified_from_its_voltage_alone() -> None:
 def test_a_hidden_mass_beside_links_with_memory_is_found_from_starts() -> None:
     true = two_masses()
     forces = {"m1": multisine(6.0, 60.0)}
-    record = lw.simulate(true, duration=4.0, rate=200.0, sensors=["x", "state"], forces=forces)
+    record = lw.simulate(true, duration=2.0, rate=200.0, sensors=["x", "state"], forces=forces)
     record = record.select(["x:m1", "state:piezo.V", "force:m1"]).with_noise(40.0, seed=3)
     assert_within(lw.identify(record, true.unknown("all"), starts=nearby(true, 0.1)), true, 5.0)
 
@@ -208,7 +206,7 @@ def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
     values = {"k": 300.0, "c": 1.5, "kh": 400.0, "beta": 30.0, "gamma": -42.0}
     true = structure({"m1": 1.0}, named("joint", "m1-ground", "bouc-wen-classical", **values))
     forces = {"m1": multisine(2.5, 60.0)}
-    record = lw.simulate(true, duration=4.0, rate=200.0, sensors=["x"], forces=forces).with_noise(
+    record = lw.simulate(true, duration=2.0, rate=200.0, sensors=["x"], forces=forces).with_noise(
         40.0, seed=9
     )
     assert_within(lw.identify(record, true.unknown("all")), true, 5.0)
@@ -223,7 +221,7 @@ def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
         f"{size}*sin({part * w}*t + {phase})"
         for size, part, phase in ((0.01, 0.9, 0), (0.008, 1.7, 1), (0.008, 0.6, 2), (0.003, 2.9, 0.3))
     )
-    record = lw.simulate(true, duration=15.0, rate=60.0, base=base, sensors=["a", "a:base"])
+    record = lw.simulate(true, duration=7.5, rate=60.0, base=base, sensors=["a", "a:base"])
     assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
 
 
@@ -247,7 +245,7 @@ def shaken_frame() -> lw.Record:
         f"{size / (w * f) ** 2:.6g}*sin({w * f:.5f}*t + {phase})"
         for size, f, phase in ((1.6, 0.45, 0), (1.2, 0.8, 1), (1.8, 1.3, 2), (1.4, 2.2, 3), (1.5, 4.1, 4))
     )
-    record = lw.simulate(hysteretic_frame(), duration=15.0, rate=100.0, base=base, sensors=["a", "a:base"])
+    record = lw.simulate(hysteretic_frame(), duration=7.5, rate=100.0, base=base, sensors=["a", "a:base"])
     return on_exact_base(record, 30.0, 21)
 
 
@@ -256,23 +254,19 @@ def test_hysteretic_storeys_of_a_frame_are_found_from_accelerations(shaken_frame
     assert_within(lw.identify(shaken_frame, true.unknown("all")), true, 5.0)
 
 
-def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_coefficients_that_they_share() -> (
-    None
-):
+def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_shared_coefficients() -> None:
     lower = hysteretic_frame().link("lower")
     same = {key: lw.Coefficient.shared(f"lower.{key}") for key in lower.coefficients}
     upper = replace(lower, name="upper", between=("m2", "m1"), coefficients=same)
     frame = replace(hysteretic_frame(), links=(lower, upper))
     base = "0.2*sin(2.8*t) + 0.02*sin(8*t + 1) + 0.01*sin(14*t + 2) + 0.002*sin(26*t)"
-    record = lw.simulate(frame, duration=5.0, rate=100.0, base=base, sensors=["a", "a:base"])
+    record = lw.simulate(frame, duration=4.0, rate=100.0, base=base, sensors=["a", "a:base"])
     fit = lw.identify(record.with_noise(40.0, seed=31), frame.unknown("all"))
     assert len(fit.parameters) == 5
     assert_within(fit, frame)
 
 
-def test_storeys_that_do_not_yield_are_refused_on_the_record_of_a_frame_that_does(
-    shaken_frame: lw.Record,
-) -> None:
+def test_storeys_that_do_not_yield_are_refused_on_a_frame_that_does(shaken_frame: lw.Record) -> None:
     plain = structure(
         {"m1": 1.0, "m2": 1.0}, link("lower", "m1-base", "k*d + c*v"), link("upper", "m2-m1", "k*d + c*v")
     )
@@ -323,7 +317,7 @@ def test_a_second_record_of_a_host_with_memory_is_predicted() -> None:
     second = lw.simulate(
         wing(),
         forces={"wing.joint": "0.5*sin(30*t) + 0.4*sin(150*t)"},
-        duration=2.0,
+        duration=1.0,
         rate=400.0,
         sensors=["a:wing.tip", "a:wing.joint", "a:store"],
     ).with_noise(35.0, seed=63)

@@ -1,7 +1,5 @@
 """Everything that the likelihood must take in its stride: laws, sensors, inputs, several records, bounds, outliers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 from present import present, some
 from problems import chain_record
-from random_force import random_force
+from random_signals import random_force
 from structures import asked_oscillator, equal_sinks, link, oscillator, row_of_masses, structure, with_links
 from within import assert_within, errors
 
@@ -52,11 +50,7 @@ RANDOM = {
         "m1": random_force(np.random.default_rng(3), 10.0, 400.0, rms=8.0, highest=20.0, band_limited=True)
     }
 }
-MIXED = [
-    ("x:m1", "v:m2"),
-    ("x:m1", "a:m2"),
-    ("x:m1", "a:m1", "x:m2"),
-]
+MIXED = [("x:m1", "v:m2"), ("x:m1", "a:m2"), ("x:m1", "a:m1", "x:m2")]
 CASES = {
     "gap": Case(
         two("k*d + c*v + s*max(d - g, 0)", k=500.0, c=0.5, s=8000.0, g=0.004),
@@ -322,9 +316,7 @@ def test_a_law_that_is_a_little_wrong_is_not_trusted_and_says_what_it_lacks() ->
     assert "explain the record to within its noise" in exact.message
 
 
-def test_two_runs_are_equal_to_the_last_bit(
-    chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_runs_are_equal(chain: lw.Structure, clean: lw.Record, monkeypatch: pytest.MonkeyPatch) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(20.0, seed=16)
     first, second = (lw.identify(record, chain.unknown("all")) for _ in range(2))
     assert np.array_equal(first.values, second.values)
@@ -371,9 +363,7 @@ def test_without_any_start_it_says_which_are_missing() -> None:
         ({"loss": Huber}, r"one of Gaussian\(\), Huber\(\) and Student\(\), got "),
     ],
 )
-def test_options_that_are_none_are_refused(
-    options: dict[str, Any], message: str, chain: lw.Structure, clean: lw.Record
-) -> None:
+def test_no_options(options: dict[str, Any], message: str, chain: lw.Structure, clean: lw.Record) -> None:
     with pytest.raises(lw.IdentificationError, match=message):
         lw.identify(clean, chain.unknown("nes"), **options)
     with pytest.raises(lw.IdentificationError, match="there is no record"):

@@ -1,7 +1,5 @@
 """Excitations: expressions of t, splines of samples, and what is refused."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 
@@ -83,21 +81,17 @@ def test_band_limited_samples_reach_close_to_half_the_rate() -> None:
         (lambda: Sampled(0.0, 10.0, np.ones(5)),
          "a spline of order 5 needs a one-dimensional array of at least 6 samples, got shape (5,)"),
         (lambda: Sampled(0.0, 10.0, np.ones((9, 2))), "got shape (9, 2); a lower order needs fewer"),
-        (lambda: Sampled(0.0, 10.0, np.ones(9), order=4),
-         "unknown spline order 4; choose from 0, 1, 3, 5, 7"),
+        (lambda: Sampled(0.0, 10.0, np.ones(9), order=4), "unknown spline order 4; choose from 0, 1, 3, 5, 7"),
         (lambda: Sampled(0.0, -1.0, np.ones(9)), "its rate positive, got 0.0 s and -1.0 Hz"),
-        (lambda: Sampled(0.0, 10.0, np.array([1, 2, np.nan, 4, 5, 6])),
-         "sample 2 of an input, at 0.2 s, is nan"),
-        (lambda: Sampled(0.0, 10.0, np.array(["a", "b"])),
-         "the samples of an input must be numbers, got <U1"),
+        (lambda: Sampled(0.0, 10.0, np.array([1, 2, np.nan, 4, 5, 6])), "sample 2 of an input, at 0.2 s, is nan"),
+        (lambda: Sampled(0.0, 10.0, np.array(["a", "b"])), "the samples of an input must be numbers, got <U1"),
         (lambda: Impulse("m1", np.inf), "a time that is not negative, got inf N s at 0.0 s"),
         (lambda: Impulse("m1", 1.0, -1.0), "a time that is not negative, got 1.0 N s at -1.0 s"),
         (lambda: Excitation.of(release={"x:m1": "far"}), "release['x:m1'] must be of type float, got 'far'"),  # type: ignore[dict-item]
         (lambda: Excitation.of(release={"x:m1": np.nan}), "the release x:m1 must be finite, got nan"),
         (lambda: Excitation.of(forces={"m1": [1.0]}),  # type: ignore[dict-item]
          "forces['m1'] must be of type"),
-        (lambda: Excitation.of(base=True),
-         "base must be of type TimeFunction, Sampled, str or float, got True"),
+        (lambda: Excitation.of(base=True), "base must be of type TimeFunction, Sampled, str or float, got True"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
@@ -117,16 +111,3 @@ def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle() -> None:
     again = pickle.loads(pickle.dumps(given))
     assert again.forces == given.forces and again.release == given.release
     assert np.array_equal(again.base.values, sampled.values)
-
-
-def test_inputs_of_the_same_samples_share_nothing_that_can_be_changed() -> None:
-    values, time = np.sin(0.3 * np.arange(200)), np.linspace(0.0, 1.9, 40)
-    first, second = Sampled(0.0, 100.0, values), Sampled(0.0, 100.0, values)
-    expected = second.value(time)
-    first.pieces.edges[:] = first.pieces.coefficients[:] = 0.0
-    assert np.array_equal(Sampled(0.0, 100.0, values).value(time), expected)
-    assert second.pieces.edges.any() and second.pieces.coefficients.any()
-    long = Sampled(0.0, 100.0, np.sin(0.3 * np.arange(20_100)))  # whose spline is kept in another form
-    for derivative in (0, 1, 2):  # away from the ends, where splines differ
-        expected = second.derivative(time[12:28], derivative)
-        assert long.derivative(time[12:28], derivative) == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -1,7 +1,5 @@
 """Hosts: their files, the coordinates and points that they give a structure, and what is refused."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 
@@ -84,21 +82,13 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("wing.tip", "wing.tp", 'unknown end "wing.tp", did you mean "wing.tip"'),
-        (
-            "joint = 0.3 }",
-            "root = 0.3 }",
-            "mode 2 has a shape at tip, root, and the first mode at tip, joint",
-        ),
+        ("joint = 0.3 }", "root = 0.3 }", "mode 2 has a shape at tip, root, and the first mode at tip, joint"),
         ('"5.2 Hz"', "-5.2", "the frequency of a mode must not be negative"),
         ("joint = 0.62", 'joint = "0.62"', "expected `float"),
         ("joint = 0.62", "joint = { sigma = 0.02 }", "needs a start"),
         ("joint = 0.62", "joint = { lower = 0.1 }", "a table of start and sigma"),
         ("joint = 0.62", "joint = { start = 0.62, sigma = -0.02 }", "sigma must be positive"),
-        (
-            'name = "wing"',
-            'name = "wing"\nshape_sigma = "2"',
-            "expected a percentage, such as \"2 %\", got '2'",
-        ),
+        ('name = "wing"', 'name = "wing"\nshape_sigma = "2"', "expected a percentage, such as \"2 %\", got '2'"),
         ('name = "wing"', 'name = "wing"\nkeep = 1', "keep belongs to matrices"),
         ('name = "wing"', 'name = "wing"\nfrequency_sigma = "-1 %"', "must not be negative"),
         ('name = "wing"', 'name = "wing.left"', "its name has no dot"),
@@ -109,7 +99,7 @@ def test_modes_are_read_from_a_table(tmp_path: Path) -> None:
         ("joint", "'a(1)'", "cannot be part of the name of a channel: leave out ( )"),
         ('name = "store"', 'name = "wing.tip"', "names must be unique"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_host_is_told(old: str, new: str, message: str) -> None:
     with pytest.raises(lw.StructureError) as error:
         lw.parse_structure(WING.replace(old, new), "wing.toml")
@@ -233,7 +223,7 @@ def test_a_shape_is_set_and_freed_and_a_mode_has_no_mass_to_change() -> None:
         ("wing.mode2", "link", "mode 2 of the host"),
     ],
 )
-def test_a_mass_or_a_link_with_the_name_of_a_part_of_a_host_is_told_with_both(
+def test_a_mass_or_link_named_as_a_part_of_a_host_is_told_with_both(
     taken: str, kind: str, clash: str
 ) -> None:
     mass, name = (taken, "spring") if kind == "mass" else ("store", taken)

@@ -1,9 +1,6 @@
 """Damping between the modes of hosts: the matrix that a structure has, its file, and what is refused."""
 
-from __future__ import annotations
-
 import pickle
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +10,6 @@ from structures import structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.tests.score_test import missing_terms
 
 FREQUENCIES, RATIOS = (5.0, 6.0, 9.0), (0.01, 0.02, 0.015)
 SHAPES = np.array([[1.0, 0.4], [-0.8, 0.6], [0.5, -0.7]])  # of each mode at tip and joint
@@ -108,15 +104,11 @@ def test_a_whole_matrix_gives_ratios_and_entries_and_a_rigid_motion_is_damped_by
         ("[[0.65, 0.3], [0.3, 0.9]]", "[[0.65, 0.8], [0.8, 0.9]]", "feeds energy into a motion"),
         ("[[0.65, 0.3], [0.3, 0.9]]", "[[0.65]]", "2 rows of 2 numbers"),
         ("[[0.65, 0.3], [0.3, 0.9]]", "[{ modes = [1, 3], damping = 0.3 }]", "of modes 1 to 2"),
-        (
-            "[[0.65, 0.3], [0.3, 0.9]]",
-            "[{ modes = [1, 2], damping = 0.3 }, { modes = [2, 1], damping = 0.3 }]",
-            "given twice",
-        ),
+        ("[[0.65, 0.3], [0.3, 0.9]]", "[{ modes = [1, 2], damping = 0.3 }, { modes = [2, 1], damping = 0.3 }]", "given twice"),
         ("frequency = 6.1", "frequency = 6.1, damping = 0.01", "has a damping of its own"),
         ("[[0.65, 0.3], [0.3, 0.9]]", "[{ modes = [1, 2] }]", "damping"),
     ],
-)
+)  # fmt: skip
 def test_wrong_damping_is_refused(old: str, new: str, message: str) -> None:
     with pytest.raises(lw.StructureError, match=message) as error:
         lw.parse_structure(MATRIX.replace(old, new), "wing.toml")
@@ -166,17 +158,6 @@ def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
     expected = shapes.T @ dashpots @ shapes
     np.testing.assert_allclose(found[:2, :2], expected[:2, :2], rtol=1e-9, atol=1e-12)  # rounding
     assert np.abs(found[0, 1]) > 1e-3
-
-
-def test_dampers_between_modes_do_not_crowd_out_what_a_diagnosis_tests() -> None:
-    """Nothing is offered for them: with 45 pairs each, no frequency of a second host was tested."""
-    modes = 10
-    between = dict.fromkeys(combinations(range(1, modes + 1), 2), 0.01)
-    body = tuple(lw.model.HostMode(5.0 + number, 0.01, {"tip": 1.0}) for number in range(modes))
-    hosts = [lw.Host(name, body, damping=between) for name in ("left", "right")]
-    lacking = missing_terms(structure({}, hosts=hosts))
-    tested = {hypothesis.where for hypothesis, _ in lacking if hypothesis.kind == "frequency"}
-    assert tested == {f"{name}.mode{number}" for name in ("left", "right") for number in range(1, modes + 1)}
 
 
 def test_an_export_says_what_ends_of_dampers_between_modes_are(tmp_path: Path) -> None:

@@ -1,9 +1,6 @@
 """Laws: coefficients, units, force, partials, energy, and what a law refuses to be."""
 
-from __future__ import annotations
-
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
@@ -229,18 +226,3 @@ def test_laws_add_unless_their_names_clash() -> None:
         "The coefficient 'k' is in N/m in 'k*d', but in N/m^3 here.\n  c*v + k*d**3\n        ^\n"
         "Rename one of the two before adding the laws, for instance to k2."
     )
-
-
-def test_results_are_read_only_and_of_the_common_shape() -> None:
-    law = Law.parse("k*d + F")
-    values: dict[str, Any] = {"k": np.array([1.0, 2.0, 3.0]), "F": 0.5}
-    d = np.zeros((4, 1))
-    partials = law.partials(d, 0.0, values)
-    arrays = [partials.force, partials.by_d, partials.by_v, *partials.by_coefficient.values()]
-    assert {array.shape for array in arrays} == {(4, 3)}
-    assert not any(array.flags.writeable for array in arrays)
-    assert d.flags.writeable and np.array_equal(partials.by_d[0], [1.0, 2.0, 3.0])
-    assert float(law.force(2.0, 0.0, {"k": 3.0, "F": 0.5})) == 6.5
-    np.testing.assert_array_equal(law.force(2.0, 0.0, values), [2.5, 4.5, 6.5])
-    by_force = law.partials(2.0, [[1.0], [2.0]], values).by_coefficient["F"]
-    np.testing.assert_array_equal(by_force, np.ones((2, 3)))

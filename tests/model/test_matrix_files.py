@@ -1,7 +1,5 @@
 """Matrices as finite-element programs write them: Abaqus, and Nastran's DMIG and OUTPUT4."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
@@ -93,10 +91,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "*MATRIX,TYPE=STIFFNESS\n1.0\n",
-            r"let Abaqus write the matrices of the whole model with \*MATRIX GENERATE",
-        ),
+        ("*MATRIX,TYPE=STIFFNESS\n1.0\n", r"let Abaqus write the matrices of the whole model with \*MATRIX GENERATE"),
         ("1, 2\n", "its first line holds 2 values"),
         ("", "its first line holds 0 values"),
         ("1,1,1,1,2.0\n2,1,2,1\n", "the number of columns changed from 5 to 4 at row 2"),
@@ -106,7 +101,7 @@ def test_coordinates_keep_the_numbers_of_the_file(tmp_path: Path) -> None:
         ("0 1 2.0\n", "not a whole number from 1"),
         ("1,1,1,1,2.0\n2,1,2,1,2.1", "ends within a line and may be cut off"),
     ],
-)
+)  # fmt: skip
 def test_a_file_that_abaqus_did_not_write_is_told(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "k.mtx").write_text(text)
     with pytest.raises(lw.StructureError, match=message) as error:
@@ -152,7 +147,7 @@ def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
         ("bad.pch", b"\x00\x01DMIG* no more\xff" * 40, "bad.pch"),
     ],
 )  # fmt: skip
-def test_a_file_of_nastran_without_a_whole_matrix_is_told(
+def test_a_nastran_file_without_matrix_is_told(
     tmp_path: Path, name: str, content: bytes, message: str
 ) -> None:
     (tmp_path / name).write_bytes(content)

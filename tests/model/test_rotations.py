@@ -1,7 +1,5 @@
 """Places that turn: units of links there, where hosts say so, and what is refused."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -88,17 +86,11 @@ def test_a_link_with_memory_keeps_the_unit_of_its_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("link", "modes", "more", "message"),
     [
-        (TORSION.replace('"ground"', '"beam.tip"'), MODES, "",
-         'the end "beam.tip_r" turns, in rad, and "beam.tip" moves'),
+        (TORSION.replace('"ground"', '"beam.tip"'), MODES, "", 'the end "beam.tip_r" turns, in rad, and "beam.tip" moves'),
         (TORSION.replace('"ground"', '"base"'), MODES, "", 'turns, in rad, and "base" moves in m'),
         (TORSION.replace("N m/rad", "N/m"), MODES, "", "'5 N/m' is in N/m: expected a number in N m/rad"),
         (TORSION, MODES.replace("[rad]", "[deg]"), "", "the unit of tip_r must be 1/sqrt(kg)"),
-        (
-            TORSION,
-            MODES,
-            'units = { tip_r = "deg" }\n',
-            'is displaced in "rad" or "m", got \'deg\'; a record may be in other',
-        ),
+        (TORSION, MODES, 'units = { tip_r = "deg" }\n', 'is displaced in "rad" or "m", got \'deg\'; a record may be in other'),
         (TORSION, MODES, 'units = { top = "rad" }\n', "top"),
         (
             TORSION,
@@ -108,9 +100,7 @@ def test_a_link_with_memory_keeps_the_unit_of_its_ends(tmp_path: Path) -> None:
         ),
     ],
 )  # fmt: skip
-def test_what_contradicts_itself_is_refused(
-    tmp_path: Path, link: str, modes: str, more: str, message: str
-) -> None:
+def test_contradictions_are_refused(tmp_path: Path, link: str, modes: str, more: str, message: str) -> None:
     with pytest.raises(lw.StructureError, match=re.escape(message)) as error:
         beam(tmp_path, link, modes, more)
     assert "\n" not in str(error.value)

@@ -1,7 +1,5 @@
 """The paper's figures: the right curves, in the paper's arrangement, honest about chaos."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,12 +10,11 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from paper_rows import BEST, paper_rows, paper_study
-from present import present, some
-from problems import chain_record
+from present import present
 
 import linkwise as lw
 from linkwise.paper import figures
-from linkwise.paper.figures import figure_6, figure_7, figure_8, figure_9
+from linkwise.paper.figures import figure_6, figure_7, figure_8
 from linkwise.paper.tables import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2, PaperStudy
 from linkwise.plot import save
 from linkwise.plot.records import displacements_figure
@@ -71,21 +68,6 @@ def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
     assert worst_departure(figure, shared_reference / "bnes_2.csv") > 1e-6
 
 
-def test_past_the_horizon_a_curve_is_marked_as_one_of_many() -> None:
-    figure = figures.figure_4()
-    horizon = present(chain_record(8).simulated).horizon
-    assert len(figure.axes) == 8 and "one of many" in figure.get_suptitle()
-    assert f"{horizon:.2f} s" in figure.get_suptitle()
-    for axes in some(figure.axes):
-        labels = axes.get_legend_handles_labels()[1]
-        assert {"past the horizon", "range of neighbouring orbits"} <= set(labels)
-        edge = next(line for line in axes.lines if line.get_linestyle() == "--")
-        assert np.asarray(edge.get_xdata())[0] == horizon
-    calm = figures.figure_2()
-    assert [axes.get_title(loc="left") for axes in calm.axes] == ["a  primary mass m1", "b  sink m2"]
-    assert calm.get_suptitle() == "" and calm.legends == []
-
-
 def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
     """Neighbours start 1e-12 apart, a thousand times more than rounding, so they part a little earlier."""
     motion = figures.chain_motion(8)
@@ -98,12 +80,9 @@ def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("figure", "masses"),
-    [(figures.figure_3, ["m1"]), (figures.figure_5, ["m1", "m3", "m5", "m7"])],
+    ("figure", "masses"), [(figures.figure_3, ["m1"]), (figures.figure_5, ["m1", "m3", "m5", "m7"])]
 )
-def test_primary_masses_are_shown_with_and_without_sinks(
-    figure: Callable[[], Figure], masses: list[str]
-) -> None:
+def test_primary_masses_with_and_without_sinks(figure: Callable[[], Figure], masses: list[str]) -> None:
     panels = titled(figure())
     assert list(panels) == masses
     bare = [np.mean(curve(axes, "without sinks")[1] ** 2) for axes in panels.values()]
@@ -173,16 +152,8 @@ def test_figure_8_has_the_paper_beside_ours(report: StudyReport) -> None:
     assert {line.get_label() for line in own.axes[0].lines} == set(report.table.methods)
 
 
-def test_figure_9_has_the_paper_beside_ours(report: StudyReport) -> None:
-    errors, times = figure_9(report.table, report.paper).axes
-    np.testing.assert_array_equal(values(errors, "paper, physics-informed"), [0.5] * 5)
-    np.testing.assert_array_equal(values(errors, "physics-informed"), [0.4] * 5)
-    np.testing.assert_array_equal(values(times, "paper, physics-informed"), [*INFORMED_SECONDS.values()])
-    assert not any(str(line.get_label()).startswith("classical") for line in some(errors.lines))
-
-
 @pytest.mark.parametrize(("draw", "shown"), [(figure_6, [20.0]), (figure_7, [40.0, 30.0, 20.0])])
-def test_forces_stand_beside_the_theory(
+def test_forces_beside_the_theory(
     report: StudyReport, draw: Callable[..., Figure], shown: list[float]
 ) -> None:
     """The made-up coefficients are all off by one factor, so the error is that factor's wherever the force is largest."""
@@ -197,14 +168,6 @@ def test_forces_stand_beside_the_theory(
     np.testing.assert_allclose(values(forces, "ml, 20 dB"), theory * (1.0 + np.sqrt(1e-6)), rtol=1e-8)
     d = np.asarray(forces.lines[0].get_xdata())
     assert d[0] < -20.0 and d[-1] > 20.0 and forces.get_xlabel() == "elongation d, mm"  # wells at 10 mm
-
-
-def test_forces_that_nobody_found_are_not_drawn(report: StudyReport) -> None:
-    empty = StudyReport.of(report.study, [])
-    assert figure_6(empty.study, empty.table, empty.paper, BEST) is None
-    two = StudyReport.of(report.study, [row for row in paper_rows(report.study) if row.masses == 2])
-    assert figure_7(two.study, two.table, two.paper, BEST) is None
-    assert figure_6(two.study, two.table, two.paper, BEST) is not None
 
 
 def test_only_the_papers_own_chains_count(report: StudyReport) -> None:

@@ -1,7 +1,5 @@
 """Every public picture is drawn on the Axes of the caller, says so where it cannot be, and prints names as they are."""
 
-from __future__ import annotations
-
 import inspect
 import subprocess
 import sys
@@ -79,11 +77,7 @@ def drawings(fitted: lw.Estimate, discovered: lw.Discovery) -> dict[str, Draw]:
     record = chain_record(2, duration=1.0, rate=500.0, speed=0.1).with_noise(40.0, seed=1)
     validated = lw.validate(record, lw.bnes_chain(2))
     periodic, tapped = compared("sin(2*pi*16*t)"), compared("exp(-((t - 0.1)/0.01)**2)")
-    sinks = (
-        lw.bnes_chain(2).link("nes1"),
-        {ODD: lw.bnes_chain(2, beta=1.1e6).link("nes1")},
-        (-0.02, 0.02),
-    )
+    sinks = (lw.bnes_chain(2).link("nes1"), {ODD: lw.bnes_chain(2, beta=1.1e6).link("nes1")}, (-0.02, 0.02))
     spring = lw.rig(
         masses={"m1": 1.0},
         links={"spring": "m1 - ground: k*d + c*v"},
@@ -131,9 +125,7 @@ def test_pictures_are_all_that_is_public_beside_saving_them() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_is_drawn_on_the_axes_of_the_caller_or_its_own(
-    name: str, drawings: dict[str, Draw]
-) -> None:
+def test_a_picture_is_drawn_on_axes_of_the_caller_or_its_own(name: str, drawings: dict[str, Draw]) -> None:
     figure = Figure()
     left, right = figure.subplots(1, 2)
     assert drawings[name](ax=left) is left

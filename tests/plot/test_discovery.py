@@ -1,7 +1,5 @@
 """What a discovery looks like: printed, drawn, and as a folder that is complete in itself."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -9,18 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from present import some
 from structures import link, with_links
 
 import linkwise as lw
-from linkwise.discovery.result import runner_up_changes, runner_up_rows, term_rows
-from linkwise.plot import save
-from linkwise.plot.discoveries import evidence_figure, path_figure
-from linkwise.plot.graphs import crossings, graph_figure, node_positions
+from linkwise.discovery.result import term_rows
+from linkwise.plot.graphs import graph_figure
 from linkwise.plot.style import MEASURED
 
 
@@ -71,9 +65,7 @@ def test_penalty_is_what_stands_between_evidence_and_margin(discovered: lw.Disco
 
 
 @pytest.mark.slow
-def test_stated_links_are_certain_whatever_is_thought_of_their_terms(
-    chain: lw.Structure, discovered: lw.Discovery
-) -> None:
+def test_stated_links_are_certain_whatever_their_terms(chain: lw.Structure, discovered: lw.Discovery) -> None:
     spring = link("spring1", "m1-ground", "k*d", k=30000.0)
     known = lw.discover(discovered.estimate.record, with_links(chain.unknown("nes"), spring))
     assert known.certainty("spring1") == known.certainty("nes1") == float("inf")
@@ -114,61 +106,6 @@ def test_graph_draws_doubt(discovered: lw.Discovery) -> None:
     assert [to_hex(line.get_color()).upper() for line in faint] == [MEASURED]
 
 
-def test_a_tree_is_drawn_without_crossings_and_the_same_each_time() -> None:
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    assert crossings(square, [(0, 2), (1, 3)]) == 1
-    assert crossings(square, [(0, 1), (1, 2), (2, 3), (3, 0)]) == 0
-    rng = np.random.default_rng(1001)
-    edges = [(int(rng.integers(0, node)), node) for node in range(1, 40)]
-    points = node_positions(40, edges)
-    assert crossings(points, edges) == 0
-    np.testing.assert_array_equal(points, node_positions(40, edges))
-    lengths = np.array([np.hypot(*(points[a] - points[b])) for a, b in edges])
-    assert np.median(lengths) == pytest.approx(1.0, abs=0.25)  # a link is about 1 long, as declared
-
-
-def test_parts_that_nothing_joins_stand_apart() -> None:
-    points = node_positions(6, [(0, 1), (2, 3), (3, 4)])
-    heights = [points[nodes, 1] for nodes in ([0, 1], [2, 3, 4], [5])]
-    assert heights[0].max() < heights[1].min() and heights[1].max() < heights[2].min()
-
-
-def test_path_marks_the_chosen_point(discovered: lw.Discovery) -> None:
-    path, runners = path_figure(discovered).axes
-    [chosen] = [line for line in path.lines if line.get_label() == "chosen"]
-    assert np.asarray(chosen.get_xydata()).tolist() == [[5, 0.0]]
-    criterion = next(line for line in path.lines if str(line.get_label()).startswith("criterion"))
-    heights = np.asarray(criterion.get_ydata())
-    assert heights.min() == 0.0 and len(heights) == len(discovered.path)
-    names = [label.get_text() for label in runners.get_yticklabels()]
-    assert names == [row[0] for row in runner_up_rows(discovered)[1:]]
-    # a coefficient that no printed law has, such as m2-m1.k2, says nothing by its name
-    dropped = {term.name: f"{term.name} ({term.term})" for term in discovered.terms if not term.kept}
-    named = [
-        (added, change)
-        for change, runner_up in zip(runner_up_changes(discovered), discovered.runners_up, strict=True)
-        for name, added in dropped.items()
-        if name in runner_up.change.split()
-    ]
-    assert all(added in change for added, change in some(named))
-
-
-def test_evidence_stands_above_the_price_where_a_term_was_kept(discovered: lw.Discovery) -> None:
-    [axes] = evidence_figure(discovered).axes
-    [prices] = [line.get_xdata() for line in axes.lines if line.get_label() == "penalty of the term"]
-    bars = np.array([bar.get_width() for bars in axes.containers for bar in bars])
-    assert len(bars) == len(discovered.terms)
-    np.testing.assert_array_equal(bars > prices, [term.kept for term in discovered.terms])
-
-
-@pytest.mark.slow
-def test_figures_can_do_without_a_path_or_anything_dropped(discovered: lw.Discovery, tmp_path: Path) -> None:
-    bare = replace(discovered, runners_up=(), path=(), terms=discovered.kept)
-    for name, draw in {"graph": graph_figure, "path": path_figure, "evidence": evidence_figure}.items():
-        png, svg = save(draw(bare), tmp_path / name)
-        assert png.stat().st_size > 5000 and "</svg>" in svg.read_text()
-
-
 @pytest.mark.slow
 def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered: lw.Discovery) -> None:
     pictures = (
@@ -202,9 +139,7 @@ def test_result_json_holds_the_discovery(discovery_folder: Path, discovered: lw.
     assert "truth" not in alone and "nmse_percent" not in alone
 
 
-def test_terms_csv_has_every_candidate_that_was_tested(
-    discovery_folder: Path, discovered: lw.Discovery
-) -> None:
+def test_terms_csv_has_every_tested_candidate(discovery_folder: Path, discovered: lw.Discovery) -> None:
     rows = list(csv.DictReader((discovery_folder / "terms.csv").read_text().splitlines()))
     columns = (
         "name link term unit kept told reliable value standard_error z margin first second certain price"
@@ -242,9 +177,7 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discov
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
 
 
-def test_nothing_is_left_where_writing_fails(
-    discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
-) -> None:
+def test_nothing_is_left_of_a_failure(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
     other = replace(chain, masses=chain.masses[:1], links=chain.links[:1])
     with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
         lw.report.write_result(discovered, tmp_path / "answer", truth=other)

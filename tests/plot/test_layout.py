@@ -1,9 +1,7 @@
 """Panels get the room that their texts leave: nothing is cut, nothing lies on something else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import Any
 
 import pytest
@@ -18,7 +16,6 @@ from linkwise.plot.discoveries import evidence_figure, path_figure
 from linkwise.plot.graphs import graph_figure
 from linkwise.plot.links import force_figure
 from linkwise.plot.records import histories_figure
-from linkwise.plot.style import legend_below, log_scale, sheet
 
 PIXEL = 1.5  # what rounding of glyphs may add
 
@@ -74,60 +71,9 @@ def test_figures_of_answers_have_no_faults(discovered: lw.Discovery, fitted: lw.
     assert {name: faults(figure) for name, figure in figures.items()} == {name: [] for name in figures}
 
 
-@pytest.mark.slow
-def test_long_names_and_large_numbers_have_their_room() -> None:
-    with sheet(2, 2, width=10.0, height=6.0) as (figure, panels):
-        for axes in panels:
-            axes.barh(["a name of thirty characters ..", "b"], [1e7, 2e9])
-            log_scale(axes, "x")
-            axes.set_title("one line\nand another")
-            axes.set_xlabel("misfit")
-            axes.set_ylabel("of what\nin which unit")
-            axes.plot([], [], label="a legend")
-        figure.suptitle("a title", x=0.01, horizontalalignment="left", fontsize=10)
-        legend_below(figure, *panels)
-    assert faults(figure) == []
-
-
 def test_what_is_cut_or_covered_is_seen() -> None:
     """Beside the checks above, one that must find something."""
     figure = Figure()
     figure.subplots().set_ylabel("cut", labelpad=100.0)
     figure.suptitle("covered", y=0.5)
     assert faults(figure) == ["panel 0", "panel 0 on covered"]
-
-
-def test_powers_are_written_in_plain_characters() -> None:
-    values = (1e4, 1e-5, 1000.0, 0.01, 0.0, -100.0, -1e5, 2e-4, 0.002)
-    texts = ["10⁴", "10⁻⁵", "1000", "0.01", "0", "−100", "−10⁵", "2·10⁻⁴", "0.002"]
-    with sheet() as (_, [axes]):
-        axes.plot([-1e6, 1e6])
-        log_scale(axes, "y", linear_to=1e-6)
-        assert [axes.yaxis.get_major_formatter()(value) for value in values] == texts
-
-
-def test_a_logarithmic_axis_of_less_than_a_decade_has_labels() -> None:
-    with sheet() as (_, [axes]):
-        axes.plot([2.0, 6.0])
-        log_scale(axes, "y")
-        axes.set_ylim(1.9, 6.5)
-        labels = [text.get_text() for text in axes.get_yticklabels(which="both") if text.get_text()]
-    assert len(labels) >= 2 and "$" not in "".join(labels)
-
-
-@pytest.mark.parametrize(
-    ("low", "high"),
-    [(9e-5, 7e-4), (2.2e-4, 4.4e-4), (4e-4, 9.5e-4), (1e-4, 4.9e-4), (1e-5, 3e-4), (3.5, 35.0)],
-)
-def test_labels_of_a_horizontal_logarithmic_axis_do_not_overlap(low: float, high: float) -> None:
-    """On panels side by side, as those of a ring-down."""
-    with sheet(1, 2) as (figure, [axes, unused]):
-        axes.plot([low, high], [0.0, 1.0])
-        log_scale(axes, "x")
-        axes.set_xlim(low, high)
-    figure.draw_without_rendering()
-    shown = [text for text in axes.get_xticklabels(which="both") if text.get_text()]
-    boxes = [text.get_window_extent() for text in shown if 0.999 * low < text.get_position()[0] < high]
-    boxes.sort(key=lambda box: box.x0)
-    assert len(boxes) >= 2 and unused.get_visible()
-    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))

@@ -1,7 +1,5 @@
 """Units of channels of places that turn: read from files, compared with the structure, and written."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Literal
@@ -70,9 +68,7 @@ def test_what_is_no_angle_is_refused(tmp_path: Path, header: str) -> None:
         ("f:torsion[N m]", False, "the force of this link is in N"),
     ],
 )  # fmt: skip
-def test_units_are_compared_where_record_and_structure_meet(
-    tmp_path: Path, header: str, turns: bool, message: str
-) -> None:
+def test_units_of_record_and_structure_agree(tmp_path: Path, header: str, turns: bool, message: str) -> None:
     record, structure = recorded(tmp_path, header), beam(turns)
     with pytest.raises(lw.RecordError, match=re.escape(message)) as error:
         lw.identify(record, structure.unknown("torsion"))

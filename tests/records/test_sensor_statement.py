@@ -1,7 +1,5 @@
 """What is stated of sensors: known errors are taken out of the samples, and the rest is kept as their uncertainty."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -96,9 +94,7 @@ def test_a_known_delay_is_taken_out_and_what_is_found_beside_a_value_that_was_re
     ("units", "known", "removed"),
     [({"state:piezo.V": "mV"}, "5 mV", "0.3 mV"), ({}, "0.005 in its SI unit", "0.0003 in its SI unit")],
 )
-def test_notes_on_a_voltmeter_have_the_unit_of_the_file(
-    units: dict[str, str], known: str, removed: str
-) -> None:
+def test_notes_on_a_voltmeter_have_its_unit(units: dict[str, str], known: str, removed: str) -> None:
     record = lw.Record(0.0, 200.0, ("state:piezo.V",), MOTION[:, None], units=units)
     stated = lw.records.SensorStatement.of({"offset": "0.3 mV +- 5 mV"}, "state:piezo.V")
     notes = with_statements(record, {"state:piezo.V": stated}).notes

@@ -1,7 +1,5 @@
 """Pages in a real browser that has no network: they render, with their figures, and the console stays silent."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

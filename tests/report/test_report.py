@@ -1,6 +1,4 @@
-"""The page and the result folder: verdict first, complete in themselves, as promised."""
-
-from __future__ import annotations
+"""What a result folder and its page say, those of an inspection among them."""
 
 import json
 import re
@@ -10,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import said
 from present import present
+from record_faults import chain
 
 import linkwise as lw
 from linkwise.display import format_value
@@ -106,7 +106,7 @@ def test_page_needs_nothing_else(answer_folder: Path) -> None:
     assert len(page) < 1.5e6
 
 
-def test_figures_beyond_the_size_of_a_page_lie_beside_it(
+def test_large_figures_lie_beside(
     fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that no page is larger than 1.5 MB, however many links and channels there are."""
@@ -161,7 +161,7 @@ def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_p
     assert fractions == sorted(fractions) and fractions[0] >= 0.0 and 0.8 < fractions[-1] <= 1.0
 
 
-def test_a_discovery_from_a_simulated_record_with_memory_is_written(
+def test_a_discovery_of_memory_is_written(
     discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
 ) -> None:
     """Its figures are not compared with the true forces, which the motion alone does not tell."""
@@ -184,3 +184,48 @@ def test_the_box_of_a_discovery_has_its_grade_and_not_that_of_its_fit(discovered
     page = discovery_page(Reported(unsettled), {})
     assert '<div class="verdict refused">' in page and "Every number on this page" in page
     assert '<div class="verdict explained">' in discovery_page(Reported(discovered), {})
+
+
+@pytest.fixture(scope="module")
+def clipped() -> lw.Record:
+    record = chain(2, 30.0)
+    values = record.values.copy()
+    values[:, 0] = np.clip(values[:, 0], None, 0.7 * values[:, 0].max())
+    return replace(record, values=values, source="<b>clipped</b>", simulated=None)
+
+
+def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Path) -> None:
+    inspection = lw.inspect([clipped, chain(2, 30.0)])
+    folder = lw.report.write_result(inspection, tmp_path / "looked")
+    names = {path.name for path in folder.iterdir()}
+    assert {"inspection.json", "report.html"} <= names
+    assert {
+        f"{kind}_{n}.png" for kind in ("histories", "spectra", "maps", "coherence") for n in (1, 2)
+    } <= names
+    document = json.loads((folder / "inspection.json").read_text())
+    assert document["alerts"] == [alert.to_dict() for alert in inspection.alerts]
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    body = page[page.index("<body>") :]
+    assert body.index("clipped x:m1") < body.index("samples at 1000 Hz")  # alerts first
+    assert "<b>clipped</b>" not in body and "&lt;b&gt;clipped&lt;/b&gt;" in body
+
+
+def test_the_command_writes_it_and_replaces_its_own(clipped: lw.Record, tmp_path: Path) -> None:
+    lw.write_record(clipped, tmp_path / "run.csv")
+    for _ in range(2):
+        assert "--json" not in said(f"inspect {tmp_path}/run.csv -o {tmp_path}/looked").out
+    assert "clipped x:m1" in (tmp_path / "looked" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_spectrum_shows_the_motion_and_the_noise() -> None:
+    record = chain(2, 20.0)
+    noise = lw.inspect(record).channel("x:m1").noise
+    assert noise is not None
+    axes = lw.plot.spectrum(record, "x:m1", noise)
+    frequency, density = axes.lines[0].get_data()
+    peak = np.asarray(frequency)[np.argmax(density)]
+    # the spring under 1 kg; bins of 2 Hz
+    assert peak == pytest.approx(np.sqrt(30000.0) / (2 * np.pi), abs=4.0)
+    floor = np.median(np.asarray(density)[np.asarray(frequency) > 200.0])
+    # a median over 150 bins and the estimate, each good to a few per cent; measured 0.4 %
+    assert np.asarray(axes.lines[1].get_ydata())[0] == pytest.approx(floor, rel=0.1)

@@ -1,7 +1,5 @@
 """The report of a study: the right verdict, the paper's table with ours beside it, and nothing missing that is not said."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable

@@ -1,13 +1,17 @@
-"""Free vibration over amplitude: exact periods, energies that are kept, ends that are reached, and what is refused."""
+"""Backbones, basins of rest positions, and measured points on curves of response."""
 
-from __future__ import annotations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from commands import document, refusal
 from scipy.special import ellipk
 from structures import HARDENING, link, oscillator, row_of_masses, structure
 
 import linkwise as lw
+from linkwise.model.coefficient import Name
+from linkwise.response import basins
 
 K, K3 = 400.0, 1e5
 
@@ -80,7 +84,7 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     """An answer of which k alone is uncertain: at small amplitudes f has half of its relative error, at large ones less."""
     duffing = oscillator(HARDENING, k=K, k3=K3, c=0.4)
     bounds = np.array([0.0]), np.array([np.inf])
-    answer = lw.estimates.Posterior(duffing, ("link.k",), np.array([[16.0]]), *bounds)
+    answer = lw.estimates.Posterior(duffing, (Name("link.k"),), np.array([[16.0]]), *bounds)
     curve = lw.backbone(answer, 1, to_amplitude={"x:m1": 0.1})
     assert curve.lower is not None and curve.upper is not None
     width = (curve.upper - curve.lower) / curve.hz
@@ -89,3 +93,86 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     assert np.all((curve.lower < curve.hz) & (curve.hz < curve.upper))
     assert set(curve.to_dict()["points"][0]) == {"hz", "energy", "lower_hz", "upper_hz", "amplitude"}
     assert "95 % band" in str(curve)
+
+
+PLANE = {"x:m1": (-0.025, 0.02), "v:m1": (-0.6, 0.5)}
+DOUBLE_WELL = oscillator("alpha*d + beta*d**3 + c*v", mass=0.1, alpha=-100.0, beta=1e6, c=0.3)
+
+
+def test_motions_end_where_simulations_end() -> None:
+    found = basins(DOUBLE_WELL, PLANE, points=5)
+    for row, x in enumerate(found.values[0].tolist()):
+        for column, v in enumerate(found.values[1].tolist()):
+            run = lw.simulate(DOUBLE_WELL, release={"x:m1": x, "v:m1": v}, duration=10.0, rate=100.0)
+            rest = float(found.rests[found.ends[row, column], 0])
+            assert run.values[-1, 0] == pytest.approx(rest, abs=1e-3)
+    assert sorted(found.rests[:, 0].tolist()) == pytest.approx([-0.01, 0.01])
+    assert found.shares.sum() == 1.0
+
+
+def test_a_symmetric_well_has_symmetric_basins() -> None:
+    found = basins(DOUBLE_WELL, {"x:m1": (-0.02, 0.02), "v:m1": (-0.5, 0.5)}, points=8)
+    np.testing.assert_array_equal(found.ends + found.ends[::-1, ::-1], 1)
+
+
+def test_what_is_no_plane_is_refused() -> None:
+    with pytest.raises(
+        lw.SimulationError, match="need two states and at least 2 values of each, got 1 and 31"
+    ):
+        basins(DOUBLE_WELL, {"x:m1": (0.0, 1.0)})
+    with pytest.raises(lw.StructureError, match="no stable equilibrium was found"):
+        basins(oscillator("k*d", k=-1.0), PLANE)
+
+
+SPRING = oscillator(HARDENING, name="spring", k=400.0, k3=1e5, c=0.8)
+DRIVEN: dict[str, Any] = {"force": {"m1": 1.0}, "hz": (2.0, 4.5), "starts": 0}
+
+
+@pytest.fixture(scope="module")
+def sweep() -> lw.Record:
+    """From 2.2 to 3.1 Hz, with the accelerometer's noise of 0.05 m/s2."""
+    force = "1.0*cos(2*pi*(2.2 + 0.0075*t)*t)"
+    record = lw.simulate(SPRING, forces={"m1": force}, duration=60.0, rate=60.0, sensors=["a:m1"])
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(record))
+    values = record.values + noise[:, None] * [name == "a:m1" for name in record.channels]
+    return lw.Record(record.start, record.rate, record.channels, values)
+
+
+def test_points_of_a_sweep_lie_on_the_curve(sweep: lw.Record) -> None:
+    """By an acceleration, of which the displacement is shown; a slow sweep is behind by less than 2 %."""
+    response = lw.respond(SPRING, **DRIVEN).beside(sweep)
+    [branch], measured = response.levels[0].branches, response.measured
+    assert measured is not None and len(measured.hz) > 10
+    assert measured.size == pytest.approx(1.0, rel=1e-3)
+    lower = slice(0, int(np.argmax(branch.amplitude[:, 0])))  # to the peak
+    expected = np.interp(measured.hz, branch.hz[lower], branch.amplitude[lower, 0])
+    early = measured.hz < 2.8
+    assert early.sum() > 5 and measured.amplitude[early, 0] == pytest.approx(expected[early], rel=0.03)
+    assert response.to_dict()["measured"][0]["amplitude"]["x:m1"] == measured.amplitude[0, 0]
+    axes = lw.plot.response(response)
+    assert "measured" in axes.get_legend_handles_labels()[1]
+
+
+def test_a_decay_lies_on_the_backbone() -> None:
+    record = lw.simulate(SPRING, release={"x:m1": 0.05}, duration=16.0, rate=60.0).with_noise(50.0, seed=1)
+    curve = lw.backbone(SPRING, 1, to_amplitude={"x:m1": 0.06}).beside(record)
+    measured = curve.measured
+    assert measured is not None and np.ptp(measured.hz) > 0.02
+    expected = np.interp(measured.amplitude[:, 0], curve.amplitude[:, 0], curve.hz)
+    assert measured.hz == pytest.approx(expected, rel=0.01)
+    assert set(curve.to_dict()["measured"][0]) == {"hz", "amplitude"}
+
+
+def test_records_that_show_no_points_are_refused(sweep: lw.Record, tmp_path: Path) -> None:
+    lw.write_structure(SPRING, tmp_path / "spring.toml")
+    lw.write_record(sweep, tmp_path / "sweep.csv")
+    lw.write_record(sweep.select(["a:m1"]), tmp_path / "alone.csv")
+    lw.write_record(sweep.select(["force:m1"]), tmp_path / "force.csv")
+    lw.write_record(sweep[:200], tmp_path / "short.csv")
+    line = f"respond {tmp_path}/spring.toml --force m1=1 --from 2.2 --to 2.4 --starts 0 --record {tmp_path}"
+    assert len(document(f"{line}/sweep.csv")["measured"]) > 10
+    assert "need the excitation, force:m1" in refusal(f"{line}/alone.csv")
+    assert "none of x:m1 was measured" in refusal(f"{line}/force.csv")
+    assert "no 8 steady cycles in a row" in refusal(f"{line}/short.csv")
+    mode = f"backbone {tmp_path}/spring.toml --mode 1 --to-energy 0.01 --levels {tmp_path}"
+    assert "no mode rings down" in refusal(f"{mode}/sweep.csv")

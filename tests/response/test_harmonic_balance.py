@@ -1,7 +1,5 @@
 """Harmonic balance: its Jacobian against differences, its motions against shooting and simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import HARDENING, link, oscillator, structure

@@ -1,7 +1,5 @@
 """Steady motion: known solutions, folds against collocation, all attractors of a bistable sink, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar

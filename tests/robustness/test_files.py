@@ -1,7 +1,5 @@
 """Channels that a file holds and a reader cannot have: told, by an error or a note, and never lost."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from errno import ENOSPC
@@ -183,7 +181,7 @@ def test_parquet_metadata_that_are_not_ours(stated: str, tmp_path: Path) -> None
         lw.read_record(path)
 
 
-def test_a_record_is_written_through_a_link_and_a_full_disk_is_no_wrong_usage(
+def test_a_record_is_written_through_a_link_and_full_disks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record = lw.Record.from_arrays(TIME, {"x:m1": X})

@@ -1,7 +1,7 @@
-"""Options that are numbers and yet cannot be, and what is too large: refused in words, by the command and by Python alike."""
+"""Options and units that are numbers and yet cannot be, and what is too large: refused in words."""
 
-from __future__ import annotations
-
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -91,9 +91,7 @@ def test_a_segment_longer_than_the_test_is_the_whole_test() -> None:
     assert near.to_dict()["coefficients"] == far.to_dict()["coefficients"]
 
 
-def test_a_force_may_be_a_long_expression(
-    files: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_force_may_be_long(files: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Longer than the name of a file can be, with a colon in no place where a file could be meant. All terms are alike, which
     is compiled in no time."""
     monkeypatch.chdir(files)
@@ -127,3 +125,60 @@ def test_a_number_of_400_digits_is_no_finite_one(digits: str) -> None:
         lw.Coefficient.number(10**400)
     with pytest.raises(lw.LinkwiseError, match="finite"):
         lw.files.to_si(10**400, "kg")
+
+
+SECONDS = 20.0  # in which a command that takes one second must end on a busy machine
+ENDLESS = [
+    "9**9**9",
+    "9**9**9 kg",
+    "(9**9)**9**9",
+    "((((((((9**9)**9)**9)**9)**9)**9)**9)**9)**9 kg",
+    "9^9^9 kg",
+    "kg**9**9**9",
+    "2**(3**(4**5)) kg",
+    "9²²²²²²² kg",
+    "(" * 5000 + "kg" + ")" * 5000,
+    "kg*" * 50_000 + "kg",
+    "1e999999999 kg",
+    "kg" * 100_000,
+    "d**(1e9)",
+    "kg*d**1e9/d**1e9*km**9999",
+]
+
+
+def test_a_unit_is_read_or_refused_at_once() -> None:
+    """In a process of its own, since what hangs in the arithmetic of whole numbers hears no signal."""
+    code = (
+        "import sys, linkwise as lw\n"
+        "for text in sys.stdin.read().split('\\n'):\n"
+        "    try:\n"
+        "        lw.files.to_si(text, 'kg')\n"
+        "    except lw.LinkwiseError as error:\n"
+        "        print(len(str(error)), str(error)[:60])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input="\n".join(ENDLESS),
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+    )
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(ENDLESS)
+    assert max(int(line.split()[0]) for line in lines) < 400
+
+
+@pytest.mark.parametrize(
+    ("given", "value"),
+    [
+        ("10**3 g", 1.0),
+        ("10^-3 t", 1.0),
+        ("2*10**3 g", 2.0),
+        ("1e3 g", 1.0),
+        ("1/4 kg", 0.25),
+        ("kg**1", 1.0),
+    ],
+)
+def test_powers_that_people_write_are_read(given: str, value: float) -> None:
+    assert lw.files.to_si(given, "kg") == pytest.approx(value, rel=1e-15)

@@ -1,7 +1,5 @@
 """Names that somebody else chose: in pages they run no code, in figures they set no mathematics, in tables no formula."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -16,14 +14,11 @@ from linkwise.display import csv_cell, from_csv_cell
 
 NAMES = {  # a name holds none of [ ] : = / and the backslash
     "script": 'x")+document.write("mine")+("',
-    "element": "<script>document.write(1)<script>",
-    "attribute": "a\" onmouseover \"b' onclick '",
+    "element": "<script>document.write(1)<script>a\" onmouseover \"b' onclick '",
     "half mathematics": "$frac{",
-    "mathematics": "$x^2$ $y$",
-    "template": "{{ 7*7 }}{% x %}",
-    "formula": "+cmd|' 'C'!A0",
+    "mathematics": "$x^2$ $y$ {{ 7*7 }}{% x %}",
+    "formula": "+cmd|' 'C'!A0,b\"c",
     "at": "＠SUM(1)",  # full width, which some spreadsheets take for a formula too
-    "comma": 'a,b"c',
     "no glyph": "\u8cea\u91cf",  # in no font that comes with matplotlib
 }
 

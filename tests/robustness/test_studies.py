@@ -1,7 +1,5 @@
 """Studies that cannot be, files without an end, and cases that failed by no fault of their own."""
 
-from __future__ import annotations
-
 import sqlite3
 import subprocess
 import sys
@@ -40,9 +38,7 @@ def test_a_case_whose_worker_died_is_run_again_on_the_next_resume(tmp_path: Path
 
 
 @pytest.mark.parametrize("cycles", [10**7, 10**10, 10**30])
-def test_a_study_of_too_many_cases_is_refused(
-    cycles: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_too_many_cases_are_refused(cycles: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = small(tmp_path, cycles=cycles)
     assert run(["study", str(file), "-o", str(tmp_path / "out"), "--workers", "1"]) == 2
     assert "a study has at most 1000000 cases" in capsys.readouterr().err
@@ -50,9 +46,7 @@ def test_a_study_of_too_many_cases_is_refused(
     assert len(lw.study.read_study(file).quickly()) == 12  # the quick one may be run
 
 
-def test_a_study_of_which_nothing_was_run_is_not_exported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_without_rows_is_not_exported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = small(tmp_path, cycles=1)
     with open_store(tmp_path / "out", lw.study.read_study(file)):
         pass
@@ -82,7 +76,6 @@ def test_a_full_disk_is_no_wrong_usage(tmp_path: Path) -> None:
     "arguments",
     [
         ["structure", "show", "/dev/zero"],
-        ["simulate", "/dev/zero", "--duration", "1", "--rate", "100", "-o", "run.csv"],
         ["study", "/dev/zero", "-o", "out"],
         ["identify", "/dev/zero", "chain.toml"],
     ],
@@ -108,9 +101,7 @@ def test_a_file_without_an_end_is_refused(arguments: list[str], tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["k = " + "[" * 20_000, "k = " + "9" * 10_000, "[" + "a." * 20_000 + "b]"])
-def test_toml_that_is_too_deep_or_too_long_is_refused(
-    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_toml_without_end_is_refused(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "deep.toml"
     path.write_text(text)
     for arguments in (["structure", "show", str(path)], ["study", str(path), "-o", str(tmp_path / "out")]):

@@ -1,7 +1,5 @@
 """Records of structures on a base of which a velocity or an acceleration is all that is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -87,13 +85,9 @@ REFUSED = {
     "ground": (["rel:x:m1", "a:base"], storey("ground"), "with links to the ground alone"),
     "absolute": (["x:m1", "a:base"], storey(), r"the displacement of the base only up to drift: .*rel:x:m1"),
     "absolute rate": (["v:m1", "a:base"], storey(), "the velocity of the base only up to drift"),
-    "no base for a link": (
-        ["x:m1"],
-        storey(),
-        'the link "frame" ends at the base, and the record has no motion of it',
-    ),
+    "no base for a link": (["x:m1"], storey(), 'the link "frame" ends at the base, and the record has no motion of it'),
     "twice": (["rel:x:m1", "x:m1", "x:base"], storey(), "show the same motion"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)

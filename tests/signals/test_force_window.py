@@ -1,7 +1,5 @@
 """Forces of a hammer are zero between its hits, where their channel shows noise; no other force is taken for that."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,6 +1,4 @@
-"""States from records: what is measured stays, what is not is derived, and what cannot be is refused."""
-
-from __future__ import annotations
+"""States from records: what is measured stays, what is not is derived or integrated, and what cannot be is refused."""
 
 import numpy as np
 import pytest
@@ -8,7 +6,14 @@ from present import present
 
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
-from linkwise.signals.states import DifferentiationMethod, differentiate, finite_differences
+from linkwise.signals.states import (
+    DRIFT_FREQUENCY,
+    DifferentiationMethod,
+    differentiate,
+    drift_frequency,
+    finite_differences,
+    integral,
+)
 
 RATE = 1000.0
 TIME = np.arange(3000) / RATE
@@ -41,15 +46,6 @@ def test_differences_have_their_declared_order_up_to_both_ends(order: int, deriv
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
 
 
-def test_differences_are_exact_for_polynomials_of_their_order() -> None:
-    polynomial = np.polynomial.Polynomial([1.0, 2.0, -1.0, 0.5, 0.3])
-    time = np.linspace(0, 1, 40)
-    for derivative in (1, 2):
-        computed = finite_differences(polynomial(time), 39.0, derivative, order=4)
-        # identity, and each derivative multiplies rounding by the rate
-        np.testing.assert_allclose(computed, polynomial.deriv(derivative)(time), atol=1e-12 * 39**derivative)
-
-
 def test_another_order_is_refused() -> None:
     message = "order must be 2, 4 or 6 and derivative 1 or 2, got order 3 and derivative 1"
     with pytest.raises(RecordError, match=message):
@@ -75,7 +71,7 @@ def test_measured_motion_is_taken_as_it_is() -> None:
         ("savgol", 1e-4, 2e-3),  # the window is cut at 1.4 bandwidths, and a loses first
     ],
 )
-def test_all_methods_derive_what_was_not_measured(
+def test_methods_derive_what_is_missing(
     method: DifferentiationMethod, v_limit: float, a_limit: float
 ) -> None:
     states = differentiate(_record(x_m1=X[:, 0], x_m2=X[:, 1]), method)
@@ -123,16 +119,32 @@ SLOW = np.cos(TIME[:64]) + 0.01 * np.random.default_rng(1).normal(size=64)
         ({"x_m1": HOLED[:, 0], "x_m2": HOLED[:, 1]}, "spline",
          r"channel x:m1: 2 samples are missing, the first at 0\.6 s.*record\.between\(0\.601, 2\.499\)"),
         ({"x_m1": X[:, 0], "x_m2": np.full(3000, np.nan)}, "spline", "no row is complete"),
-        ({"a_m1": A[:, 0]}, "spline",
-         "m1 has a:m1 but no displacement x:m1, and integrating a record causes drift"),
+        ({"a_m1": A[:, 0]}, "spline", "m1 has a:m1 but no displacement x:m1, and integrating a record causes drift"),
         ({"x_m1": X[:, 0], "a_base": A[:, 1]}, "spline", "base has a:base but no displacement x:base"),
         ({"force_m1": X[:, 0]}, "spline", "no response channel to differentiate, only force:m1"),
         ({"x_m1": X[:, 0]}, "kalman", r"unknown method 'kalman'; choose from \"spline\" .* \"savgol\" .* \"differences\""),
         ({"x_m1": SLOW}, "spline", r"64 samples are too few, since \d+ at each end have one-sided derivatives only"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_differentiated_is_refused(
+def test_refused_signals(
     channels: dict[str, np.ndarray], method: DifferentiationMethod, message: str
 ) -> None:
     with pytest.raises(RecordError, match=message):
         differentiate(_record(**channels), method)
+
+
+def test_the_integral_has_its_order() -> None:
+    errors = []
+    for count in (101, 201):
+        time = np.linspace(0.0, 2.0, count)
+        errors.append(np.abs(integral(np.cos(3.0 * time), time[1]) - np.sin(3.0 * time) / 3.0).max())
+    assert errors[0] / errors[1] == pytest.approx(2.0**4, rel=0.05)  # order four, as of parabolas
+
+
+@pytest.mark.parametrize(("frequency", "cutoff"), [(0.5, 0.1), (5.0, 1.0), (40.0, DRIFT_FREQUENCY)])
+def test_drift_is_below_the_motion(frequency: float, cutoff: float) -> None:
+    time = np.arange(20_000) / 1000.0
+    sine = np.sin(2.0 * np.pi * frequency * time)
+    for drift in (0.0, 0.05 * time, 0.5 * np.sin(0.4 * time)):  # of the sensor, weaker than the motion
+        assert drift_frequency(sine + drift, 1000.0) == pytest.approx(cutoff, rel=0.02)
+    assert drift_frequency(np.full(100, 9.81), 1000.0) == DRIFT_FREQUENCY  # at rest

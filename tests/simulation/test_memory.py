@@ -1,9 +1,5 @@
 """Simulated links with memory against an independent integrator, their energy, and their channels."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,25 +12,7 @@ from structures import link, named, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.expression import (
-    FUNCTIONS,
-    Call,
-    Expression,
-    Number,
-    Power,
-    Product,
-    Program,
-    Sum,
-    add,
-    call,
-    kink_and_branch,
-    multiply,
-    power,
-    substitute,
-)
-
-Mode = tuple[int, ...]
-Event = tuple[Callable[[Floats], float], int, Mode]
+from linkwise.expression import Number, Program, substitute
 
 END, RATE = 3.0, 100.0  # s, Hz: each law passes its kinks several times
 VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
@@ -47,9 +25,7 @@ VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through 
         "psi": 0.3, "dpsi": 0.01, "lam": 0.4,
     },
     "backlash-slip": {"k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "g": 0.4},
-    "band-brake": {
-        "k": 60.0, "c": 0.8, "Fp": 12.0, "Fm": 14.0, "x0": 0.05, "g": 0.4, "b": 0.4, "w": 25.0, "h": 0.3,
-    },
+    "band-brake": {"k": 60.0, "c": 0.8, "Fp": 12.0, "Fm": 14.0, "x0": 0.05, "g": 0.4, "b": 0.4, "w": 25.0, "h": 0.3},
     "dahl": {"sigma": 300.0, "Fc": 12.0, "c": 1.0},
     "lugre": {"s0": 300.0, "s1": 0.5, "s2": 1.0, "Fc": 10.0, "Fs": 14.0, "vs": 0.4},
     "jenkins": {"k": 200.0, "Fs": 12.0},
@@ -79,159 +55,25 @@ def simulated(name: str) -> lw.Record:
     )  # fmt: skip
 
 
-class Smooth:
-    """A law between its kinks: abs, sign, max and min as they are for given signs of what they turn on."""
-
-    def __init__(self, law: lw.Law, values: Mapping[str, float]) -> None:
-        self.law, self.kinks = law, law.kinks
-        self._numbers = {name: Number(value) for name, value in values.items()}
-        self._gaps = [self._program(kink) for kink in self.kinks]
-        self._programs: dict[tuple[int, ...], Program] = {}
-
-    def _program(self, *trees: Expression) -> Program:
-        """Of numbers (`wide` of no input), as the integrator asks for one state at a time."""
-        numbered = [substitute(tree, self._numbers) for tree in trees]
-        return Program(numbered, ("d", "v", *self.law.states), wide=())
-
-    def __call__(self, program: Program, y: Floats) -> list[float]:
-        return [float(value) for value in program(*y)]
-
-    def gap(self, number: int, y: Floats) -> float:
-        """A kink's expression, zero at the kink."""
-        return self(self._gaps[number], y)[0]
-
-    def at(self, signs: tuple[int, ...]) -> Program:
-        """The force and the rates on these branches."""
-        if signs not in self._programs:
-            self._programs[signs] = self._on(signs)
-        return self._programs[signs]
-
-    def _on(self, signs: tuple[int, ...]) -> Program:
-        chosen = dict(zip(self.kinks, signs, strict=True))
-
-        def smooth(node: Expression) -> Expression:
-            match node:
-                case Sum(parts):
-                    return add(*map(smooth, parts))
-                case Product(factors):
-                    return multiply(*map(smooth, factors))
-                case Power(base, exponent):
-                    return power(smooth(base), exponent)
-                case Call(function, arguments) if FUNCTIONS[function].kink is not None:
-                    kink, branch = kink_and_branch(function, arguments)
-                    inner = dict(zip("xy", map(smooth, arguments), strict=False))
-                    return substitute(branch, {**inner, "s": Number(float(chosen[kink]))})
-                case Call(function, arguments):
-                    return call(function, *map(smooth, arguments))
-            return node
-
-        return self._program(
-            smooth(self.law.expression), *(smooth(rate.expression) for rate in self.law.rates)
-        )
-
-
-def drive(t: float) -> float:
-    return float(30.0 * np.sin(7.0 * t) + 12.0 * np.sin(2.3 * t))
-
-
-def by_branches(structure: lw.Structure, grid: Floats) -> Floats:
-    """Displacement, velocity and states (N, 2 + S) by SciPy's DOP853, stopped at every kink of the law."""
-    link = structure.link("link")
-    smooth = Smooth(link.law, link.values)
-
-    def slope(t: float, y: Floats, signs: tuple[int, ...]) -> list[float]:
-        force, *rates = smooth(smooth.at(signs), y)
-        return [y[1], drive(t) - force - 40.0 * y[0] - 0.5 * y[1], *rates]
-
-    start = np.array([0.0, VELOCITY, *(0.0 for _ in link.law.states)])
-    signs = tuple(-1 if smooth.gap(k, start) < 0.0 else 1 for k in range(len(smooth.kinks)))
-
-    def events(signs: tuple[int, ...]) -> list[Event]:
-        return [
-            (partial(smooth.gap, k), -sign, (*signs[:k], -sign, *signs[k + 1 :]))
-            for k, sign in enumerate(signs)
-        ]
-
-    return stopped(slope, events, signs, start, grid)
-
-
-def by_sliders(stiffness: Floats, slips: Floats, grid: Floats) -> Floats:
-    """The same for sliders of these stiffnesses (S,) in N/m and slip stretches (S,) in m, each sticking (0) or sliding."""
-    count = len(slips)
-
-    def slope(t: float, y: Floats, modes: tuple[int, ...]) -> list[float]:
-        rates = [y[1] if mode == 0 else 0.0 for mode in modes]
-        return [y[1], drive(t) - stiffness @ y[2:] - 40.0 * y[0] - 0.5 * y[1], *rates]
-
-    def events(modes: tuple[int, ...]) -> list[Event]:
-        events: list[Event] = []
-        for k, mode in enumerate(modes):
-            if mode:  # all sliders that slide this way stick again
-                events.append((_velocity, -mode, tuple(0 if other == mode else other for other in modes)))
-                continue
-            for way in (1, -1):
-                after = (*modes[:k], way, *modes[k + 1 :])
-                events.append((partial(_beyond, 2 + k, way * slips[k]), way, after))
-        return events
-
-    return stopped(slope, events, (0,) * count, np.array([0.0, VELOCITY, *np.zeros(count)]), grid)
-
-
-def _velocity(y: Floats) -> float:
-    return float(y[1])
-
-
-def _beyond(column: int, limit: float, y: Floats) -> float:
-    return float(y[column] - limit)
-
-
-def stopped(
-    slope: Callable[[float, Floats, Mode], list[float]],
-    events: Callable[[Mode], list[Event]],
-    mode: Mode,
-    start: Floats,
-    grid: Floats,
-) -> Floats:
-    """States (N, D) at `grid`, integrated from event to event; an event is a gap, its direction and the mode after it."""
-    y, t, out = start, 0.0, [start]
-    while len(out) < len(grid):
-        ends = events(mode)
-        functions = [partial(_gap, gap) for gap, _, _ in ends]
-        for function, (_, direction, _) in zip(functions, ends, strict=True):
-            function.terminal, function.direction = True, direction  # type: ignore[attr-defined]
-        run = solve_ivp(
-            slope, (t, grid[-1]), y, "DOP853", args=(mode,), events=functions, dense_output=True,
-            rtol=1e-11, atol=1e-13, max_step=0.02,
-        )  # fmt: skip
-        assert run.success
-        if (passed := grid[len(out) :][grid[len(out) :] <= run.t[-1]]).size:
-            out += list(run.sol(passed).T)
-        t, y = float(run.t[-1]), run.y[:, -1]
-        hit = [number for number, times in enumerate(run.t_events) if len(times)]
-        if hit:
-            mode = ends[hit[0]][2]
-    return np.array(out)
-
-
-def _gap(gap: Callable[[Floats], float], t: float, y: Floats, mode: Mode) -> float:
-    return gap(y)
-
-
 def reference(name: str) -> Floats:
-    grid, values = np.arange(round(END * RATE) + 1) / RATE, VALUES[name]
-    if name == "jenkins":  # its state is a force
-        states = by_sliders(np.array([values["k"]]), np.array([values["Fs"] / values["k"]]), grid)
-        states[:, 2] *= values["k"]
-        return states
-    if name.startswith("iwan"):  # Segalman 2005, equations 12 to 18, over three equal parts
-        chi, beta, FS, KT = values["chi"], values["beta"], values["FS"], values["KT"]
-        largest = FS * (1 + beta) / (KT * (beta + (chi + 1) / (chi + 2)))
-        edges = np.linspace(0.0, 1.0, 4)
-        shares, moments = np.diff(edges ** (chi + 1)), np.diff(edges ** (chi + 2))
-        slips = largest * (chi + 1) / (chi + 2) * moments / shares
-        stiffness = KT / (1 + beta) * np.append(shares, beta)
-        return by_sliders(stiffness, np.append(slips, largest), grid)
-    return by_branches(beside_spring(name), grid)
+    """Displacement, velocity and states (N, 2 + S) by SciPy's DOP853, whose steps shrink at the kinks of a law."""
+    own = beside_spring(name).link("link")
+    numbers = {key: Number(value) for key, value in own.values.items()}
+    trees = [
+        substitute(tree, numbers) for tree in (own.law.expression, *(r.expression for r in own.law.rates))
+    ]
+    program = Program(trees, ("d", "v", *own.law.states), wide=())  # of one state at a time
+
+    def slope(t: float, y: Floats) -> list[float]:
+        force, *rates = (float(value) for value in program(*y))
+        driven = 30.0 * np.sin(7.0 * t) + 12.0 * np.sin(2.3 * t)
+        return [y[1], driven - force - 40.0 * y[0] - 0.5 * y[1], *rates]
+
+    grid = np.arange(round(END * RATE) + 1) / RATE
+    start = np.array([0.0, VELOCITY, *(0.0 for _ in own.law.states)])
+    run = solve_ivp(slope, (0.0, END), start, "DOP853", grid, rtol=1e-11, atol=1e-13, max_step=0.02)
+    states: Floats = run.y.T
+    return states
 
 
 @pytest.mark.slow

@@ -1,14 +1,16 @@
-"""Simulations of laws that name a signal: its course is given as forces are, recorded, and counted in the energies."""
+"""Simulated signals, hosts, and branches of laws with kinks where a piece of an input begins."""
 
-from __future__ import annotations
-
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import said
+from present import present, some
 from scipy.interpolate import make_interp_spline
+from structures import NES, bodies, host, link, oscillator, structure
 
 import linkwise as lw
 
@@ -75,7 +77,7 @@ def test_responses_take_no_signal() -> None:
 
 
 @pytest.mark.parametrize("suffix", ["csv", "h5", "mat"])
-def test_the_command_takes_signals_and_files_keep_them(
+def test_commands_and_files_keep_signals(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -103,3 +105,93 @@ def test_a_signal_is_read_in_its_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.channel("signal:u"), 1e-3 * np.arange(40), rtol=1e-12)
     with pytest.raises(lw.RecordError, match="'degC' is not a unit of signal of a law"):
         lw.read_record(path, channels={"x:m1": "laser", "signal:u[degC]": "valve"})
+
+
+@cache
+def two_masses() -> lw.Structure:
+    """Two masses on springs, undamped, so that real modes take them apart."""
+    springs = link("root", "a-ground", "k*d", k=3e4), link("between", "b-a", "k*d", k=2e4)
+    return structure({"a": 1.0, "b": 0.5}, *springs)
+
+
+def with_sink(subject: lw.Structure, end: str) -> lw.Structure:
+    """A structure with a bistable sink at one of its places."""
+    sink = link("nes", f"sink-{end}", NES, alpha=-100.0, beta=1e6, c=0.02)
+    masses = (*subject.masses, *bodies({"sink": 0.01}))
+    return replace(subject, masses=masses, links=(*subject.links, sink))
+
+
+@cache
+def as_host() -> lw.Structure:
+    """The same two masses by their modes."""
+    modes = lw.analysis.modes(two_masses())
+    shapes = modes.shapes / np.sqrt(np.einsum("ir,i,ir->r", modes.shapes, [1.0, 0.5], modes.shapes))
+    by_point = {"a": shapes[0].tolist(), "b": shapes[1].tolist()}
+    return structure({}, hosts=[host("beam", modes.frequencies.tolist(), 0.0, by_point)])
+
+
+def test_a_host_by_its_modes_moves_as_its_masses_do() -> None:
+    """Displacements, accelerations and forces agree with those of the masses to the accuracy of two integrations."""
+    masses, host = (
+        lw.simulate(
+            structure,
+            forces={f"{prefix}a": "20*sin(60*t)"},
+            impulses=[lw.model.Impulse(f"{prefix}b", 0.05)],
+            sensors=["x", "a", "f:nes"],
+            duration=0.5,
+            rate=1000.0,
+        )
+        for structure, prefix in (
+            (with_sink(two_masses(), "b"), ""),
+            (with_sink(as_host(), "beam.b"), "beam."),
+        )
+    )
+    assert host.channels[:3] == ("x:beam.a", "x:beam.b", "x:sink")
+    for column, name in some(enumerate(masses.channels)):
+        size = np.abs(masses.values[:, column]).max()
+        # half a second of chaotic motion amplifies 1e-16 by less than 1e8
+        assert np.abs(host.values[:, column] - masses.values[:, column]).max() < 1e-8 * size, name
+
+
+def test_energy_of_a_host_balances_and_what_it_lacks_is_told() -> None:
+    subject = with_sink(as_host(), "beam.b")
+    record = lw.simulate(subject, forces={"beam.a": "20*sin(60*t)"}, duration=2.0, rate=500.0)
+    energy = present(record.simulated).energy
+    assert np.abs(energy.residual).max() < 1e-12 * np.abs(energy.supplied).max()
+    with pytest.raises(lw.SimulationError, match=r"release these, such as x:beam\.mode1"):
+        lw.simulate(subject, release={"x:beam.a": 0.1}, duration=1.0, rate=100.0)
+    blow = [lw.model.Impulse("beam.c", 1.0)]
+    with pytest.raises(lw.SimulationError, match=r"the masses and points are beam\.a, beam\.b, sink"):
+        lw.simulate(subject, impulses=blow, duration=1.0, rate=100.0)
+
+
+FRICTION = oscillator(
+    "k*d + g*max(d - e, 0) + g*min(d + e, 0) + f*tanh(v/s) + c*v*abs(v)",
+    mass=1.0,
+    k=400.0, g=4000.0, e=0.02, f=0.3, s=0.01, c=0.5,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_an_input_in_pieces_leaves_the_motion_as_it_is() -> None:
+    """A force of 0 in 2000 pieces: what is chosen at the start of each of them is what was there before."""
+    nothing = lw.model.Sampled(0.0, 1000.0, np.zeros(2001))
+    motion, in_pieces = (
+        lw.simulate(FRICTION, release={"v:m1": 1.0}, forces=forces, duration=2.0, rate=1000.0).channel("x:m1")
+        for forces in ({}, {"m1": nothing})
+    )
+    assert np.count_nonzero(np.diff(np.sign(motion - 0.02))) > 4
+    np.testing.assert_allclose(in_pieces, motion, rtol=0.0, atol=1e-12)  # the integrator is right to rounding
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_piece_may_begin_on_a_kink(side: float) -> None:
+    """At rest on the edge of a gap, |v| zero as well, and pushed over it by what a later piece of the force brings."""
+    force = np.full(2001, 8.0)  # holds the spring at the edge
+    force[1001:] += np.linspace(0.0, 2.0, 1000)
+    forces = {"m1": lw.model.Sampled(0.0, 1000.0, side * force)}
+    record = lw.simulate(FRICTION, release={"x:m1": 0.02 * side}, forces=forces, duration=2.0, rate=1000.0)
+    pushed = side * record.channel("x:m1")
+    np.testing.assert_allclose(pushed[:900], 0.02, atol=1e-9)
+    stop = (10.0 + 80.0) / (400.0 + 4000.0)  # where both springs bear the force; 0.025 without the second
+    assert abs(pushed[-1] - stop) < 1e-4  # it still moves a little

@@ -1,7 +1,5 @@
 """Where noise goes and where derivatives come from; and what force a fit in monomials of all states amounts to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -106,9 +104,7 @@ def test_what_cannot_be_a_study_is_refused(record: Record) -> None:
 
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("link", ["nes1", "nes2"])
-def test_an_exact_fit_gives_the_exact_force(
-    record: Record, exact: RegressionFit, reading: Reading, link: str
-) -> None:
+def test_exact_fits_give_the_force(record: Record, exact: RegressionFit, reading: Reading, link: str) -> None:
     d, force = monomial_force(exact, CHAIN, link, record, reading=reading)
     sink, primary = CHAIN.link(link).between
     stretch = record.channel(f"x:{sink}") - record.channel(f"x:{primary}")

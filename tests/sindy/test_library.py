@@ -1,9 +1,5 @@
 """Columns over states: monomials named, counted and evaluated in blocks; links with both masses sharing."""
 
-from __future__ import annotations
-
-import itertools
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +12,8 @@ from linkwise.model.chains import bnes_chain
 from linkwise.model.structure import Structure
 from linkwise.signals.states import States
 from linkwise.sindy import library
-from linkwise.sindy.library import Monomials, MonomialSums, link_columns, local_equations, monomial_equations
-from linkwise.sindy.regression.linear_system import RowSums, fit_bytes
-from linkwise.sindy.regression.regressor import Regressor
-from linkwise.sindy.regression.regressors import L1, LeastSquares, Stlsq
+from linkwise.sindy.library import Monomials, link_columns, local_equations, monomial_equations
+from linkwise.sindy.regression.regressors import LeastSquares, Stlsq
 
 COUNT = 400
 SAME = 1e-9  # same numerics: rounding times the condition number of the columns
@@ -60,15 +54,6 @@ def test_monomials_are_counted_named_and_evaluated_in_the_same_order() -> None:
         np.testing.assert_allclose(columns[:, column], expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("order", [0, 1, 2, 4])
-def test_every_monomial_is_the_product_of_its_variables(order: int) -> None:
-    values = np.random.default_rng(1).normal(size=(20, 4))
-    columns = Monomials(tuple("abcd"), order).evaluate(values)
-    chosen = [c for k in range(order + 1) for c in itertools.combinations_with_replacement(range(4), k)]
-    expected = np.column_stack([np.prod(values[:, list(c)], axis=1) for c in chosen])
-    np.testing.assert_allclose(columns, expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("mixing", [1, 2, 3, 4, None])
 @pytest.mark.parametrize("order", [0, 1, 3, 4])
 def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | None) -> None:
@@ -90,38 +75,6 @@ def test_a_library_that_cannot_be_is_refused() -> None:
         Monomials(("a", "a"), 2)
     with pytest.raises(IdentificationError, match="mixing must be positive, got 0; mixing=1 keeps powers"):
         Monomials(("a", "b"), 2, mixing=0)
-
-
-def test_equations_of_all_states_come_in_blocks_that_agree_with_the_whole() -> None:
-    states = _states(bnes_chain(2))
-    equations = monomial_equations(states, 3)
-    assert equations.targets == ("x1'", "x1''", "x2'", "x2''")
-    assert len(equations.names) == 35 and equations.rows == COUNT
-    whole, target = equations.rows_of(slice(0, COUNT))
-    part, part_target = equations.rows_of(slice(100, 140))
-    np.testing.assert_array_equal(part, whole[100:140])
-    np.testing.assert_array_equal(part_target, target[100:140])
-    rates = np.column_stack([states.v[:, 0], states.a[:, 0], states.v[:, 1], states.a[:, 1]])
-    np.testing.assert_array_equal(target, rates)
-    product = whole[:, equations.names.index("x1*v2")]
-    np.testing.assert_allclose(product, states.x[:, 0] * states.v[:, 1], rtol=1e-12)
-
-
-@pytest.mark.parametrize("order", [2, 3, 4])
-@pytest.mark.parametrize("forces", [False, True])
-def test_distinct_sums_make_the_gram_matrix_of_all_monomials(order: int, forces: bool) -> None:
-    equations = monomial_equations(_states(bnes_chain(2), forces=forces, base=forces), order)
-    distinct, plain = equations.gram_sums(), RowSums(len(equations.names))
-    assert isinstance(distinct, MonomialSums)
-    for rows, _ in some(equations.rows_of(slice(first, first + 150)) for first in (0, 150, 300)):
-        distinct.add(rows)
-        plain.add(rows)
-    norms = np.sqrt(np.diagonal(plain.matrix()))
-    # identity: the same sums, of products of other factors
-    assert np.abs((distinct.matrix() - plain.matrix()) / np.outer(norms, norms)).max() < 1e-12
-    # lacks the lists that its products are made of
-    limited = monomial_equations(_states(bnes_chain(2)), order, mixing=1)
-    assert isinstance(limited.gram_sums(), RowSums)
 
 
 def test_masses_of_other_names_and_inputs_have_columns_of_their_own() -> None:
@@ -178,9 +131,7 @@ def test_masses_without_states_are_refused() -> None:
         local_equations(states, bnes_chain(4), 3)
 
 
-def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_library_beyond_memory_says_its_size_and_what_would_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     flat = np.zeros((40, 50))
     states = States(np.arange(40.0), tuple(f"m{k + 1}" for k in range(50)), flat, flat, flat, flat)
     monkeypatch.setattr(library, "available_memory", lambda: 16 * 10**9)
@@ -197,21 +148,6 @@ def test_a_library_beyond_memory_says_how_large_it_is_and_what_would_fit(
         monomial_equations(states, 3)
     assert len(monomial_equations(states, 3, mixing=1).names) == 301
     assert len(monomial_equations(states, 3, columns_of=("m1", "m2", "m3")).names) == 84
-
-
-@pytest.mark.parametrize("regressor", [LeastSquares(), Stlsq(1e-3), Stlsq(), L1()])
-def test_the_memory_predicted_is_what_a_fit_takes(regressor: Regressor) -> None:
-    random = np.random.default_rng(0)
-    motion = random.normal(size=(2000, 9))
-    names = tuple(f"m{k + 1}" for k in range(9))
-    states = States(np.arange(2000.0), names, motion, motion[::-1], motion**2, 0 * motion)
-    equations = monomial_equations(states, 3, equations_of=("m1", "m2"))
-    tracemalloc.start()
-    regressor.fit(equations)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    predicted = fit_bytes(len(equations.names))
-    assert predicted / 3 < peak < predicted
 
 
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])

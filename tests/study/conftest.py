@@ -1,7 +1,5 @@
 """The small study, run once for all tests of studies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

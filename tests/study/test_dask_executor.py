@@ -1,7 +1,5 @@
 """The same study on a dask cluster of two processes."""
 
-from __future__ import annotations
-
 import logging
 import os
 import signal

@@ -1,7 +1,5 @@
 """Methods that look for terms: discovery and SINDy, and how their answers are judged."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import get_args
@@ -147,23 +145,6 @@ def test_pysindy_is_named_where_it_is_missing(subject: Subject, monkeypatch: pyt
     ):
         with pytest.raises(lw.IdentificationError, match=message):
             PySindyMethod("peer").evaluate(given, given.simulate(), snr_db=40.0, seed=1)
-
-
-@pytest.mark.parametrize("threshold", [0.003, 0.02, 0.1])
-def test_pysindy_and_our_own_judge_monomials_alike_without_noise(threshold: float) -> None:
-    """Two implementations, with derivatives of their own; a threshold is the same share of the right-hand side in both."""
-    pytest.importorskip("pysindy", reason="install the extra [peers] to compare with PySINDy")
-    fine = Subject("fine", CHAIN, duration=1.0, rate=5000.0, release={"v:m1": 1.0})
-    clean = fine.simulate()
-    peer, ours = (
-        method.evaluate(fine, clean, snr_db=300.0, seed=1)
-        for method in (
-            PySindyMethod("peer", threshold=threshold),
-            SindyMethod("ours", "monomials", threshold=threshold),
-        )
-    )
-    assert peer.terms == ours.terms and peer.terms["extra"] == 0 and peer.terms["right"] >= 4
-    assert peer.status == ours.status == "converged"
 
 
 @pytest.mark.parametrize("kind", ["discover", "sindy", "pysindy"])

@@ -1,10 +1,7 @@
 """Running a study: rows that do not depend on who ran them, failures that are rows, workers that die."""
 
-from __future__ import annotations
-
 import concurrent.futures
 import multiprocessing
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
@@ -16,17 +13,7 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.progress import silent
-from linkwise.study.executor import (
-    CaseBatch,
-    CaseResult,
-    Executor,
-    FailureKind,
-    ProcessExecutor,
-    Timing,
-    failed_row,
-    next_batch,
-    run_batch,
-)
+from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor, run_batch
 from linkwise.study.row import Case
 from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
@@ -72,12 +59,11 @@ def run_by(executor: Executor, study: lw.study.Study, folder: Path) -> list[lw.s
 
 
 @pytest.mark.slow
-def test_rows_depend_neither_on_order_nor_on_the_executor(
-    small_folder: Path, study: lw.study.Study, tmp_path: Path
-) -> None:
+def test_neither_order_nor_executor_count(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
     assert run_by(Here(5), study, tmp_path / "out") == list(lw.study.read_rows(small_folder))
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:
@@ -92,9 +78,7 @@ def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     assert [row.seconds for row in again] == [row.seconds for row in rows]
 
 
-def test_a_worker_that_dies_loses_only_what_it_was_at(
-    small_folder: Path, study: lw.study.Study, tmp_path: Path
-) -> None:
+def test_a_worker_that_dies_loses_a_batch(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
     known = list(lw.study.read_rows(small_folder))
     unlucky = list(study.cases())[-1]
     executor = Here(2, {unlucky: 2}, known=known)
@@ -137,9 +121,7 @@ class Replaying(concurrent.futures.Executor):
         return future
 
 
-def test_shards_by_any_executor_are_gathered(
-    small_folder: Path, study: lw.study.Study, tmp_path: Path
-) -> None:
+def test_shards_of_any_executor_join(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
     known = lw.study.read_rows(small_folder)
     executor, folder = Replaying(known), tmp_path / "out"
     for part in (1, 3):
@@ -182,9 +164,7 @@ class Gone(Executor):
         pass
 
 
-def test_answers_that_are_not_finite_are_no_answers(
-    study: lw.study.Study, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_infinite_answers_are_no_answers(study: lw.study.Study, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case("bnes2", 20.0, "weak", 1000)
     monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
@@ -217,50 +197,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     assert list(lw.study.read_rows(tmp_path / "out")) == answered
 
 
-def test_who_runs_a_study_is_said_once(tmp_path: Path) -> None:
-    with pytest.raises(lw.StudyError, match="and a scheduler has workers of its own; give one of the two"):
-        lw.study.run_study("paper", tmp_path / "out", workers=1, scheduler="tcp://127.0.0.1:8786")
-    with pytest.raises(lw.StudyError, match="at least one worker, got 0"):
-        lw.study.run_study("paper", tmp_path / "out", workers=0)
-    with pytest.raises(lw.StudyError, match="at least one worker"):
-        ProcessExecutor(0)
-
-
-def test_batches_last_as_long_as_they_should() -> None:
-    cases = [Case("a", 20.0, "fast", seed) for seed in range(30)] + [
-        Case("a", 20.0, "slow", seed) for seed in range(4)
-    ]
-    rows = [
-        failed_row(Case("a", 20.0, "fast", 99), 2, "", seconds=0.01),
-        failed_row(Case("a", 20.0, "slow", 99), 2, "", seconds=5.0),
-    ]
-    timing, pending = Timing(rows, cases, {"a": 2, "b": 4}), deque(cases)
-    suspects = {cases[12]}
-    sizes = []
-    while pending:
-        sizes.append(len(next_batch(pending, timing, 0.1, suspects)))
-    assert sizes == [10, 2, 1, 10, 7, 1, 1, 1, 1]
-    unknown = deque(Case("b", 20.0, "new", seed) for seed in range(2))
-    assert len(next_batch(unknown, timing, 1e9, set())) == 1  # nobody knows how long it takes
-    assert timing.expected(Case("b", 20.0, "slow", 0)) == pytest.approx(4 * 5.0)  # twice the masses
-    assert timing.expected(unknown[0]) == pytest.approx(4 * (0.01 + 5.0) / 2)
-
-
-def test_the_time_left_is_that_of_cases_like_those_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = iter([0.0, 10.0, 10.0, 20.0])
-    monkeypatch.setattr("linkwise.study.executor.perf_counter", lambda: next(clock))
-    cases = [Case("a", 20.0, method, seed) for method in ("fast", "slow") for seed in range(3)]
-    timing = Timing([], cases, {"a": 2})
-    assert timing.left is None
-    timing.finished(cases[0], 2.0)
-    timing.finished(cases[3], 8.0)
-    # Ten seconds of work took ten seconds: two cases of 2 s and two of 8 s are left.
-    assert timing.left == pytest.approx(20.0)
-    assert timing.rate == pytest.approx(0.2)
-    # The same, seen twice as late: the workers are half as fast.
-    assert timing.left == pytest.approx(40.0)
-
-
+@pytest.mark.slow
 def test_a_process_that_is_killed_takes_one_batch_with_it(study: lw.study.Study) -> None:
     """The one that it was at; the next one, which it had already, can be told from that."""
     case = Case("bnes4", 20.0, "ml", 1000)

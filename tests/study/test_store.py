@@ -1,7 +1,5 @@
 """The folder of a study: rows that stay, one writer at a time, and a definition that does not change unnoticed."""
 
-from __future__ import annotations
-
 import signal
 import sqlite3
 import subprocess
@@ -89,9 +87,7 @@ def test_the_lock_dies_with_its_process(tmp_path: Path, study: lw.study.Study) -
         assert store.done() == set()
 
 
-def test_a_changed_definition_is_noticed(
-    tmp_path: Path, study: lw.study.Study, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changed_definition(tmp_path: Path, study: lw.study.Study, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "out"
     with open_store(folder, study) as store:
         store.add(rows_of(study))
@@ -145,9 +141,7 @@ def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.st
 
 
 @pytest.mark.parametrize("content", [b"not a database at all, but long enough to be read as one" * 20, None])
-def test_a_damaged_store_is_said_to_be_one(
-    content: bytes | None, tmp_path: Path, study: lw.study.Study
-) -> None:
+def test_a_damaged_store_is_told(content: bytes | None, tmp_path: Path, study: lw.study.Study) -> None:
     if content is None:
         with closing(sqlite3.connect(tmp_path / DATABASE)) as database:
             database.execute("CREATE TABLE mine (x)")

@@ -1,7 +1,5 @@
 """Success maps: counts of exact answers over noise and samples a period, panel by panel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Study files: what they say, what is filled in, and what each mistake is answered with."""
 
-from __future__ import annotations
-
 import json
 import re
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """The weak form of links with memory whose states are measured, and those that it must refuse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The weak form of links with a state that is not measured: D - a, applied to the equations, eliminates it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -91,16 +89,10 @@ def test_an_exact_motion_gives_the_laws() -> None:
     ("clean", "asked", "true", "count", "snr_db"),
     [
         (shaken, asked_mount(), MOUNT, 12, 30.0),
-        (
-            harvesting,
-            asked_harvester(R=PIEZO["R"]),
-            {f"piezo.{name}": PIEZO[name] for name in PIEZO},
-            8,
-            40.0,
-        ),
+        (harvesting, asked_harvester(R=PIEZO["R"]), {f"piezo.{name}": PIEZO[name] for name in PIEZO}, 8, 40.0),
     ],
     ids=["mount", "harvester whose resistance is known"],
-)
+)  # fmt: skip
 def test_intervals(
     clean: Callable[[], lw.Record], asked: lw.Structure, true: dict[str, float], count: int, snr_db: float
 ) -> None:
@@ -146,11 +138,7 @@ def test_a_branch_on_a_host() -> None:
     wing = host("wing", (5.2, 9.0), (0.01, 0.012), {"tip": (1.0, -0.9), "joint": (0.62, 0.5)})
 
     def carrying(**values: lw.Coefficient | float) -> lw.Structure:
-        return structure(
-            {"store": 0.5},
-            named("branch", "store-wing.tip", "zener", **values),
-            hosts=[wing],
-        )
+        return structure({"store": 0.5}, named("branch", "store-wing.tip", "zener", **values), hosts=[wing])
 
     solid = {"k": 500.0, "k1": 300.0, "c1": 12.0}
     taps = {"wing.joint": "6*sin(14*t) + 6*sin(33*t + 1) + 5*sin(45*t + 2) + 4*sin(57*t)"}
@@ -201,8 +189,6 @@ def with_an_end_unseen() -> lw.Structure:
     ],
     ids=["collinear", "not linear", "two states", "no start", "an end that is not recorded"],
 )
-def test_what_cannot_be_identified_is_refused(
-    clean: Callable[[], lw.Record], asked: lw.Structure, message: str
-) -> None:
+def test_unidentifiable_is_refused(clean: Callable[[], lw.Record], asked: lw.Structure, message: str) -> None:
     with pytest.raises(lw.LinkwiseError, match=message):
         lw.identify(noisy(clean(), 40.0, SEEDS[0]), asked, method="weak")

@@ -1,7 +1,5 @@
 """The weak form on hosts: modal coordinates from displacements of points, and records that do not tell them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

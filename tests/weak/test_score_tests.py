@@ -1,7 +1,5 @@
 """Answers of the weak form are judged by the likelihood: what follows the motion is named, and not trusted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -72,9 +70,7 @@ def test_a_wrong_gain_of_an_applied_force_is_named(
 @pytest.mark.parametrize(
     ("name", "factor", "snr_db"), [("m1", 1.02, 40.0), ("m2", 1.1, 20.0), ("m2", 1.01, 40.0)]
 )
-def test_a_mass_that_is_wrong_takes_trust_away(
-    name: str, factor: float, snr_db: float, chain: lw.Structure
-) -> None:
+def test_a_wrong_mass_takes_trust(name: str, factor: float, snr_db: float, chain: lw.Structure) -> None:
     """By its ratio to the other one, which is all that a motion without forces tells."""
     wrong = tuple(
         replace(mass, mass=lw.Coefficient.number(factor * float(mass.mass.value or 0.0)))
@@ -193,23 +189,6 @@ def test_a_coefficient_that_hardly_stands_above_the_noise_takes_trust_away() -> 
     subject = structure.unknown("soft")
     assert lw.identify(noisy, subject, method="weak").trusted
     assert lw.identify(stiff_pair(25.0, seed=1)[1], structure.unknown("all"), method="weak").trusted
-
-
-@pytest.mark.parametrize("large", [False, True])
-def test_large_structures_are_tested_by_the_weak_form_alone(
-    large: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Quadratic damping of a link, named by one score test where the likelihood is not searched."""
-    if large:
-        monkeypatch.setattr("linkwise.identification.weak_answer._LARGEST", 1)
-    chain = lw.bnes_chain(2)
-    spring = chain.link("spring1")
-    values = {name: float(spring.coefficients[name].value or 0.0) for name in ("k", "c")}
-    rough = with_links(chain, link("spring1", "m1-ground", "k*d + c*v + q*v*abs(v)", **values, q=1.0))
-    clean = lw.simulate(rough, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
-    fit = lw.identify(clean.with_noise(40.0, seed=2), chain.unknown("all"), method="weak")
-    assert not fit.trusted and "a force like v*abs(v) in spring1" in fit.message
-    assert bool(fit.diagnosis) is not large and ('Method "ml"' in fit.message) is large
 
 
 def test_a_bias_of_the_weak_form_takes_trust_away() -> None:

@@ -1,7 +1,5 @@
 """Damping that a record leaves open is named with what it would do, beside what is known beforehand too."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

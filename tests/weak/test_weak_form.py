@@ -1,12 +1,14 @@
-"""Identities of the weak form: sums obey integrals by parts, and laws lose the bias that noise gives them."""
-
-from __future__ import annotations
+"""The weak form: sums by parts, bias, and the accuracy of its answers."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from paper_weak_fits import LEVELS, check_cover, check_short_records, check_sinks, true_values
+from present import some
+from problems import chain_record
 
+import linkwise as lw
 from linkwise.model.law import Law
 from linkwise.weak.weak_form import WeakLaw, weak_law
 from linkwise.weak.window import Window
@@ -23,33 +25,6 @@ def test_sums_by_parts_are_exact_for_polynomials(window: Window) -> None:
         size_1, size_2 = np.abs(first) @ np.abs(t) ** k, np.abs(second) @ np.abs(t) ** k
         assert abs(first @ t**k + (k * (phi @ t ** (k - 1)) if k else 0.0)) < 1e-12 * size_1
         assert abs(second @ t**k - (k * (k - 1) * (phi @ t ** (k - 2)) if k > 1 else 0.0)) < 1e-12 * size_2
-
-
-@pytest.mark.parametrize("window", WINDOWS, ids=lambda window: f"half {window.half}")
-def test_test_functions_without_a_state(window: Window) -> None:
-    """psi = -phi' - a phi, its derivatives, and phi, phi', phi'': sum (psi'' + a phi'') t^k is minus that of phi''' t^k."""
-    a, plain, kernels = -40.0, window.kernels, window.without(-40.0).kernels
-    scale = kernels[3, window.half] / plain[0, window.half]
-    assert kernels[3:] == pytest.approx(scale * plain, rel=1e-12)
-    assert kernels[:2] == pytest.approx(-scale * (plain[1:] + a * plain[:2]), rel=1e-9)
-    assert np.linalg.norm(kernels[2]) == pytest.approx(1.0)
-    t, third = window.step * np.arange(-window.half, window.half + 1), -kernels[2] - a * kernels[5]
-    for k in range(6):
-        expected = -k * (k - 1) * (k - 2) * (kernels[3] @ t ** (k - 3)) if k > 2 else 0.0
-        assert abs(third @ t**k - expected) < 1e-11 * np.abs(third) @ np.abs(t) ** k
-
-
-def test_sums_by_parts_on_an_oscillation() -> None:
-    """sum phi'' x = sum phi x'' for 20 Hz: to the alias of phi, less in a wider window."""
-    t = np.arange(600) / 1000.0
-    x = np.sin(125.0 * t)
-    errors = []
-    for window in (Window.of_deviation(deviation, 1e-3) for deviation in (1.8, 3.0, 5.0, 8.0)):
-        by_parts = window.filter(x[None], window.kernels[2:])[0, 0]
-        direct = window.filter(-(125.0**2) * x[None], window.kernels[:1])[0, 0]
-        errors.append(np.abs(by_parts - direct).max() / np.abs(direct).max())
-    assert errors[0] < 1e-7 and errors[-1] < 1e-9  # 5.8e-8 and 2.7e-10 here, where nothing is random
-    assert errors == sorted(errors, reverse=True)
 
 
 S = 0.3
@@ -78,9 +53,7 @@ def chains(weak: WeakLaw, d: np.ndarray, variance: float, **values: float) -> li
         (5, lambda d: d**5 - 10 * S**2 * d**3 + 15 * S**4 * d),
     ],
 )
-def test_powers_without_bias_are_hermite_polynomials(
-    power: int, hermite: Callable[[np.ndarray], np.ndarray]
-) -> None:
+def test_powers_are_hermite_polynomials(power: int, hermite: Callable[[np.ndarray], np.ndarray]) -> None:
     d = np.linspace(-2.0, 2.0, 9)
     [[unbiased, slope, *_]] = chains(weak_law(Law.parse(f"k*d**{power}"), frozenset()), d, S**2)
     assert unbiased == pytest.approx(hermite(d), abs=1e-12)
@@ -104,3 +77,43 @@ def test_without_correction_the_cube_is_biased() -> None:
     standard = np.std(unbiased) / np.sqrt(len(noisy))
     assert abs(unbiased.mean() - 1.0) < 4 * standard
     assert np.mean(noisy**3) - 1.0 > 50 * standard
+
+
+SEEDS, RECORDS = 4, 40  # of twenty and of 200
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("n", "decibel"), [(2, 10.0), (4, 20.0), (2, 40.0), *((8, decibel) for decibel in LEVELS)]
+)
+def test_sinks_and_standard_errors(n: int, decibel: float) -> None:
+    check_sinks(n, decibel, SEEDS)
+
+
+@pytest.mark.slow
+def test_intervals_and_bands_cover() -> None:
+    check_cover(RECORDS)
+
+
+@pytest.mark.slow
+def test_short_records_say_how_little_they_tell() -> None:
+    check_short_records(0.15, 30)
+
+
+@pytest.mark.slow
+def test_without_noise_the_answer_is_exact_and_trusted() -> None:
+    """To the alias of the window, 1e-5 of a coefficient."""
+    chain = lw.bnes_chain(4)
+    fit = lw.identify(chain_record(4), chain.unknown("all"), method="weak")
+    assert fit.trusted
+    for name, value in some(true_values(chain).items()):
+        assert fit.coefficient(name).value == pytest.approx(value, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_two_ways_agree_on_a_record_without_noise() -> None:
+    """The weak form against columns over measured velocities and accelerations: no step in common but the laws."""
+    chain = lw.bnes_chain(2)
+    record = chain_record(2, duration=3.0, sensors=("x", "v", "a"))
+    weak, columns = (lw.identify(record, chain.unknown("all"), method=method) for method in ("weak", "sindy"))
+    assert weak.values == pytest.approx(columns.values, rel=1e-5)

@@ -1,7 +1,5 @@
 """The bound of a planned test: equal to a dense Fisher matrix, scaling as information does, silent about nothing."""
 
-from __future__ import annotations
-
 import json
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """Damping between modes from a test: found where it is, with its standard error, and not where it is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import host, structure

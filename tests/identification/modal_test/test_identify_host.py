@@ -1,7 +1,5 @@
 """Hosts from the records of a modal test: modes with standard errors, and what the records do not tell."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -59,13 +57,13 @@ def test_a_structure_that_is_not_linear_is_not_trusted() -> None:
 
 @pytest.mark.slow
 def test_errors_of_modes_that_are_not_quite_linear_hold_those_at_rest() -> None:
-    estimate = lw.modal.identify_host(shaken(22, cubic=3e2, samples=10000).with_noise(60.0, seed=22))
+    estimate = lw.modal.identify_host(shaken(22, cubic=3e2, samples=5000).with_noise(60.0, seed=22))
     assert estimate.verdicts == (lw.Verdict.NOISE_MISMATCH,)
     assert "not quite linear, they are those of this level" in estimate.remarks[0]
     # the spring at this level moves the first frequency by many of the standard errors that the scatter leaves
     assert np.abs(errors(estimate.host)).max() < 3.0
     assert estimate.host.modes[0].frequency.sigma < 0.01 * CANTILEVER[0]  # and is known
-    exact = lw.modal.identify_host(shaken(22, samples=10000).with_noise(60.0, seed=22)).host.modes[0]
+    exact = lw.modal.identify_host(shaken(22, samples=5000).with_noise(60.0, seed=22)).host.modes[0]
     assert exact.frequency.sigma < 0.01 * estimate.host.modes[0].frequency.sigma
 
 

@@ -1,7 +1,5 @@
 """A mode that slips a little is found as one, with errors that count it, and two modes that lie close as two."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from structures import host, link, structure

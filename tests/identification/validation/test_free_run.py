@@ -1,7 +1,5 @@
 """Free runs: a structure let go from a state that the record tells, beside the record."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +23,7 @@ def forced(duffing: lw.Structure) -> lw.Record:
     return lw.simulate(duffing, forces={"m1": force}, duration=4.0, rate=500.0)
 
 
-def test_the_true_structure_leaves_the_noise_and_a_wrong_one_more(
+def test_the_truth_leaves_the_noise_and_a_wrong_structure_more(
     duffing: lw.Structure, forced: lw.Record
 ) -> None:
     """From a state that the run works out: to 3 % of 1700 samples and the interpolation of the force."""

@@ -1,7 +1,5 @@
 """Validation of links with memory between masses: by the truth, by wrong laws, and in windows of chaotic motion."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Validation of links alone on a rig: forces predicted along a motion that was not fitted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

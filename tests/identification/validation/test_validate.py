@@ -1,7 +1,5 @@
 """Validation: predictions of simulated records by the truth, by estimates and by wrong structures."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -190,13 +188,6 @@ def test_a_chaotic_chain_is_predicted_in_windows() -> None:
     assert wrong.verdicts == (lw.Verdict.PREDICTION_DISAGREES,)
 
 
-@pytest.mark.parametrize("burn", [0.004, 0.006, 0.02])
-def test_a_burn_of_few_samples_makes_no_linear_structure_chaotic(burn: float) -> None:
-    linear = oscillator("k*d + c*v", name="spring", k=900.0, c=2.0)
-    validation = lw.validate(forced(linear, 4)[217:], linear, burn=burn)
-    assert validation.free_run and validation.horizon is None and validation.trusted
-
-
 # --- data as they are
 
 
@@ -245,7 +236,9 @@ def test_records_that_do_not_fit_the_structure_are_refused() -> None:
 
 
 def test_an_untrusted_estimate_is_taken_as_exact() -> None:
-    estimate = replace(lw.identify(forced(duffing(), 1), asked_oscillator("k*d", 1.0)), approximate=False)
+    estimate = replace(
+        lw.identify(forced(duffing(), 1)[:500], asked_oscillator("k*d", 1.0)), approximate=False
+    )
     assert estimate.grade is lw.Grade.REFUSED
     validation = lw.validate(forced(duffing(), 2), estimate)
     assert not validation.trusted and not validation.coefficients

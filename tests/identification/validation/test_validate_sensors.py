@@ -1,7 +1,5 @@
 """Validation by an answer that found errors of sensors: they are taken out of the record that it is compared with."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Records that lack a few samples: modes are followed all the same, and what was interpolated is told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Identification of links alone on a rig: states, intervals, offsets, verdicts and refusals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -226,9 +224,7 @@ def test_records_with_different_load_cells_are_refused() -> None:
     ("channel", "value", "message"),
     [("f:damper", np.nan, "f:damper has no sample"), ("x:base", 0.01, "x:base does not change")],
 )
-def test_channels_that_tell_nothing_are_refused(
-    record: lw.Record, channel: str, value: float, message: str
-) -> None:
+def test_useless_channels_are_refused(record: lw.Record, channel: str, value: float, message: str) -> None:
     values = record.values.copy()
     values[:, record.channels.index(channel)] = value
     with pytest.raises(lw.IdentificationError, match=message):
@@ -247,8 +243,7 @@ def test_other_doors_refuse_a_rig() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("term", "value", "named"),
-    [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")],
+    ("term", "value", "named"), [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")]
 )
 def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, named: str) -> None:
     """Chi-square is within chance of 1; a coefficient was up to 54 standard errors off, and trusted."""

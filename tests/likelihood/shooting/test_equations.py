@@ -1,7 +1,5 @@
 """Bordered block-tridiagonal equations, banded and by blocks from both ends, against dense matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -84,9 +82,7 @@ def banded(equations: BorderedSystem) -> BorderedSystem:
     ("nodes", "m", "p"), [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (6, 128, 3)]
 )
 @pytest.mark.parametrize("form", [banded, blocks])
-def test_steps_are_those_of_a_dense_matrix(
-    form: Callable[[BorderedSystem], Any], nodes: int, m: int, p: int
-) -> None:
+def test_steps_of_a_dense_matrix(form: Callable[[BorderedSystem], Any], nodes: int, m: int, p: int) -> None:
     """With all that is free, with some or all of the border held, and held elsewhere; nodes of 128 states by two threads."""
     equations = system(nodes, m, p)
     (matrix, gradient), size = dense(equations), nodes * m

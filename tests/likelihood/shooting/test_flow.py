@@ -1,7 +1,5 @@
 """The flow over segments and its tangents: against the engine, against their declared orders, against differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -12,23 +10,13 @@ from present import present
 from problems import rubbing_trio, truth
 
 import linkwise as lw
-from linkwise.arrays import Floats
-from linkwise.likelihood.shooting.flow import (
-    POINTS,
-    Inputs,
-    Trajectories,
-    flow,
-)
+from linkwise.likelihood.shooting.flow import POINTS, Inputs, flow
 from linkwise.likelihood.shooting.segmentation import cut_segments, flow_inputs
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents
+from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.model.excitation import TimeFunction
 
 RATE = 1000.0
-
-
-# of the motion, five samples on: ten times what the test of the order allows in the mean of squares
-LONG_STEP = 1e-5
 
 
 FORCE, BASE = "5*sin(400*t)", "0.001*sin(300*t)"
@@ -67,24 +55,6 @@ def states(record: lw.Record, every: int) -> np.ndarray:
     """(2, n, K) the true states at each `every`-th sample."""
     motion = present(record.simulated)
     return np.stack([motion.displacement[::every].T, motion.velocity[::every].T])
-
-
-@pytest.mark.slow
-def test_the_flow_is_the_engines_with_force_and_base_between_the_samples(three: lw.Structure) -> None:
-    record = driven(three)
-    start = states(record, 5)
-    time = record.time[::5][:-1]
-    orbit = flow(
-        System.of(three).at(np.zeros(0)),
-        start[..., :-1], np.full(len(time), 1e-3), 5, exact_inputs(time, 1e-3, 5),
-    )  # fmt: skip
-    end = orbit.states[-1] / np.array([1.0, 1e-3])[:, None, None]
-    error = np.abs(end - start[..., 1:]).max(axis=(1, 2)) / np.abs(start).max(axis=(1, 2))
-    # where m2 flies far out a step of a sample is long, and the error ten times the mean; the next test measures the order
-    assert error.max() < LONG_STEP
-    for j in range(5):  # accelerations at every sample too, as close as the states that they follow from
-        measured = record.values[j : j + 5 * len(time) : 5, 6:9].T
-        assert np.abs(orbit.accelerations[j] - measured).max() < LONG_STEP * np.abs(measured).max()
 
 
 def test_the_flow_has_order_eight(three: lw.Structure) -> None:
@@ -162,63 +132,6 @@ def test_tangents_are_the_flows_differences(three: lw.Structure, unknown: lw.Str
 
 
 STEP, STEPS, SCALE = 3e-3, 6, np.repeat([1e-4, 1e-1], 3)
-ENDS = np.array([-1, 0]), np.array([1, 2])  # of two candidates, one of them on a single mass
-NOTHING = Inputs()
-
-
-@pytest.fixture(scope="module")
-def without_inputs() -> tuple[System, Floats, Floats]:
-    """With two unknown masses and a coefficient that links on both sides of a mass share; states of some nodes."""
-    three = rubbing_trio()
-    unknown = three.unknown("all", "mass:m2", "mass:m3")
-    record = lw.simulate(
-        three,
-        duration=0.3,
-        rate=1.0 / STEP,
-        sensors=("x", "v"),
-        release={"v:m1": 1.0, "x:m3": 0.005},
-        base="0",
-    )
-    nodes = np.concatenate([[record.channel(f"{kind}:m{i}")[::STEPS] for i in (1, 2, 3)] for kind in "xv"])
-    return System.of(unknown), truth(three, unknown), nodes[:, :-1]
-
-
-def orbit_in(without_inputs: tuple[System, Floats, Floats], steps: int) -> tuple[Trajectories, Floats]:
-    """The motion in so many steps a sample, and their durations."""
-    system, theta, nodes = without_inputs
-    step = np.full(nodes.shape[1], STEP / steps)
-    return flow(system.at(theta), nodes, step, STEPS * steps, NOTHING), step
-
-
-def candidates_along(orbit: Trajectories) -> CandidateForces:
-    """Forces that follow elongations of links, in N."""
-    return CandidateForces(*ENDS, 100.0 * orbit.links[:, 0, :2], 100.0 * orbit.middle_links[:, 0, :2])
-
-
-def ends_by_march(without_inputs: tuple[System, Floats, Floats], steps: int) -> Floats:
-    """(2 n, P, K) of x and v at the ends, in so many steps a sample."""
-    (system, theta, _), (orbit, step) = without_inputs, orbit_in(without_inputs, steps)
-    candidates = candidates_along(orbit)
-    *_, last = tangents(system.at(theta), orbit, step, SCALE, theta, candidates, inputs=NOTHING)
-    return in_their_units(last.state, step)
-
-
-def in_their_units(state: Single, step: Floats) -> Floats:
-    return np.asarray(np.concatenate([state[0], state[1] / step]) / SCALE[:, None, None], dtype=float)
-
-
-def test_all_columns_have_their_declared_order(without_inputs: tuple[System, Floats, Floats]) -> None:
-    """Those of parameters and of candidates as well, of order 4 by Simpson's rule; one that is wrong keeps its error."""
-    exact = ends_by_march(without_inputs, 16)
-    size = np.sqrt(np.mean(exact**2, axis=(0, 2)))
-    errors = [
-        np.sqrt(np.mean((ends_by_march(without_inputs, steps) - exact) ** 2, axis=(0, 2))) / size
-        for steps in (1, 2)
-    ]
-    assert exact.shape[1] == len(SCALE) + len(without_inputs[1]) + 2
-    assert np.max(errors[1]) < 0.01
-    orders = np.log2(errors[0] / errors[1])  # 4 in the displacements, 3 in the rates
-    assert np.median(orders) > 3.0 and np.min(orders) > 2.5
 
 
 Records = list[lw.Record]

@@ -1,7 +1,5 @@
 """Residuals, defects and the equations of segments: every gradient against differences of the cost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -27,7 +25,6 @@ from linkwise.likelihood.fit import Optimum, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 from linkwise.likelihood.shooting.loss import ClippedReadings, Gaussian, Huber, Loss, Student
-from linkwise.likelihood.shooting.minimise import gradient as gradient_by_adjoint
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
@@ -243,49 +240,6 @@ def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: flo
         assert computed[number] == pytest.approx(quotient, rel=tolerance), number
 
 
-def test_losses_cost_what_their_densities_say() -> None:
-    r = np.linspace(-6.0, 6.0, 25)
-    for loss in (Gaussian(), Huber(1.5), Student(4.0)):
-        eps = 1e-6
-        for value in some(r[np.abs(r) != 1.5]):  # Huber's corner bends within the difference
-            slope = (loss.total(np.array([value + eps])) - loss.total(np.array([value - eps]))) / (2 * eps)
-            # costs up to 36 are rounded to 8e-15, which makes 4e-9 of the quotient
-            assert 2.0 * value * loss.weight(np.array([value]))[0] == pytest.approx(slope, abs=1e-7)
-    assert Huber(1.5).total(np.array([1.0, 1.5])) == pytest.approx(1.0 + 2.25, rel=1e-12)
-    assert Huber(1.5).total(np.array([10.0])) == pytest.approx(2 * 1.5 * 10 - 1.5**2, rel=1e-12)
-    many = Student(1e6)  # many degrees of freedom are a Gaussian
-    assert many.total(np.array([3.0])) == pytest.approx(9.0, rel=1e-5)  # (r^2/2 - 1)/1e6 = 3.5e-6 less
-
-
-@pytest.mark.parametrize(
-    ("masses", "sensors", "unknown"),
-    [(2, ("v:m1", "v:m2"), ("all", "mass:m2")), (4, (), ("nes",)), (14, (), ("all",))],
-)
-def test_gradients_by_the_adjoint_are_slopes_of_the_cost(
-    masses: int, sensors: tuple[str, ...], unknown: tuple[str, ...]
-) -> None:
-    """Along a random direction, by central differences of the flow, whose order is higher than that of the sensitivities."""
-    chain, q = lw.bnes_chain(masses), 0.1
-    channels = [f"x:{name}" for name in chain.mass_names] + list(sensors)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.5, rate=1000.0, sensors=channels)
-    asked = chain.unknown(*unknown)
-    fit = likelihood_fit([record.with_noise(30.0, seed=5206900)], asked, truth(chain, asked)).optimum
-    segments, scales, point, rng = fit.segments, fit.scales, fit.point, np.random.default_rng(3)
-
-    def along(nodes: np.ndarray, border: np.ndarray, size: float) -> Misfit:
-        shifted = point.moved(
-            point.nodes + size * nodes * scales.state[:, None], point.border + size * border * scales.theta
-        )
-        return evaluate(segments, shifted, scales, fit.loss)
-
-    nodes, border = rng.normal(size=point.nodes.shape), 1e-2 * rng.normal(size=len(scales.theta))
-    misfit = along(nodes, border, 0.1)  # beside the optimum, so that there is a gradient
-    of_nodes, of_border = gradient_by_adjoint(segments, misfit, scales, fit.loss, misfit.defects.T / q**2)
-    slope = -2.0 * (np.vdot(of_nodes, nodes.T) + of_border @ border)
-    ahead, behind = (along(nodes, border, 0.1 + step).cost(q) for step in (1e-4, -1e-4))
-    assert (ahead - behind) / 2e-4 == pytest.approx(slope, rel=1e-3)
-
-
 def readings(sides: Floats) -> ClippedReadings:
     """Readings at 2 units, and a sample that is none behind them."""
     present = np.append(np.ones(len(sides), dtype=bool), False)[:, None, None]
@@ -298,21 +252,3 @@ def test_cost_is_that_of_the_probability_of_a_reading_at_the_bound_or_beyond() -
     log_likelihood = norm.logsf(2.0, 2.6, 0.5) + norm.logcdf(2.0, 2.4, 0.5) - 0.5 * ((2.0 - 1.5) / 0.5) ** 2
     assert misfit.cost == pytest.approx(-2.0 * log_likelihood, rel=1e-12)
     assert misfit.residuals[3, 0, 0] == misfit.roots[3, 0, 0] == misfit.shown[3, 0, 0] == 0.0
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_residuals_and_weights_are_those_of_slope_and_curvature(side: float) -> None:
-    """Against differences, whose error is that of their step of 1e-4."""
-    step = 1e-4
-
-    def cost(motion: float) -> float:
-        return readings(np.array([side])).misfit(np.full((2, 1, 1), -motion), np.array(1.0)).cost
-
-    places = np.linspace(-4.0, 8.0, 13)
-    misfits = [readings(np.array([side])).misfit(np.full((2, 1, 1), -x), np.array(1.0)) for x in places]
-    slopes = [(cost(x + step) - cost(x - step)) / (2.0 * step) for x in places]
-    curvatures = [(cost(x + step) - 2.0 * cost(x) + cost(x - step)) / step**2 for x in places]
-    roots = np.array([misfit.roots[0, 0, 0] for misfit in misfits])
-    residuals = np.array([misfit.residuals[0, 0, 0] for misfit in misfits])
-    np.testing.assert_allclose(-2.0 * roots**2 * residuals, slopes, atol=1e-5)
-    np.testing.assert_allclose(2.0 * roots**2, curvatures, atol=1e-5)

@@ -1,7 +1,5 @@
 """Starts of searches: elongations, coefficients and states of links read from what sensors show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from present import present

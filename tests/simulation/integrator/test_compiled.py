@@ -1,7 +1,5 @@
 """The compiled equations against SciPy's integrators and exact solutions, and what becomes of kinks."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 
@@ -19,9 +17,7 @@ from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
-from linkwise.simulation.integrator.formulas import SCALE, Placement
-from linkwise.simulation.integrator.taylor import HeyokaSystem
-from linkwise.simulation.run import RunOptions, RunSchedule, integrate, room
+from linkwise.simulation.run import RunSchedule
 from linkwise.simulation.simulate import simulate
 
 
@@ -86,18 +82,6 @@ def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it()
     assert present(record.simulated).displacement == pytest.approx(expected[:, :3], abs=1e-9)
 
 
-def test_compact_code_for_many_masses_is_the_same_as_unrolled_code() -> None:
-    times = np.arange(201) / 1000.0
-    schedule = RunSchedule(bnes_chain(4), Excitation.of({"v:m1": 1.0}), times)
-    states = []
-    for unrolled in (2, 4):
-        system = HeyokaSystem(schedule.shape, unrolled=unrolled)
-        system.double.place(Placement(0.0, schedule.start / SCALE, schedule.parameters(system.layout)))
-        states.append(system.double.propagate(times[1:]).states * SCALE)
-    assert np.abs(states[0]).max() > 1e-3  # they moved
-    assert states[0][:, :4] == pytest.approx(states[1][:, :4], abs=1e-13)
-
-
 def test_each_thread_has_its_own_integrator() -> None:
     chain, answers = bnes_chain(2), {}
 
@@ -113,19 +97,6 @@ def test_each_thread_has_its_own_integrator() -> None:
     alone = simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).values
     assert np.array_equal(answers[0], alone)
     assert not np.array_equal(answers[1], alone)
-
-
-@pytest.mark.slow
-def test_the_steps_of_a_run_do_not_depend_on_what_is_read_off_it() -> None:
-    schedule = RunSchedule(bnes_chain(10), Excitation.of({"v:m1": 3.0}), np.arange(6001) / 1000.0)
-    more = np.sort(np.append(schedule.times, np.random.default_rng(0).uniform(0.0, 6.0, 20000)))
-    coarse, fine = (room(schedule.structure, len(times)) for times in (schedule.times, more))
-    run = integrate(schedule, schedule.times, options=RunOptions(into=coarse))
-    again = integrate(schedule, more, options=RunOptions(repeated=run, into=fine))
-    assert again.steps == run.steps and run.interruptions
-    is_common = np.isin(more, schedule.times)
-    for part, expected in zip(fine, coarse, strict=True):
-        assert np.array_equal(part[is_common], expected)  # 6 s: chaos would show one bit
 
 
 def closes(record: Record, part: float = 1e-12) -> None:

@@ -1,32 +1,30 @@
-"""SciPy's integrator behind the same interface, where heyoka has no wheels: the same motion, kinks, batches and answers."""
-
-from __future__ import annotations
+"""SciPy's integrator where heyoka has no wheels, the folder of compiled equations, and orbits of the reference."""
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from problems import chain_record, paper_speed
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.simulation.integrator import formulas
+from linkwise.arrays import Floats
+from linkwise.model.chains import bnes_chain
 from linkwise.simulation.integrator.dop853 import ScipySystem
 from linkwise.simulation.integrator.formulas import CompiledSystem, SystemShape
-from linkwise.simulation.integrator.taylor import HeyokaSystem
+from linkwise.simulation.simulate import simulate
 
 LAWS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
     ("k*d + c*v + k3*d**3", {"k": 90.0, "c": 0.3, "k3": 500.0}, {}),
     ("k*d + F*tanh(v/s) - q*abs(d)*d", {"k": 90.0, "F": 1.0, "s": 0.3, "q": 30.0}, {}),
-    (
-        "k*d + F*sign(v) + kg*max(d - g, 0)",
-        {"k": 400.0, "F": 0.3, "kg": 2000.0, "g": 0.01},
-        {"forces": {"m1": "4*sin(13*t)"}},
-    ),
+    ("k*d + F*sign(v) + kg*max(d - g, 0)", {"k": 400.0, "F": 0.3, "kg": 2000.0, "g": 0.01}, {"forces": {"m1": "4*sin(13*t)"}}),
     ("k*d + c*v", {"k": 90.0, "c": 0.3}, {"impulses": (lw.model.Impulse("m1", 0.2, 0.11),)}),
-]
+]  # fmt: skip
 BOUC_WEN = {"k": 500.0, "c": 1.0, "F": 5.0, "x0": 5e-3, "s": 0.6}
 
 
@@ -56,7 +54,7 @@ def moved(law: str, values: dict[str, Any], drive: dict[str, Any]) -> lw.Record:
 
 
 @pytest.mark.parametrize(("law", "values", "drive"), LAWS, ids=[law for law, _, _ in LAWS])
-def test_motion_is_that_of_heyoka(
+def test_as_heyoka(
     law: str, values: dict[str, Any], drive: dict[str, Any], request: pytest.FixtureRequest
 ) -> None:
     by_heyoka = moved(law, values, drive).values
@@ -112,11 +110,62 @@ def test_questions_are_answered_with_heyoka_blocked(chain: lw.Structure) -> None
     assert channels == ["x:m1", "x:m2"] and absorbed == "With its " and grade == "explained"
 
 
-def test_the_system_is_that_of_the_library_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, kind in (("there", HeyokaSystem), (None, ScipySystem)):
-        formulas._kind.cache_clear()
-        with monkeypatch.context() as patch:
-            if module is None:
-                patch.setitem(sys.modules, "heyoka", None)
-            assert formulas._kind() is kind
-    formulas._kind.cache_clear()
+_SIMULATE = """
+import linkwise as lw
+lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.01, rate=1000.0)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems keep caches elsewhere")
+@pytest.mark.parametrize(
+    ("variables", "folders"),
+    [
+        ({"HOME": "home"}, {"home/.cache/linkwise"}),
+        ({"HOME": "home", "HEYOKA_CACHE_DIR": "chosen"}, {"chosen"}),
+        ({"HOME": "a file"}, set()),  # where no folder can be made
+        ({}, set()),
+    ],
+)
+def test_compiled_code_stays_in_a_folder(
+    tmp_path: Path, variables: dict[str, str], folders: set[str]
+) -> None:
+    (tmp_path / "a file").touch()
+    left = {"HEYOKA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"}
+    environment = {name: value for name, value in os.environ.items() if name not in left}
+    environment |= {name: str(tmp_path / value) for name, value in variables.items()}
+    subprocess.run([sys.executable, "-c", _SIMULATE], env=environment, cwd=tmp_path, check=True)
+    assert {str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("cache.db")} == folders
+
+
+def departure(folder: Path, n: int, **changes: float) -> Floats:
+    """Largest error of each channel over the whole file, relative to the largest value of the channel."""
+    table = np.loadtxt(folder / f"bnes_{n}.csv", delimiter=",", skiprows=1)
+    rows = np.rint(1000.0 * table[:, 0]).astype(int)
+    chain, release = bnes_chain(n, **changes), {"v:m1": paper_speed(n)}
+    record = simulate(chain, release=release, duration=table[-1, 0], rate=1000.0)
+    assert record.channels == tuple(f"x:m{i + 1}" for i in range(n))
+    worst: Floats = np.abs(record.values[rows] - table[:, 1:]).max(axis=0)
+    size: Floats = np.abs(table[:, 1:]).max(axis=0)
+    return worst / size
+
+
+@pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
+def test_follows_the_reference_to_the_end_of_the_file(shared_reference: Path, n: int) -> None:
+    """The files end where ordinary double precision has departed by 1e-6; see trajectory.EXTENDED_WORK for the margin."""
+    assert departure(shared_reference, n).max() < 1e-6
+
+
+def test_the_reference_would_tell_another_chain(shared_reference: Path) -> None:
+    """A mass that differs by 1e-12 of itself is enough to miss the bound above."""
+    assert departure(shared_reference, 6, primary_mass=1.0 + 1e-12).max() > 1e-6
+
+
+def test_the_two_mass_chain_does_what_the_paper_shows() -> None:
+    """Fig. 2: the sink crosses between its wells until 2.3 to 2.5 s and rests at +0.0099 m."""
+    record = chain_record(2, duration=60.0)
+    d = record.channel("x:m2") - record.channel("x:m1")
+    crossings = record.time[1:][np.diff(np.sign(d)) != 0]
+    assert 2.3 < crossings[-1] < 2.5
+    early = record.between(5.0, 6.0).channel("x:m2")
+    assert early.mean() == pytest.approx(0.0099, abs=1e-4)
+    assert d[-1] == pytest.approx(0.01, rel=1e-8)  # sqrt(-alpha/beta), what moves has died down by exp(-30)

@@ -1,8 +1,7 @@
-"""Random forces in a band of frequencies, by which many tests drive an oscillator."""
-
-from __future__ import annotations
+"""Random forces in a band of frequencies, and noise that is correlated from sample to sample."""
 
 import numpy as np
+import scipy
 
 import linkwise as lw
 
@@ -22,3 +21,15 @@ def random_force(
     band = (frequency > 1.0) & (frequency < highest)
     force = np.fft.irfft((rng.normal(size=len(band)) + 1j * rng.normal(size=len(band))) * band, samples)
     return lw.model.Sampled(0.0, rate, rms * force / force.std(), band_limited=band_limited)
+
+
+def autoregressive(rng: np.random.Generator, shape: tuple[int, int], correlation: float) -> np.ndarray:
+    """First-order noise of unit power in the first channel, white noise in the others."""
+    noise = rng.normal(size=shape)
+    driven = scipy.signal.lfilter([1.0], [1.0, -correlation], noise[:, 0])
+    noise[:, 0] = driven * np.sqrt(1.0 - correlation**2)
+    return noise
+
+
+def differenced(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    return np.asarray(np.diff(rng.normal(size=(shape[0] + 1, shape[1])), axis=0) / np.sqrt(2.0))

@@ -1,7 +1,5 @@
 """Runs of `identify` that share a folder, are killed while they write, or find the disk full; and what they leave."""
 
-from __future__ import annotations
-
 import os
 import random
 import re
