@@ -84,7 +84,7 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     """An answer of which k alone is uncertain: at small amplitudes f has half of its relative error, at large ones less."""
     duffing = oscillator(HARDENING, k=K, k3=K3, c=0.4)
     bounds = np.array([0.0]), np.array([np.inf])
-    answer = lw.estimates.Posterior(duffing, (Name("link.k"),), np.array([[16.0]]), *bounds)
+    answer = lw.estimates.Posterior(duffing, (Name("link", "k"),), np.array([[16.0]]), *bounds)
     curve = lw.backbone(answer, 1, to_amplitude={"x:m1": 0.1})
     assert curve.lower is not None and curve.upper is not None
     width = (curve.upper - curve.lower) / curve.hz
