@@ -197,7 +197,7 @@ _SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
 CAUSE_KINDS: Registry[CauseKind] = Registry(
     "kind of cause",
     {
-        "gain": CauseKind(f"a gain of {_OFF}", "1", relative=True),
+        "gain": CauseKind(f"a gain of {_OFF}{{remark}}", "1", relative=True),
         "offset": CauseKind("an offset of {0.size:.3g} {0.unit} in {0.where}"),
         "drift": CauseKind("a drift of {0.size:.3g} {0.unit} in {0.where}"),
         "delay": CauseKind("a delay of {ms:.3g} ms in {0.where}{remark}", "s"),
@@ -209,7 +209,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "unit": CauseKind("another unit of {0.where}, values {0._times}", "1"),
         "swapped": CauseKind("{0.where} and {0.source} in each other's place", "1"),
         HIGH_PASS: CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
-        CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}", "ppm"),
+        CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}{remark}", "ppm"),
         CLIPPED: CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),

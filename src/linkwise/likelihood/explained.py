@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
+from linkwise.display import format_percent
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
@@ -35,6 +38,7 @@ from linkwise.likelihood.options import (
 )
 from linkwise.likelihood.random_forces import noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.segments import PPM
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
@@ -51,6 +55,9 @@ _DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very 
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
+_CALIBRATED = (
+    0.2  # relative: what sensors are off by, of which the record does not tell which, to the first order
+)
 _WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
 _TRIED = 3  # causes that are as likely
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
@@ -136,7 +143,16 @@ class _Model:
     def is_explained(self) -> bool:
         """Whether noise alone is left, and beside what was added white noise: correlated noise may hold what is missing."""
         white = not self.added or (self.answer.chi_square_per_sample or 0.0) < _WHITE
-        return white and self.answer.grade is Grade.EXPLAINED
+        return white and self.answer.grade is Grade.EXPLAINED and not self._has_open_time
+
+    @property
+    def _has_open_time(self) -> bool:
+        """Whether clocks that run apart leave open which is right, by more than the errors of a stiffness allow."""
+        apart = max(
+            (abs(cause.size) for cause in self.added if cause.kind == CLOCK and cause.remark), default=0.0
+        )
+        errors = np.sqrt(np.maximum(self.answer.covariance.diagonal(), 0.0))
+        return bool(np.any(2.0 * PPM * apart * np.abs(self.answer.values) > errors)) and apart > 0.0
 
     @property
     def misfit(self) -> float:
@@ -306,13 +322,35 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
         known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
         return replace(options, harmonics=(*known, *more)), (line,)
+    if (gains := _shared_gain(current.diagnosis)) and not {gain.where for gain in gains} & set(options.gains):
+        most = max(abs(gain.size) for gain in gains)
+        sigma = dict.fromkeys([gain.where for gain in gains], most)
+        calibration = {**options.calibration, **sigma}
+        known = f"which sensor is off is open: each is taken as known to within {format_percent(most)}"
+        told = tuple(replace(gain, remark=known) for gain in gains)
+        return replace(options, gains=(*options.gains, *sigma), calibration=calibration), told
     first = _distinct_error(current.diagnosis)
     if first is None or first is not line:
         return None
     if options.random and first.kind.endswith(("delay", "gain")):
         return None  # delays are not estimated then, and masses, which look like a gain, not tested
+    if first.kind == CLOCK:
+        rivals = [
+            cause.where for cause in current.diagnosis[1:] if cause.kind == CLOCK and _rivals(first, cause)
+        ]
+        first = replace(first, remark=f"or that of {' or '.join(rivals)} the other way" if rivals else "")
     wider = with_error(options, first, records[0])
     return None if wider is None else (wider, (first,))
+
+
+def _shared_gain(diagnosis: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The gains of sensors that come first where the record does not tell which is off; none where a mass may be."""
+    first = next(iter(diagnosis), None)
+    if first is None or first.kind != "gain":
+        return ()
+    rivals = [cause for cause in diagnosis[1:] if cause.is_instrument and _rivals(first, cause)]
+    alike = rivals and all(rival.kind == "gain" and abs(rival.size) < _CALIBRATED for rival in rivals)
+    return (first, *rivals) if alike and abs(first.size) < _CALIBRATED else ()
 
 
 def _as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:

@@ -254,6 +254,8 @@ def mean_by_precision(pairs: Sequence[tuple[float, float]]) -> tuple[float, floa
     """The mean of values with standard errors, each weighted by its precision, and its own."""
     sizes, deviations = np.array(pairs).T
     weights = 1.0 / np.maximum(deviations, np.finfo(float).tiny) ** 2
+    if not weights.any():
+        return float(sizes.mean()), inf
     return float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
 
 
