@@ -326,8 +326,8 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         most = max(abs(gain.size) for gain in gains)
         sigma = dict.fromkeys([gain.where for gain in gains], most)
         calibration = {**options.calibration, **sigma}
-        known = f"which sensor is off is open: each is taken as known to within {format_percent(most)}"
-        told = tuple(replace(gain, remark=known) for gain in gains)
+        remark = f"which sensor is off is open: each is taken as known to within {format_percent(most)}"
+        told = tuple(replace(gain, remark=remark) for gain in gains)
         return replace(options, gains=(*options.gains, *sigma), calibration=calibration), told
     first = _distinct_error(current.diagnosis)
     if first is None or first is not line:

@@ -225,7 +225,7 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
 def _gains(
     fit: LikelihoodFit, records: Sequence[Record], tried: Sequence[HarmonicForce], lines: Sequence[float] = ()
 ) -> tuple[Floats, Floats, Floats]:
-    """What each of the forces (f,), alone, would take off -2 log likelihood, their amplitudes in N, and what hums of sensors at
+    """What each of the forces (f,) alone would take off -2 log likelihood, their amplitudes in N, and what hums of sensors at
     `lines` in Hz would, (l, C).
     """
     unknowns = _Unknowns.of(fit, records, tried, _hums(fit, records, lines) if lines else None)
