@@ -321,7 +321,7 @@ def test_two_runs_are_equal(chain: lw.Structure, clean: lw.Record, monkeypatch: 
     first, second = (lw.identify(record, chain.unknown("all")) for _ in range(2))
     assert np.array_equal(first.values, second.values)
     assert np.array_equal(first.covariance, second.covariance)
-    monkeypatch.setattr("linkwise.likelihood.fit._workers", lambda: 1)
+    monkeypatch.setattr("linkwise.likelihood.fit.processors", lambda: 1)
     alone = lw.identify(record, chain.unknown("all"))
     assert np.array_equal(first.values, alone.values)
 

@@ -37,6 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -48,6 +49,7 @@ from linkwise.likelihood.fit import CostShape, LikelihoodFit, Optimum
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, V, X
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
@@ -66,6 +68,8 @@ _IRREGULAR_UNCONVERGED = 100.0  # the same where annealing did not converge: the
 _WEAKEST = 2  # directions that the record determines least
 _FAR = 3.0  # standard errors that the parameters are moved in these
 _TOO_LITTLE = 0.5  # of the rise expected there: the valley bends, or another one is near
+_PARTED = 30.0  # exponent: motions after a hit or a release part by 15 to 21 in chains of two masses, driven ones by 70 to 90
+_NEARLY_AS_EXPECTED = 0.8  # of the rise along the profiles of such motion
 _SEED = 20261122
 
 
@@ -218,7 +222,7 @@ def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> b
     )
 
 
-def profiles_rise(fit: LikelihoodFit) -> bool:
+def profiles_rise(fit: LikelihoodFit, least: float = _TOO_LITTLE) -> bool:
     """Whether -2 log likelihood rises by enough along the profile of each parameter.
 
     A valley that bends, or another one that crosses it, may be seen in profiles alone, which follow it.
@@ -227,6 +231,8 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
     ----------
     fit : LikelihoodFit
         The fit.
+    least : float, optional
+        Of the rise that is expected.
 
     Returns
     -------
@@ -235,9 +241,7 @@ def profiles_rise(fit: LikelihoodFit) -> bool:
     """
     variances, free = fit.covariance.diagonal(), np.flatnonzero(fit.free)
     determined = np.isfinite(variances[free]).all() and (variances[free] > 0.0).all()
-    return bool(determined) and all(
-        _profile_rises(fit, column, _FAR, _TOO_LITTLE) for column in free.tolist()
-    )
+    return bool(determined) and all(_profile_rises(fit, column, _FAR, least) for column in free.tolist())
 
 
 def _profile_rises(fit: LikelihoodFit, column: int, distance: float, least: float) -> bool:
@@ -480,7 +484,9 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     if not _may_be_wrong(fit):
         return fit
     converged, low = fit.status is AnnealingStatus.CONVERGED, _is_low(fit)
-    if converged and not low and _is_smooth(fit):
+    least = _NEARLY_AS_EXPECTED if _stays_chaotic(fit) else _TOO_LITTLE
+    bends = least > _TOO_LITTLE and not profiles_rise(fit, least)
+    if converged and not low and not bends and _is_smooth(fit):
         return replace(fit, shape=CostShape.QUADRATIC)
     relaxed = list(_relaxed_fits(fit))
     if not relaxed or relaxed[-1][0].status is AnnealingStatus.INTERRUPTED:
@@ -490,11 +496,11 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
         tightest.q <= fit.optimum.q
         and fit.misfit.cost(fit.optimum.q) < tightest.misfit.cost(tightest.q) + _AGREES
     )
-    if agrees and converged and low and _is_smooth(fit) and rises_in_weak_directions(fit):
+    if agrees and converged and low and not bends and _is_smooth(fit) and rises_in_weak_directions(fit):
         return replace(fit, shape=CostShape.REGULAR)
-    least = min(marginal for _, marginal in relaxed)
+    likeliest = min(marginal for _, marginal in relaxed)
     for candidate, marginal in reversed(relaxed):
-        if marginal > least + _WORSE and candidate.q < _SINGLE:
+        if marginal > likeliest + _WORSE and candidate.q < _SINGLE:
             continue
         try:
             again = refit(candidate.point.theta, candidate.point.nodes, candidate.q)
@@ -503,7 +509,7 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
         if again.status is AnnealingStatus.INTERRUPTED:
             return fit
         is_good = again.status is AnnealingStatus.CONVERGED and not again.chi_square_off
-        if is_good and _is_smooth(again) and profiles_rise(again):
+        if is_good and _is_smooth(again) and profiles_rise(again, least):
             return replace(again, shape=CostShape.QUADRATIC)
     return fit
 
@@ -549,7 +555,27 @@ def _may_be_wrong(fit: LikelihoodFit) -> bool:
         return fit.chi_square < _ON_THE_WAY
     if fit.optimum.q > AnnealingSchedule.final_q:
         return False
-    return _is_low(fit) or not went_straight(fit)
+    return _is_low(fit) or not went_straight(fit) or _stays_chaotic(fit)
+
+
+@lru_cache(maxsize=1)
+def _stays_chaotic(fit: LikelihoodFit) -> bool:
+    """Whether inputs keep up a motion in which neighbouring ones part, so that valleys of the likelihood may bend.
+
+    The motion after a hit or a release parts at most as long as it is large.
+    """
+    optimum, inputs = fit.optimum, fit.segments.inputs
+    acting = [values for values in (inputs.force, inputs.base, inputs.frame) if values is not None]
+    if not acting or len(fit.segments.system.incidence) >= MANY:
+        return False
+    linear = linearise(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
+    apart = np.random.default_rng(_SEED).normal(size=linear.joined.shape[1])
+    parted = most = 0.0
+    for end, joined in zip(linear.state_ends, linear.joined, strict=True):
+        apart = end @ (apart / np.linalg.norm(apart))
+        parted = max(0.0, parted + float(np.log(np.linalg.norm(apart)))) if joined.any() else 0.0
+        most = max(most, parted)
+    return most > _PARTED
 
 
 def _is_smooth(fit: LikelihoodFit) -> bool:
