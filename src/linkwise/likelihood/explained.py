@@ -200,17 +200,16 @@ def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
     """
     alerts = [alert for alert in model.answer.alerts if alert.channel in model.records[0].responses]
     faults = sorted({alert.kind for alert in alerts} & {CLIPPED, SPIKES})
-    stated = (
-        model.records[0].responses if model.options.random else model.options.hums
-    )  # none beside random forces
+    refused = model.records[0].responses if model.options.random else ()
+    stated = (*refused, *model.options.hums)
     lines = {a.channel: a.frequencies for a in alerts if a.kind == HUM and a.channel not in stated}
     records = [mark_missing(record, faults) for record in model.records] if faults else model.records
-    causes = [
-        Cause(alert.kind, alert.channel, float(count), "1", 0.0, 0.0)
+    marked = {
+        (alert.kind, alert.channel): sum(marked_samples(record).get(alert.channel, 0) for record in records)
         for alert in alerts
         if alert.kind in faults
-        if (count := sum(marked_samples(record).get(alert.channel, 0) for record in records))
-    ]
+    }
+    causes = [Cause(*what, float(count), "1", 0.0, 0.0) for what, count in marked.items() if count]
     causes += [Cause(HUM, name, hz, "Hz", 0.0, 0.0) for name, several in lines.items() for hz in several]
     if not causes:
         return None
