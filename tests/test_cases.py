@@ -34,13 +34,16 @@ pytestmark = [
 
 
 class Case(NamedTuple):
-    """A command in a folder, its exit code, what its coefficients are in truth, and the causes one of which it names."""
+    """A command in a folder, its exit code, what its coefficients are in truth, the causes one of which it names first, and a
+    part of its message.
+    """
 
     folder: str
     line: str
     code: int = 0
     truth: Mapping[str, float] = MappingProxyType({})
     causes: frozenset[str] = frozenset()
+    message: str = ""
 
 
 ANSWERS = {
@@ -56,7 +59,12 @@ ANSWERS = {
     ),
     "corner at 0.1 Hz": Case("iepe-corner", f"identify corner01.csv s.toml {IEPE}"),
     "corner at 0.5 Hz": Case("iepe-corner", f"identify corner05.csv s.toml {IEPE}"),
-    "two clocks": Case("two-loggers", f"identify floor.csv s.toml {FLOOR} --clock a:m1"),
+    "two clocks": Case(
+        "two-loggers",
+        f"identify floor.csv s.toml {FLOOR} --clock a:m1",
+        4,
+        {"frame.k": 900.0, "frame.k3": 2e5, "frame.c": 1.5},
+    ),
     "Testlab": Case("lms-mat", f"identify run.mat s.toml {HITS}", truth=MOUNT),
     "clearance": Case("bearing-gap", "identify run.csv us.toml", truth={"bearing.G": 5e-4, "seal.c": 20.0}),
     "two channels exchanged": Case(
@@ -84,7 +92,10 @@ ANSWERS = {
         causes=frozenset({"sign x:m1", "sign x:m2"}),
     ),
     "rows lost": Case(
-        "lost-samples", f"identify log.csv s.toml {LOGGED} --rate 500", 3, causes=frozenset({"lost samples"})
+        "lost-samples",
+        f"identify log.csv s.toml {LOGGED} --rate 500",
+        3,
+        message="jumps between two samples",
     ),
 }
 
@@ -97,6 +108,7 @@ def test_the_truth_is_inside_or_the_cause_is_named(case: Case, monkeypatch: pyte
     for name, value in case.truth.items():
         estimate, error = found[name]
         assert abs(estimate - value) < 3.5 * error, name
+    assert case.message in answer["message"]
     if case.causes:
         assert named(answer)[0] in case.causes
 

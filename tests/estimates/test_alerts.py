@@ -93,7 +93,8 @@ def test_a_hum_is_allowed_for_where_all_of_its_lines_are_estimated() -> None:
     np.testing.assert_allclose(alert.frequencies, (50.0, 150.0), atol=0.02)
     asked = lw.bnes_chain(2).unknown("nes")
     both, beside = (
-        lw.identify(humming, asked, hums={"x:m2": lines}) for lines in ([50.0, 150.0], [50.3, 150.0])
+        lw.identify(humming, asked, hums={"x:m2": lines}, as_stated=True)
+        for lines in ([50.0, 150.0], [50.3, 150.0])
     )
     assert both.alerts == ()
     assert [told.kind for told in beside.alerts] == ["hum"] and not beside.trusted

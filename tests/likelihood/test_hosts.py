@@ -347,7 +347,7 @@ def test_a_link_that_moves_a_mode_is_no_mode_that_is_lacking() -> None:
     true = _beam((0, 1, 2), **SINK)
     spring = link("ground", "beam.mid-ground", "k*d", k=3000.0)
     stiffer = structure({"sink": 0.03}, *true.links[-1:], spring, hosts=true.hosts, name="beam")
-    fit = lw.identify(_hit(stiffer, ACCELEROMETERS, 5215406, 0.6), _beam((0, 1, 2)))
+    fit = lw.identify(_hit(stiffer, ACCELEROMETERS, 5215406), _beam((0, 1, 2)))
     assert not fit.trusted and fit.diagnosis[0].kind == "link"
     assert "mode" not in {cause.kind for cause in fit.diagnosis}
 

@@ -68,7 +68,7 @@ def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(chain: lw.Structur
     errors = np.random.default_rng([47105, 9]).standard_t(3, size=clean.values.shape) / np.sqrt(3.0)
     noisy, loss = with_errors(clean, errors), lw.likelihood.Student()
     unknown = chain.unknown("all")
-    fit = lw.identify(noisy, unknown)
+    fit = lw.identify(noisy, unknown, as_stated=True)
     assert fit.verdicts == (lw.Verdict.OUTLIERS,) and "Use a robust loss" in fit.message
     robust = lw.identify(noisy, unknown, method=lw.MaximumLikelihood(loss=loss))
     assert robust.verdicts == (lw.Verdict.CONVERGED,)

@@ -325,7 +325,7 @@ DRIFT = 6.0 * np.sin(1.5 * TIME)
 def test_laws_are_found_with_what_is_added_to_a_sensor_beside_a_gain() -> None:
     """Four standard errors: chance exceeds them for one in 2300 of these seven coefficients."""
     record = disturbed(DRIFT + HUM, seed=21)
-    assert not lw.identify(record, ASKED).trusted
+    assert not lw.identify(record, ASKED, as_stated=True).trusted
     fit = lw.identify(record, ASKED, drifts={"x:m2": 0.4}, hums={"x:m2": 50.0}, gains=["x:m2"])
     assert_within(fit, CHAIN)
 

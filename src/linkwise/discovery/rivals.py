@@ -168,7 +168,8 @@ def _may_be_replaced(model: QuadraticModel, p: int, largest: Floats) -> Bools:
     penalty, by_curvature = model.penalty, replace(model, scatter=None)
     saved = np.where(penalty.has_other_terms(range(p)), 0.0, penalty.link)
     exchanges = by_curvature.exchanges(range(p))
-    sizes, gains = np.array([exchange.values for exchange in exchanges]), [each.z**2 for each in exchanges]
+    sizes = np.reshape([each.values for each in exchanges], (p, len(largest)))
+    gains = np.reshape([each.z**2 for each in exchanges], (p, len(largest)))
     excess = (by_curvature.solve(range(p)).z ** 2 - saved)[:, None] - gains
     more = _DROPPED_BESIDE * (penalty.term + penalty.link)
     selected = penalty.pair[:p, None] >= 0

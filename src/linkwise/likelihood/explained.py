@@ -147,12 +147,12 @@ class _Model:
 
     @property
     def _has_open_time(self) -> bool:
-        """Whether clocks that run apart leave open which is right, by more than the errors of a stiffness allow."""
+        """Whether clocks that run apart leave open which is right, by more than two errors of a stiffness."""
         apart = max(
             (abs(cause.size) for cause in self.added if cause.kind == CLOCK and cause.remark), default=0.0
         )
         errors = np.sqrt(np.maximum(self.answer.covariance.diagonal(), 0.0))
-        return bool(np.any(2.0 * PPM * apart * np.abs(self.answer.values) > errors)) and apart > 0.0
+        return bool(np.any(2.0 * PPM * apart * np.abs(self.answer.values) > 2.0 * errors)) and apart > 0.0
 
     @property
     def misfit(self) -> float:
@@ -333,11 +333,11 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         return None
     if options.random and first.kind.endswith(("delay", "gain")):
         return None  # delays are not estimated then, and masses, which look like a gain, not tested
-    if first.kind == CLOCK:
-        rivals = [
-            cause.where for cause in current.diagnosis[1:] if cause.kind == CLOCK and _rivals(first, cause)
-        ]
-        first = replace(first, remark=f"or that of {' or '.join(rivals)} the other way" if rivals else "")
+    if first.kind == CLOCK:  # that of an input counts as right
+        alike = [cause for cause in current.diagnosis if cause.kind == CLOCK and _rivals(first, cause)]
+        of_sensors = [cause for cause in alike if cause.where not in records[0].inputs] or alike
+        rivals = " or ".join(cause.where for cause in of_sensors[1:])
+        first = replace(of_sensors[0], remark=f"or that of {rivals} the other way" if rivals else "")
     wider = with_error(options, first, records[0])
     return None if wider is None else (wider, (first,))
 

@@ -229,7 +229,10 @@ def estimated_again(record: Record, posterior: Posterior, progress: Progress) ->
     }
     masses, links = replace_coefficients(free.masses, free.links, slots, known)
     structure = replace(free, masses=masses, links=links, hosts=replace_shapes(free.hosts, known))
-    return MaximumLikelihood(starts=starts).estimate([record], structure, progress)
+    again = MaximumLikelihood(starts=starts).estimate([record], structure, progress)
+    if all(cause.kind == "input noise" for cause in again.added):
+        return again  # the sensors are those of the answer
+    return MaximumLikelihood(starts=starts, as_stated=True).estimate([record], structure, progress)
 
 
 def agreements(estimate: Estimate, posterior: Posterior) -> tuple[CoefficientAgreement, ...]:
