@@ -280,9 +280,9 @@ def _refitted(
 ) -> _Model | None:
     try:
         answer = answered(structure, options, model.records)
-        return _Model(structure, options, model.records, (*model.added, *causes), answer)
-    except IdentificationError:
+    except (IdentificationError, np.linalg.LinAlgError):  # what was added is not told from what is there
         return None
+    return _Model(structure, options, model.records, (*model.added, *causes), answer)
 
 
 _Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]

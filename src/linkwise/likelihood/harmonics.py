@@ -138,6 +138,7 @@ def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         return
     lines, count = _lines(fit, records)
     known = [force.frequency for force in fit.options.harmonics]
+    known += [frequency for several in fit.options.hums.values() for frequency in several]
     lines = [line for line in lines if all(abs(line - one) * records[0].duration > 1.0 for one in known)]
     if not lines:
         return

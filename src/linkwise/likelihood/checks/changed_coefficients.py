@@ -156,6 +156,8 @@ def _significant_change(
         return None
     scales = fit.optimum.scales.theta[free]
     gains, sizes = changes.gains / noise**2, changes.sizes * scales
+    if not gains.size:
+        return None
     least = _CHANCE + 2.0 * np.log(gains.size)
     significant = gains > least * np.maximum(changes.scatter / noise**2, 1.0)
     gains = np.where(significant & (np.abs(sizes) < np.abs(fit.values[free])), gains, 0.0)
