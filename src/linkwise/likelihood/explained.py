@@ -321,8 +321,10 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
         known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
         return replace(options, harmonics=(*known, *more)), (line,)
-    if (gains := _shared_gain(current.diagnosis)) and not {gain.where for gain in gains} & set(options.gains):
-        most = max(abs(gain.size) for gain in gains)
+    if (gains := _shared_gain(current.diagnosis, records[0])) and not {gain.where for gain in gains} & set(
+        options.gains
+    ):
+        most = abs(current.diagnosis[0].size)
         sigma = dict.fromkeys([gain.where for gain in gains], most)
         calibration = {**options.calibration, **sigma}
         remark = f"which sensor is off is open: each is taken as known to within {format_percent(most)}"
@@ -342,14 +344,17 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
     return None if wider is None else (wider, (first,))
 
 
-def _shared_gain(diagnosis: Sequence[Cause]) -> tuple[Cause, ...]:
-    """The gains of sensors that come first where the record does not tell which is off; none where a mass may be."""
+def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...]:
+    """The gains of all sensors where that of one comes first: one that is off leaves the others no better known; none where a
+    mass may be.
+    """
     first = next(iter(diagnosis), None)
-    if first is None or first.kind != "gain":
+    if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
         return ()
-    rivals = [cause for cause in diagnosis[1:] if cause.is_instrument and _rivals(first, cause)]
-    alike = rivals and all(rival.kind == "gain" and abs(rival.size) < _CALIBRATED for rival in rivals)
-    return (first, *rivals) if alike and abs(first.size) < _CALIBRATED else ()
+    if any(cause.kind == "mass" and _rivals(first, cause) for cause in diagnosis):
+        return ()
+    named = {cause.where: cause for cause in reversed(diagnosis) if cause.kind == "gain"}
+    return tuple(named.get(name, replace(first, where=name, size=0.0)) for name in record.responses)
 
 
 def _as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
