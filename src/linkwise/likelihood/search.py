@@ -478,6 +478,7 @@ _NEAR = AnnealingSchedule(initial_q=0.1, smallest_factor=0.01, trust_per_sample=
 _FAR_OF_MANY = AnnealingSchedule(smallest_factor=0.1, trust_per_sample=1.0)
 _NEAR_OF_MANY = replace(_FAR_OF_MANY, initial_q=0.1)
 # from the states of a fit to nearly the same laws
+_HELD = 1e-3  # of what is known of a gain beforehand
 _WARM = AnnealingSchedule(initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0)
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter
@@ -541,7 +542,11 @@ def searched(
         tight = relaxation(segments, problem.scales, start)
         schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
     limit = _limit(segments)
-    fit = _annealed(segments, start, problem.scales, schedule, annealer, limit)
+    held = _with_held_scale(segments)
+    fit = _annealed(held or segments, start, problem.scales, schedule, annealer, limit)
+    if held is not None and fit.status is not AnnealingStatus.INTERRUPTED:
+        released = annealer(segments, fit.point, fit.scales, _loosened(schedule))
+        fit = replace(released, path=(*fit.path, *released.path))
     limited = options.steps < AnnealingSchedule.max_steps
     if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
         fit = _resumed(segments, fit, schedule, annealer)
@@ -550,6 +555,23 @@ def searched(
         if joined is not None:
             return problem.segments, start, joined, limit
     return segments, start, fit, limit
+
+
+def _with_held_scale(segments: Segments) -> Segments | None:
+    """Segments with one gain held; None unless all channels have gains, each known beforehand.
+
+    Laws with unknown coefficients hardly determine the scale that all channels share: with looser links a search leaves for
+    another one, and comes back along a valley that bends.
+    """
+    sensors, prior = segments.sensors, segments.prior
+    if prior is None or not sensors.gains or not sensors.gain.any(axis=1).all():
+        return None
+    first = len(prior.deviation) - sensors.delays - sensors.gains
+    deviation = prior.deviation.copy()
+    if not np.isfinite(deviation[first : first + sensors.gains]).all():
+        return None
+    deviation[first] *= _HELD
+    return replace(segments, prior=replace(prior, deviation=deviation))
 
 
 def _of_long_record(
@@ -613,6 +635,17 @@ def _many(segments: Segments) -> bool:
     return len(segments.system.incidence) >= MANY
 
 
+def _loosened(schedule: AnnealingSchedule) -> AnnealingSchedule:
+    """The schedule of a search that is taken up again, with looser links at first."""
+    return replace(
+        _WARM,
+        initial_q=max(_WARM.initial_q, schedule.final_q),
+        final_q=schedule.final_q,
+        cost_ceiling=schedule.cost_ceiling,
+        max_steps=schedule.max_steps,
+    )
+
+
 def _resumed(
     segments: Segments, fit: AnnealingFit, schedule: AnnealingSchedule, annealer: Annealer
 ) -> AnnealingFit:
@@ -621,14 +654,7 @@ def _resumed(
     Close to its end it may creep along a bend of the likelihood, which looser links straighten. Where the second search does
     not converge either, the one with the lower cost at the tighter of their links is returned.
     """
-    looser = replace(
-        _WARM,
-        initial_q=max(_WARM.initial_q, schedule.final_q),
-        final_q=schedule.final_q,
-        cost_ceiling=schedule.cost_ceiling,
-        max_steps=schedule.max_steps,
-    )
-    again = annealer(segments, fit.point, fit.scales, looser)
+    again = annealer(segments, fit.point, fit.scales, _loosened(schedule))
     path = (*fit.path, *again.path)
     tight = min(fit.q, again.q)
     if again.status is AnnealingStatus.CONVERGED or again.misfit.cost(tight) <= fit.misfit.cost(tight):

@@ -123,8 +123,7 @@ def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
 
     The parameters are moved by two standard errors in random directions, and by three in the directions that the record
     determines least, and held, and the orbit is fitted again. A narrow valley that bends leaves the latter only. A search that
-    converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much; but beside open
-    gains it may have followed the valley of a common scale, which bends and is smooth.
+    converged only after it had run out of steps crossed a likelihood too uneven for its curvature to say much.
 
     Parameters
     ----------
@@ -140,7 +139,7 @@ def is_regular(fit: LikelihoodFit, faint: Sequence[str] = ()) -> bool:
     """
     if went_straight(fit):
         return True
-    if len(fit.path) > _EXHAUSTED and not fit.segments.sensors.gains:
+    if len(fit.path) > _EXHAUSTED:
         return False
     if fit.shape is CostShape.REGULAR:
         return True

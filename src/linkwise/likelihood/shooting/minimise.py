@@ -543,7 +543,10 @@ def anneal(
                     status = AnnealingStatus.COSTLY
                     break
             small, left = schedule.is_little(step, unclear, segments)
-            settled = small and is_settled(segments, linear, damped, misfit, scales, loss, left)
+            settled = small and (
+                control.ends_in_valley(step)
+                or is_settled(segments, linear, damped, misfit, scales, loss, left)
+            )
             if step.reduction > 0.0 and not settled and control.may_try(schedule, segments):
                 chords = ChordEquations(segments, linear, damped, before, scales, loss)
                 end = chords.followed(misfit, schedule.final_q, left)

@@ -391,8 +391,11 @@ class AnnealingStep:
 
 @dataclass(frozen=True)
 class SearchState:
-    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length, and the
-    number of steps at the final q that lowered the cost.
+    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length, the
+    number of steps at the final q that lowered the cost, and the damping below which there is none.
+
+    That one falls where a step without damping fails after a damped one that did not: in a valley that bends, such as that of
+    a scale which all channels share, the damping between them is the one that leads on.
     """
 
     q: float
@@ -401,6 +404,8 @@ class SearchState:
     growth: float = 2.0
     stride: float = 1.0
     tight: int = 0
+    slight: float = SLIGHT
+    eased: bool = False
 
     def may_try(self, schedule: AnnealingSchedule, segments: Segments) -> bool:
         """Whether chord steps may follow a step: a full one of a search that leads to more than the start of another.
@@ -410,6 +415,10 @@ class SearchState:
         """
         due = self.tight == 0 and len(segments.system.incidence) >= MANY
         return due and self.stride == 1.0 and schedule.tolerance <= AnnealingSchedule.tolerance
+
+    def ends_in_valley(self, step: AnnealingStep) -> bool:
+        """Whether a step along a valley that bends failed, where longer ones did: what a full one promises is rounding."""
+        return self.slight < SLIGHT and step.reduction <= 0.0
 
     def firmer(self) -> SearchState:
         """The state after equations that were not positive definite."""
@@ -433,8 +442,10 @@ class SearchState:
         if self.q < self.settled and not overshot:
             back = float(np.sqrt(self.q * self.settled)) if self.q < 0.9 * self.settled else self.settled
             return replace(self, q=back, growth=2.0, stride=1.0)
+        slight = 0.1 * self.slight if self.eased else self.slight
+        damping = max(self.growth * self.damping, 10.0 * slight)
         return replace(
-            self, damping=max(self.growth * self.damping, 0.01), growth=2.0 * self.growth, stride=1.0
+            self, damping=damping, growth=2.0 * self.growth, stride=1.0, slight=slight, eased=False
         )
 
     def _onward(self, step: AnnealingStep, schedule: AnnealingSchedule, samples: int) -> SearchState:
@@ -448,12 +459,13 @@ class SearchState:
             settled, q = q, max(schedule.final_q, q * schedule.factor(step.remaining / samples))
         elif step.reduction < 0.01 * step.cost:
             q = max(schedule.final_q, q * schedule.largest_factor)
-        damping = damping if damping >= SLIGHT else 0.0
+        damping = damping if damping >= self.slight else 0.0
         return replace(
             self,
             q=q,
             settled=settled,
             damping=damping,
+            eased=damping < self.damping and damping == 0.0,
             growth=2.0,
             stride=stride,
             tight=self.tight + (step.q <= schedule.final_q),
