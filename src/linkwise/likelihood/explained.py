@@ -21,6 +21,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.missing_samples import mark_missing, marked_samples
+from linkwise.likelihood.checks.recording import without_exchange
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
     ADMISSIBLE,
@@ -177,8 +178,9 @@ def explained_answer(
     first = last = _Model(structure, options, records, (), stated)
     if first.is_explained:
         return stated
-    if (beside := _beside_alerts(answered, first)) is not None:
-        last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
+    for beside_record in (_beside_alerts, _beside_exchange):
+        if not last.is_explained and (beside := beside_record(answered, first)) is not None:
+            last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
     if not last.is_explained and stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
         return stated
     if not last.is_explained:
@@ -215,6 +217,16 @@ def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
         return None
     options = replace(model.options, hums={**model.options.hums, **lines})
     return _refitted(answered, replace(model, records=records), model.structure, options, tuple(causes))
+
+
+def _beside_exchange(answered: Answered, model: _Model) -> _Model | None:
+    """The model from records with another sign, unit or place of a channel; None where none explains by far most."""
+    named = [alert.channel for alert in model.answer.alerts if alert.kind == "unit"]
+    found = without_exchange(model.records, model.structure, named)
+    if found is None:
+        return None
+    records, error = found
+    return _refitted(answered, replace(model, records=records), model.structure, model.options, (error,))
 
 
 def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | None:

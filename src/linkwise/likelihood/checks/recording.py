@@ -146,34 +146,55 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     Several where the equations cannot tell them apart, as a displacement that is too large from another that is too small;
     none where the weak form does not apply. `structure` has its unknowns, all of the terms that were offered in a search.
     """
-    if structure.size > _LARGEST or len(structure.parameters) > _MOST:
-        return ()
-    given = [
-        replace(record, noise={}, simulated=None) for record in records
-    ]  # noise is found, as units change
-    parts = [_loudest_part(record) for record in given]
+    parts = _loudest_parts(records)
+    return tuple(
+        error.cause(gain)
+        for error, gain in _likeliest(parts, structure)
+        if all(_is_explained(error, error.correct(part), structure) for part in parts)
+    )
 
-    def corrected(error: RecordingError) -> list[Record]:
-        return [error.correct(record)[part] for record, part in zip(given, parts, strict=True)]
+
+def without_exchange(
+    records: Sequence[Record], structure: Structure, named: Sequence[str]
+) -> tuple[list[Record], Cause] | None:
+    """The records with the sign, the unit or the place of a channel that explains by far most, and that error as a cause.
+
+    None where there is none, or where another one explains as much and the error is not of the only channel that is `named`
+    by an alert of its unit.
+    """
+    likeliest = _likeliest(_loudest_parts(records), structure)
+    if len(likeliest) > 1:
+        likeliest = [(error, gain) for error, gain in likeliest if error.where in named]
+    if len(likeliest) != 1 or likeliest[0][0].kind == "high pass":
+        return None
+    [(error, gain)] = likeliest
+    return [error.correct(replace(record, simulated=None)) for record in records], error.cause(gain)
+
+
+def _likeliest(parts: Sequence[Record], structure: Structure) -> list[tuple[RecordingError, float]]:
+    """The errors that explain most of what the weak form leaves of records, each with what it takes off -2 log likelihood."""
+    if structure.size > _LARGEST or len(structure.parameters) > _MOST:
+        return []
 
     def gain(error: RecordingError) -> float:
         try:
-            return as_recorded - _misfit(corrected(error), structure)
+            return as_recorded - _misfit([error.correct(part) for part in parts], structure)
         except (LinkwiseError, np.linalg.LinAlgError):
             return -np.inf
 
     try:
-        as_recorded = _misfit([record[part] for record, part in zip(given, parts, strict=True)], structure)
+        as_recorded = _misfit(parts, structure)
     except (LinkwiseError, np.linalg.LinAlgError):
-        return ()
-    errors = [*_exchanged(given[0], structure), *_high_passes(given, structure, gain)]
+        return []
+    errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
     gains = [gain(error) for error in errors]
     least = max(_CONVINCING, max(gains, default=-np.inf) - _ALIKE)
-    return tuple(
-        error.cause(of_error)
-        for error, of_error in zip(errors, gains, strict=True)
-        if of_error > least and all(_is_explained(error, record, structure) for record in corrected(error))
-    )
+    return [pair for pair in zip(errors, gains, strict=True) if pair[1] > least]
+
+
+def _loudest_parts(records: Sequence[Record]) -> list[Record]:
+    """The loudest part of each record, its noise not stated: it is found, as units change."""
+    return [replace(record, noise={}, simulated=None)[_loudest_part(record)] for record in records]
 
 
 def _loudest_part(record: Record) -> slice:
