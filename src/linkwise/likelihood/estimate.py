@@ -31,7 +31,7 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
-from linkwise.likelihood.explained import answer_with_sensors, explained_answer
+from linkwise.likelihood.explained import answer_with_sensors, beside_exchange, explained_answer
 from linkwise.likelihood.fit import (
     LikelihoodFit,
     denoised,
@@ -505,7 +505,15 @@ class MaximumLikelihood(Estimator):
             report = partial(estimate_of, structure)
             return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
 
-        stated = answer(structure, options, records)
+        try:
+            stated = answer(structure, options, records)
+        except IdentificationError:
+            beside = (
+                None if self.as_stated or admitted else beside_exchange(answer, structure, options, records)
+            )
+            if beside is None:
+                raise
+            return beside
         if self.as_stated or admitted:
             return stated
         return explained_answer(stated, answer, structure, options, records)

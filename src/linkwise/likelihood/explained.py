@@ -196,6 +196,43 @@ def explained_answer(
     return answer if as_stated else replace(stated, alternative=answer)
 
 
+def beside_exchange(
+    answered: Answered, structure: Structure, options: LikelihoodOptions, records: Sequence[Record]
+) -> Estimate | None:
+    """The answer to records with another sign, unit or place of a channel, of which there is none to those as they stand.
+
+    None where no such error explains by far most, or more than noise is left without it.
+
+    Parameters
+    ----------
+    answered : callable
+        Gives the answer to a structure by some options from records.
+    structure, options, records
+        As of `explained_answer`.
+
+    Returns
+    -------
+    Estimate or None
+        The answer, with the error among what was added.
+    """
+    found = without_exchange(records, structure)
+    if found is None:
+        return None
+    answer = answered(structure, options, found[0])
+    beside = _Model(structure, options, found[0], (found[1],), answer)
+    last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
+    return replace(last.answer, added=_as_found(last.added, last.answer)) if last.is_explained else None
+
+
+def _beside_exchange(answered: Answered, model: _Model) -> _Model | None:
+    """The model from records with another sign, unit or place of a channel; None where none explains by far most."""
+    named = [alert.channel for alert in model.answer.alerts if alert.kind == "unit"]
+    found = without_exchange(model.records, model.structure, named)
+    if found is None:
+        return None
+    return _refitted(answered, replace(model, records=found[0]), model.structure, model.options, (found[1],))
+
+
 def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
     """The model without what its records show by themselves: readings at an end of a range are bounds, spikes are missing, and
     hums of sensors unknown; None where they show nothing of that.
@@ -217,16 +254,6 @@ def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
         return None
     options = replace(model.options, hums={**model.options.hums, **lines})
     return _refitted(answered, replace(model, records=records), model.structure, options, tuple(causes))
-
-
-def _beside_exchange(answered: Answered, model: _Model) -> _Model | None:
-    """The model from records with another sign, unit or place of a channel; None where none explains by far most."""
-    named = [alert.channel for alert in model.answer.alerts if alert.kind == "unit"]
-    found = without_exchange(model.records, model.structure, named)
-    if found is None:
-        return None
-    records, error = found
-    return _refitted(answered, replace(model, records=records), model.structure, model.options, (error,))
 
 
 def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | None:

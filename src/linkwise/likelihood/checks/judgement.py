@@ -39,7 +39,7 @@ LIKELIER = 16.0
 _SHOWN = 1.2  # times the noise that a channel shows: stated noise below it is no error of the laws
 _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
-_CONTRADICTED = frozenset({"sign", "unit", "swapped", "high pass", "clipped"})
+_CONTRADICTED = frozenset({"sign", "unit", "swapped", "relative", "high pass", "clipped"})
 """The same of a sign, a unit, a place or a range of a sensor, which no small size makes harmless."""
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
 AS_NOISE = 0.25

@@ -48,6 +48,7 @@ from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.noise import noise_sigma
 from linkwise.verdict import Verdict
+from linkwise.weak.displacements import with_displacements
 from linkwise.weak.estimate import WeakForm, record_misfit
 
 _BEYOND = 4.0  # standard errors, of the mean or of the power, which noise exceeds once in 30 000 and in 2 000 channels
@@ -110,7 +111,10 @@ _MOST = 60  # unknowns, likewise
 _SAMPLES = 20_000
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
-_UNITS = (1e-3, 1e3)  # factors that take out values in mm told as m, the usual error, and the reverse
+_G = 9.80665  # m/s^2
+_UNITS = {"x": (1e-3, 1e3), "v": (1e-3, 1e3), "a": (_G, 1.0 / _G, 1e-3, 1e3), "force": (1e-3, 1e3)}
+"""Factors that take out values in mm told as m, the usual error, and the reverse; of accelerations those in g as well."""
+_ALL_CHANNELS, _ALL_ACCELERATIONS = "all channels", "all accelerations"
 _ANGLES = (1.0 / DEGREES, DEGREES)  # likewise those in deg told as rad
 _CORNERS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Hz: AC coupling lies inside. What is best at an end is no high pass, but slow residuals or motion that any makes smaller."""
@@ -155,20 +159,25 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
 
 
 def without_exchange(
-    records: Sequence[Record], structure: Structure, named: Sequence[str]
+    records: Sequence[Record], structure: Structure, named: Sequence[str] = ()
 ) -> tuple[list[Record], Cause] | None:
     """The records with the sign, the unit or the place of a channel that explains by far most, and that error as a cause.
 
-    None where there is none, or where another one explains as much and the error is not of the only channel that is `named`
-    by an alert of its unit.
+    None where there is none, or where another one explains as much. Of several units the one that is `named` by an alert
+    counts; of several signs the first, as the others differ by the direction that is positive.
     """
     likeliest = _likeliest(_loudest_parts(records), structure)
-    if len(likeliest) > 1:
+    signs = [error.where for error, _ in likeliest if error.kind == "sign"]
+    if 1 < len(likeliest) == len(signs):
+        likeliest = likeliest[:1]
+    elif len(likeliest) > 1:
         likeliest = [(error, gain) for error, gain in likeliest if error.where in named]
     if len(likeliest) != 1 or likeliest[0][0].kind == "high pass":
         return None
     [(error, gain)] = likeliest
-    return [error.correct(replace(record, simulated=None)) for record in records], error.cause(gain)
+    remark = f"or of {' or '.join(signs[1:])}, by the direction that is positive" if signs[1:] else ""
+    corrected = [error.correct(replace(record, simulated=None)) for record in records]
+    return corrected, replace(error.cause(gain), remark=remark)
 
 
 def _likeliest(parts: Sequence[Record], structure: Structure) -> list[tuple[RecordingError, float]]:
@@ -210,7 +219,8 @@ def _loudest_part(record: Record) -> slice:
 
 def _misfit(records: Sequence[Record], structure: Structure) -> float:
     return sum(
-        record_misfit(record, structure) for record in framed_records(records, structure, integrated=True)
+        record_misfit(with_displacements(record, structure.masses), structure)
+        for record in framed_records(records, structure, integrated=True)
     )
 
 
@@ -228,20 +238,31 @@ def _is_explained(error: RecordingError, record: Record, structure: Structure) -
 
 
 def _exchanged(record: Record, structure: Structure) -> Iterator[RecordingError]:
-    """Channels of the wrong sign, in another unit, or in each other's place."""
-    displacements = [f"x:{name}" for name in structure.mass_names if f"x:{name}" in record.channels]
-    forces = [f"force:{name}" for name in structure.mass_names if f"force:{name}" in record.channels]
-    for name in (*forces, *displacements):
-        yield RecordingError("sign", name, partial(_times, name, -1.0))
-    for factor in _UNITS:
-        for name in (*displacements, *forces):
-            yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
-    for name in (name for name in displacements if unit_in(structure, name) == KINDS["x"].angular_unit):
-        for factor in _ANGLES:
-            yield RecordingError("unit", name, partial(_times, name, factor), size=1.0 / factor)
-    for channels in (displacements, forces):
-        for first, second in combinations(channels, 2):
+    """Channels of the wrong sign, in another unit, in each other's place, or relative to the base; or all of them."""
+    places = (*structure.mass_names, BASE)
+    measured = [name for name in record.channels if name.kind in _UNITS and name.place in places]
+    forces, motions = (
+        [name for name in measured if (name.kind == "force") is force] for force in (True, False)
+    )
+    for name in (*forces, *motions):
+        yield RecordingError("sign", name, partial(_times, (name,), -1.0))
+    for name in (*motions, *forces):
+        angular = unit_in(structure, name) == KINDS["x"].angular_unit
+        for factor in (*_UNITS[name.kind], *(_ANGLES if angular else ())):
+            yield RecordingError("unit", name, partial(_times, (name,), factor), size=1.0 / factor)
+    accelerations = [name for name in motions if name.kind == "a"]
+    for factor in _UNITS["a"] if len(accelerations) > 1 else ():
+        yield RecordingError(
+            "unit", _ALL_ACCELERATIONS, partial(_times, accelerations, factor), size=1.0 / factor
+        )
+    for first, second in combinations(measured, 2):
+        if first.kind == second.kind:
             yield RecordingError("swapped", first, partial(_swapped, first, second), source=second)
+    for base in (name for name in motions if name.place == BASE):
+        moved = [name for name in motions if name.kind == base.kind and name.place != BASE]
+        for names in (moved, *([name] for name in moved if len(moved) > 1)):
+            where = names[0] if len(names) == 1 else _ALL_CHANNELS
+            yield RecordingError("relative", where, partial(_beside_base, names, base))
 
 
 def _high_passes(
@@ -269,8 +290,16 @@ def _high_pass(name: str, corner: float) -> RecordingError:
     return RecordingError("high pass", name, partial(_integrated, name, corner), size=corner, unit="Hz")
 
 
-def _times(name: str, factor: float, record: Record) -> Record:
-    return _with_channel(record, name, factor * record.channel(name))
+def _times(names: Sequence[str], factor: float, record: Record) -> Record:
+    for name in names:
+        record = _with_channel(record, name, factor * record.channel(name))
+    return record
+
+
+def _beside_base(names: Sequence[str], base: str, record: Record) -> Record:
+    for name in names:
+        record = _with_channel(record, name, record.channel(name) + record.channel(base))
+    return record
 
 
 def _swapped(first: str, second: str, record: Record) -> Record:
@@ -683,6 +712,7 @@ _ADVICE = {
     "sign": "change the sign of {where}",
     "unit": "multiply {where} by {factor}, or state its unit",
     "swapped": "exchange {where} and {source}",
+    "relative": "name {where} as relative, rel:x:MASS, or add the motion of the base",
     "high pass": "couple the sensor of {where} directly (DC), or integrate what it took off",
     "mode": "state that mode, or keep it of the matrices",
     "clipped": "mark these samples as missing (mark_missing), or measure with a larger range",
