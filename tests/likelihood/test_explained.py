@@ -397,3 +397,59 @@ def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float
     assert fit.trusted and {cause.where for cause in fit.added} == {"x:m1", "x:m2"}
     assert "which sensor is off is open: each is taken as known to within" in " ".join(str(fit).split())
     assert np.abs(errors(fit, STATED)).max() < 2.0
+
+
+def by_accelerometers(*, base: bool = False) -> lw.Record:
+    """Two floors that a hit or their base moves, with accelerometers, or displacements beside that of the base."""
+    if base:
+        shaken = "0.002*sin(40*t) + 0.001*sin(95*t + 1)"
+        return lw.simulate(FLOORS["base"], base=shaken, duration=3.0, rate=500.0).with_noise(40.0, seed=68)
+    hit = {"m1": "400*exp(-((t - 0.1)/0.003)**2)"}
+    clean = lw.simulate(FLOORS["ground"], forces=hit, duration=2.0, rate=1000.0, sensors=("a",))
+    return clean.with_noise(40.0, seed=68)
+
+
+FLOORS = {
+    below: structure(
+        {"m1": 1.0, "m2": 0.7},
+        link("lower", f"m1-{below}", "k*d + c*v", k=9000.0, c=2.0),
+        link("upper", "m2-m1", "k*d + c*v + k3*d**3", k=4000.0, c=1.0, k3=1e7),
+    )
+    for below in ("ground", "base")
+}
+
+
+@pytest.mark.parametrize(
+    ("base", "channels", "change", "kind", "where"),
+    [
+        (True, ["x:m2"], lambda shown, record: shown - record.channel("x:base"), "relative", "x:m2"),
+        (True, ["x:base"], lambda shown, record: -shown, "sign", "x:base"),
+        pytest.param(False, ["a:m2"], lambda shown, record: -shown, "sign", "a:m2", marks=pytest.mark.slow),
+        pytest.param(
+            False,
+            ["a:m1", "a:m2"],
+            lambda a, record: a / 9.80665,
+            "unit",
+            "all accelerations",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_the_wrong_sign_unit_or_reference_of_a_channel_is_taken_out(
+    base: bool,
+    channels: list[str],
+    change: Callable[[np.ndarray, lw.Record], np.ndarray],
+    kind: str,
+    where: str,
+) -> None:
+    record = by_accelerometers(base=base)
+    truth = FLOORS["base" if base else "ground"]
+    values = record.values.copy()
+    for name in channels:
+        values[:, record.channels.index(name)] = change(record.channel(name), record)
+    wrong = replace(record, values=values, simulated=None)
+    fit = lw.identify(wrong, truth.unknown("all"))
+    assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [(kind, where)]
+    assert np.abs(errors(fit, truth)).max() < FAR
+    validation = lw.validate(wrong, fit)
+    assert validation.trusted and "Taken out of the record, as of that of the answer: " in str(validation)

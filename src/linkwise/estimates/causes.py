@@ -162,7 +162,8 @@ class Cause:
         dict
             Its part of result.json.
         """
-        return {
+        source: dict[str, str | float] = {"source": self.source} if self.source else {}
+        return source | {
             "cause": self.kind if not self.term else f"term {self.term}",
             "where": self.where,
             "size": self.size,

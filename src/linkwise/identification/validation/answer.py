@@ -15,10 +15,11 @@ import numpy as np
 import scipy
 
 from linkwise.errors import IdentificationError, RecordError, StructureError
-from linkwise.estimates.causes import SensorErrorEstimate
+from linkwise.estimates.causes import Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.identification.validation.result import CoefficientAgreement
+from linkwise.likelihood.checks.recording import EXCHANGES, corrected
 from linkwise.likelihood.estimate import MaximumLikelihood
 from linkwise.model.coefficient import MASS, Coefficient, Name
 from linkwise.model.host import is_between_modes
@@ -40,8 +41,9 @@ _STRUCTURE = "structure.toml"
 class ValidatedAnswer:
     """A structure of numbers, with what is known of the errors of its coefficients, its laws and the sensors.
 
-    That is the distribution of the coefficients if known, the model error, errors of sensors, and remarks on these; and the
-    grade of the answer, with a warning where it is not explained.
+    That is the distribution of the coefficients if known, the model error, remarks on these, errors of sensors, and signs,
+    units and places of channels that were taken out of the records; and the grade of the answer, with a warning where it is
+    not explained.
     """
 
     structure: Structure
@@ -49,6 +51,7 @@ class ValidatedAnswer:
     model_error: float = 0.0
     remarks: tuple[str, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
+    exchanged: tuple[Cause, ...] = ()
     grade: Grade = Grade.EXPLAINED
     warning: str = ""
 
@@ -62,7 +65,8 @@ class ValidatedAnswer:
         if isinstance(answer, Estimate):
             refused = answer.grade is Grade.REFUSED
             error = 0.0 if refused else answer.model_error
-            graded = answer.sensor_errors, answer.grade, grade_remark(answer.grade, answer.status)
+            exchanged = tuple(cause for cause in answer.added if cause.kind in EXCHANGES)
+            graded = answer.sensor_errors, exchanged, answer.grade, grade_remark(answer.grade, answer.status)
             if answer.intervals and not refused:
                 return cls(answer.structure, Posterior.of(answer), error, (), *graded)
             why = answer.status if refused else f"{answer.method} gives no intervals"
@@ -109,6 +113,7 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
         grade = Grade(result.get("grade", "refused"))
         error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
         of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
+        exchanged = tuple(map(_exchange, result.get("added", ())))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return f"no covariance is beside {_STRUCTURE}", {}
     if status not in STATUSES:
@@ -117,8 +122,20 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
             "beside it",
             str(path),
         )
-    known = {"sensor_errors": of_sensors, "grade": grade, "warning": grade_remark(grade, status)}
+    exchanged = tuple(cause for cause in exchanged if cause.kind in EXCHANGES)
+    known = {
+        "sensor_errors": of_sensors,
+        "exchanged": exchanged,
+        "grade": grade,
+        "warning": grade_remark(grade, status),
+    }
     return status, {"model_error": error if math.isfinite(error) and error >= 0.0 else 0.0, **known}
+
+
+def _exchange(document: Mapping[str, Any]) -> Cause:
+    """A cause as result.json holds it, by what takes it out of a record."""
+    size, source = float(document["size"]), str(document.get("source", ""))
+    return Cause(str(document["cause"]), str(document["where"]), size, "1", 0.0, 0.0, source=source)
 
 
 _ORDER = ("offset", "gain", "delay", "clock")  # in which they are undone: an offset is added last
@@ -158,6 +175,16 @@ def without_found_errors(
             f"adjusted since, identify again."
         )
     return record, tuple(remarks)
+
+
+def without_exchanges(record: Record, exchanged: Sequence[Cause]) -> tuple[Record, tuple[str, ...]]:
+    """The record without the signs, units and places that an answer took out of its own, and a sentence on it."""
+    for cause in exchanged:
+        record = corrected(record, cause)
+    if not exchanged:
+        return record, ()
+    named = " and ".join(cause.description for cause in exchanged)
+    return record, (f"Taken out of the record, as of that of the answer: {named}.",)
 
 
 def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> None:

@@ -26,6 +26,7 @@ from linkwise.identification.validation.answer import (
     refittable_names,
     sensor_noise,
     uncertain,
+    without_exchanges,
     without_found_errors,
 )
 from linkwise.identification.validation.prediction import (
@@ -286,11 +287,12 @@ def validate(
     given = ValidatedAnswer.of(answer)
     structure, posterior, remarks = given.structure, given.posterior, given.remarks
     law_error = _law_error(given.model_error if model_error is None else model_error)
-    record = with_force_windows(in_units_of(record, structure))
+    record, exchanged = without_exchanges(in_units_of(record, structure), given.exchanged)
+    record = with_force_windows(record)
     scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
     unscored = _unscored(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
-    remarks = (*remarks, *unscored, *taken_out, *unknown_sensors(scored))
+    remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
     samples, prediction, steps, noise = predicted(
         scored, given, burn, law_error, part(progress, 0.0, 0.6 if refit else 1.0)

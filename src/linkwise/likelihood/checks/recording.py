@@ -23,8 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations
+from itertools import combinations, zip_longest
 
 import numpy as np
 import scipy
@@ -112,10 +111,10 @@ _SAMPLES = 20_000
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
 _G = 9.80665  # m/s^2
-_UNITS = {"x": (1e-3, 1e3), "v": (1e-3, 1e3), "a": (_G, 1.0 / _G, 1e-3, 1e3), "force": (1e-3, 1e3)}
-"""Factors that take out values in mm told as m, the usual error, and the reverse; of accelerations those in g as well."""
+_UNITS = {"x": (1e3, 1e-3), "v": (1e3, 1e-3), "a": (1.0 / _G, _G, 1e3, 1e-3), "force": (1e3, 1e-3)}
+"""Times that values in mm told as m are too large, the usual error, and the reverse; of accelerations those in g as well."""
 _ALL_CHANNELS, _ALL_ACCELERATIONS = "all channels", "all accelerations"
-_ANGLES = (1.0 / DEGREES, DEGREES)  # likewise those in deg told as rad
+_ANGLES = (DEGREES, 1.0 / DEGREES)  # likewise those in deg told as rad
 _CORNERS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Hz: AC coupling lies inside. What is best at an end is no high pass, but slow residuals or motion that any makes smaller."""
 _HINT = 5.0  # of -2 log likelihood, from which a corner is looked for between these
@@ -123,25 +122,8 @@ _REFINED = 12  # records that are tried for it
 _EXPLAINED = (Verdict.CONVERGED, Verdict.HARDLY_DETERMINED)
 """Verdicts of the weak form on laws that explain a record to within its noise."""
 
-Correction = Callable[[Record], Record]
-
-
-@dataclass(frozen=True, eq=False)
-class RecordingError:
-    """An error of a channel, with the words of a `Cause`, and what takes it out of a record."""
-
-    kind: str
-    where: str
-    correct: Correction
-    source: str = ""
-    size: float = 0.0
-    unit: str = "1"
-
-    def cause(self, gain: float) -> Cause:
-        """It as a cause that takes `gain` off -2 log likelihood."""
-        return Cause(
-            self.kind, self.where, self.size, self.unit, gain, standard_error=0.0, source=self.source
-        )
+EXCHANGES = frozenset({"sign", "unit", "swapped", "relative"})
+"""Kinds of errors of a whole channel that a record can be freed of without loss."""
 
 
 def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[Cause, ...]:
@@ -152,9 +134,9 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     """
     parts = _loudest_parts(records)
     return tuple(
-        error.cause(gain)
-        for error, gain in _likeliest(parts, structure)
-        if all(_is_explained(error, error.correct(part), structure) for part in parts)
+        error
+        for error in _likeliest(parts, structure)
+        if all(_is_explained(error, corrected(part, error), structure) for part in parts)
     )
 
 
@@ -167,27 +149,65 @@ def without_exchange(
     counts; of several signs the first, as the others differ by the direction that is positive.
     """
     likeliest = _likeliest(_loudest_parts(records), structure)
-    signs = [error.where for error, _ in likeliest if error.kind == "sign"]
+    signs = [error.where for error in likeliest if error.kind == "sign"]
     if 1 < len(likeliest) == len(signs):
         likeliest = likeliest[:1]
     elif len(likeliest) > 1:
-        likeliest = [(error, gain) for error, gain in likeliest if error.where in named]
-    if len(likeliest) != 1 or likeliest[0][0].kind == "high pass":
+        likeliest = [error for error in likeliest if error.where in named]
+    if len(likeliest) != 1 or likeliest[0].kind not in EXCHANGES:
         return None
-    [(error, gain)] = likeliest
     remark = f"or of {' or '.join(signs[1:])}, by the direction that is positive" if signs[1:] else ""
-    corrected = [error.correct(replace(record, simulated=None)) for record in records]
-    return corrected, replace(error.cause(gain), remark=remark)
+    error = replace(likeliest[0], remark=remark)
+    return [corrected(record, error) for record in records], error
 
 
-def _likeliest(parts: Sequence[Record], structure: Structure) -> list[tuple[RecordingError, float]]:
-    """The errors that explain most of what the weak form leaves of records, each with what it takes off -2 log likelihood."""
+def corrected(record: Record, error: Cause) -> Record:
+    """A record without the wrong sign, unit, place or reference of a channel, or without a high pass.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    error : Cause
+        A cause of the kind "sign", "unit", "swapped", "relative" or "high pass".
+
+    Returns
+    -------
+    Record
+        The record without it; itself where it lacks the channels.
+    """
+    values, places = record.values.copy(), {str(name): place for place, name in enumerate(record.channels)}
+    of_all = {
+        _ALL_CHANNELS: [name for name in record.responses if f"{name.kind}:{BASE}" in places],
+        _ALL_ACCELERATIONS: [name for name in record.channels if name.kind == "a"],
+    }
+    for name in of_all.get(error.where, [name for name in record.channels if name == error.where]):
+        column = places[name]
+        match error.kind:
+            case "sign":
+                values[:, column] *= -1.0
+            case "unit":
+                values[:, column] /= error.size
+            case "relative":
+                values[:, column] += record.channel(f"{name.kind}:{BASE}")
+            case "swapped" if error.source in places:
+                values[:, [column, places[error.source]]] = record.values[:, [places[error.source], column]]
+            case "high pass":  # y' + w y = x' that was at rest: x = y + w times the integral of y
+                integral = scipy.integrate.cumulative_trapezoid(
+                    values[:, column], dx=record.step, initial=0.0
+                )
+                values[:, column] += 2.0 * np.pi * error.size * integral
+    return replace(record, values=values, simulated=None)
+
+
+def _likeliest(parts: Sequence[Record], structure: Structure) -> list[Cause]:
+    """The errors that explain most of what the weak form leaves of records."""
     if structure.size > _LARGEST or len(structure.parameters) > _MOST:
         return []
 
-    def gain(error: RecordingError) -> float:
+    def gain(error: Cause) -> float:
         try:
-            return as_recorded - _misfit([error.correct(part) for part in parts], structure)
+            return as_recorded - _misfit([corrected(part, error) for part in parts], structure)
         except (LinkwiseError, np.linalg.LinAlgError):
             return -np.inf
 
@@ -196,9 +216,9 @@ def _likeliest(parts: Sequence[Record], structure: Structure) -> list[tuple[Reco
     except (LinkwiseError, np.linalg.LinAlgError):
         return []
     errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
-    gains = [gain(error) for error in errors]
-    least = max(_CONVINCING, max(gains, default=-np.inf) - _ALIKE)
-    return [pair for pair in zip(errors, gains, strict=True) if pair[1] > least]
+    errors = [replace(error, gain=gain(error)) for error in errors]
+    least = max(_CONVINCING, max((error.gain for error in errors), default=-np.inf) - _ALIKE)
+    return [error for error in errors if error.gain > least]
 
 
 def _loudest_parts(records: Sequence[Record]) -> list[Record]:
@@ -224,7 +244,7 @@ def _misfit(records: Sequence[Record], structure: Structure) -> float:
     )
 
 
-def _is_explained(error: RecordingError, record: Record, structure: Structure) -> bool:
+def _is_explained(error: Cause, record: Record, structure: Structure) -> bool:
     """Whether the weak form finds no more than noise in what the laws leave of a `record` that is without an error.
 
     Without a high pass, slow noise of the sensor is larger than before, and follows slow motion; there the power decides.
@@ -237,7 +257,7 @@ def _is_explained(error: RecordingError, record: Record, structure: Structure) -
     return answer.fit_verdicts[0] in (*_EXPLAINED, *slow_noise)
 
 
-def _exchanged(record: Record, structure: Structure) -> Iterator[RecordingError]:
+def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
     """Channels of the wrong sign, in another unit, in each other's place, or relative to the base; or all of them."""
     places = (*structure.mass_names, BASE)
     measured = [name for name in record.channels if name.kind in _UNITS and name.place in places]
@@ -245,79 +265,46 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[RecordingError]
         [name for name in measured if (name.kind == "force") is force] for force in (True, False)
     )
     for name in (*forces, *motions):
-        yield RecordingError("sign", name, partial(_times, (name,), -1.0))
-    for name in (*motions, *forces):
-        angular = unit_in(structure, name) == KINDS["x"].angular_unit
-        for factor in (*_UNITS[name.kind], *(_ANGLES if angular else ())):
-            yield RecordingError("unit", name, partial(_times, (name,), factor), size=1.0 / factor)
-    accelerations = [name for name in motions if name.kind == "a"]
-    for factor in _UNITS["a"] if len(accelerations) > 1 else ():
-        yield RecordingError(
-            "unit", _ALL_ACCELERATIONS, partial(_times, accelerations, factor), size=1.0 / factor
-        )
+        yield _error("sign", name)
+    angular = {name for name in motions if unit_in(structure, name) == KINDS["x"].angular_unit}
+    units = {
+        name: (*_UNITS[name.kind], *(_ANGLES if name in angular else ())) for name in (*motions, *forces)
+    }
+    for usual in zip_longest(*units.values()):  # the most usual of all channels first
+        yield from (_error("unit", name, times) for name, times in zip(units, usual, strict=True) if times)
+    for times in _UNITS["a"] if sum(name.kind == "a" for name in motions) > 1 else ():
+        yield _error("unit", _ALL_ACCELERATIONS, times)
     for first, second in combinations(measured, 2):
         if first.kind == second.kind:
-            yield RecordingError("swapped", first, partial(_swapped, first, second), source=second)
+            yield _error("swapped", first, source=second)
     for base in (name for name in motions if name.place == BASE):
         moved = [name for name in motions if name.kind == base.kind and name.place != BASE]
-        for names in (moved, *([name] for name in moved if len(moved) > 1)):
-            where = names[0] if len(names) == 1 else _ALL_CHANNELS
-            yield RecordingError("relative", where, partial(_beside_base, names, base))
+        for where in (*moved, *([_ALL_CHANNELS] if len(moved) > 1 else ())):
+            yield _error("relative", where)
 
 
 def _high_passes(
-    records: Sequence[Record], structure: Structure, gain: Callable[[RecordingError], float]
-) -> Iterator[RecordingError]:
-    """Of each displacement without gaps the high pass that explains most, if one of usual corners does."""
+    records: Sequence[Record], structure: Structure, gain: Callable[[Cause], float]
+) -> Iterator[Cause]:
+    """Of each displacement without gaps the high pass of first order that explains most, if one of usual corners does."""
     for name in (f"x:{name}" for name in structure.mass_names):
         if not all(name in record.channels and np.isfinite(record.channel(name)).all() for record in records):
             continue
-        gains = [gain(_high_pass(name, corner)) for corner in _CORNERS]
+        gains = [gain(_error("high pass", name, corner, "Hz")) for corner in _CORNERS]
         best = int(np.argmax(gains))
         if gains[best] < _HINT or best in (0, len(_CORNERS) - 1):
             continue
         refined = scipy.optimize.minimize_scalar(
-            lambda log_corner, name=name: -gain(_high_pass(name, float(np.exp(log_corner)))),
+            lambda log_corner, name=name: -gain(_error("high pass", name, float(np.exp(log_corner)), "Hz")),
             bounds=np.log([_CORNERS[best - 1], _CORNERS[best + 1]]),
             method="bounded",
             options={"maxiter": _REFINED},
         )
-        yield _high_pass(name, float(np.exp(refined.x)))
+        yield _error("high pass", name, float(np.exp(refined.x)), "Hz")
 
 
-def _high_pass(name: str, corner: float) -> RecordingError:
-    """A high pass of first order with a corner in Hz."""
-    return RecordingError("high pass", name, partial(_integrated, name, corner), size=corner, unit="Hz")
-
-
-def _times(names: Sequence[str], factor: float, record: Record) -> Record:
-    for name in names:
-        record = _with_channel(record, name, factor * record.channel(name))
-    return record
-
-
-def _beside_base(names: Sequence[str], base: str, record: Record) -> Record:
-    for name in names:
-        record = _with_channel(record, name, record.channel(name) + record.channel(base))
-    return record
-
-
-def _swapped(first: str, second: str, record: Record) -> Record:
-    exchanged = _with_channel(record, first, record.channel(second))
-    return _with_channel(exchanged, second, record.channel(first))
-
-
-def _integrated(name: str, corner: float, record: Record) -> Record:
-    """The record before a high pass y' + w y = x' that was at rest: x = y + w times the integral of y."""
-    y = record.channel(name)
-    integral = scipy.integrate.cumulative_trapezoid(y, dx=record.step, initial=0.0)
-    return _with_channel(record, name, y + 2.0 * np.pi * corner * integral)
-
-
-def _with_channel(record: Record, name: str, values: Floats) -> Record:
-    columns = record.values.copy()
-    columns[:, record.channels.index(name)] = values
-    return replace(record, values=columns)
+def _error(kind: str, where: str, size: float = 0.0, unit: str = "1", source: str = "") -> Cause:
+    return Cause(kind, str(where), size, unit, 0.0, standard_error=0.0, source=str(source))
 
 
 # times the noise: 1.44 in chi-square, which no number of samples that a fit has gives by chance
