@@ -261,7 +261,7 @@ def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | 
     if model.is_explained:
         return None
     named, records = model.answer.diagnosis[:1], model.records
-    hidden = any(cause.kind == CLOCK for cause in named)  # by noise of inputs
+    hidden = any(cause.kind.endswith((CLOCK, "delay")) for cause in named)  # by noise of inputs
     rung = (_first_error(model.options, records, model.answer) if hidden else None) or (
         _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
     )
