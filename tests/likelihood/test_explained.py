@@ -399,6 +399,21 @@ def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float
     assert np.abs(errors(fit, STATED)).max() < 2.0
 
 
+def test_where_one_of_two_masses_is_off_the_second_answer_leaves_both_open() -> None:
+    heavy = replace(STATED, masses=(STATED.masses[0], lw.Mass("m2", lw.Coefficient.number(0.0105))))
+    fit = lw.identify(record(0.0, 1.0, 69), heavy.unknown("all"))
+    assert not fit.trusted and {cause.kind for cause in fit.diagnosis[:2]} == {"mass"}
+    other = present(fit.alternative)
+    assert other.trusted and {cause.where for cause in other.added} == {"m1", "m2"}
+    assert np.abs(errors(other, STATED)).max() < 2.0
+    title, asked, _ = fit.second_answer
+    assert (
+        " or a mass of m" in title
+        and asked[0].startswith("m1, known to within 4.")
+        and "term" not in (fit.to_dict()["alternative"])
+    )
+
+
 def by_accelerometers(*, base: bool = False) -> lw.Record:
     """Two floors that a hit or their base moves, with accelerometers, or displacements beside that of the base."""
     if base:

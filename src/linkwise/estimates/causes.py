@@ -216,7 +216,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         CLIPPED: CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),
-        "mass": CauseKind(f"a mass of {_OFF}", "1", relative=True),
+        "mass": CauseKind(f"a mass of {_OFF}{{remark}}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),
         "frequency": CauseKind(f"a frequency of {_OFF}", "1"),
         "damping": CauseKind(f"a damping of {_OFF}", "1"),
@@ -224,7 +224,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "shape": CauseKind(f"a shape of {{0.source}} at {_OFF}", "1", relative=True),
         "mode": CauseKind("a mode near {0.size:.3g} Hz that the host {0.where} lacks", "Hz"),
         "force gain": CauseKind(
-            "a force {size_percent:.3g} % {larger} than {0.where} shows", "1", relative=True
+            "a force {size_percent:.3g} % {larger} than {0.where} shows{remark}", "1", relative=True
         ),
         "force delay": CauseKind("a force {size_ms:.3g} ms {later} than {0.where} shows{remark}", "s"),
         "input noise": CauseKind(f"noise of {_SIZED}"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from math import isfinite
@@ -492,15 +492,16 @@ class Estimate(JudgedView):
         }
 
     def _alternative_document(self, other: Estimate) -> dict[str, Any]:
-        """The second answer as plain data: the first term that it adds, its link and law, all of its laws and coefficients."""
+        """The second answer as plain data: the first term that it adds, its link and law, all of its laws and coefficients.
+
+        The former three are left out where it adds none.
+        """
         laws = self._laws_of(other)
-        term = next(cause.term for cause in other.added if cause.term)
-        link = next(name for name, law in laws.items() if f"({term})" in law)
+        term = next((cause.term for cause in other.added if cause.term), "")
+        link = next((name for name, law in laws.items() if term and f"({term})" in law), "")
         unknown = {name: c for name, c in other._coefficients.items() if not c.known}
         return {
-            "term": term,
-            "link": link,
-            "law": laws[link],
+            **({"term": term, "link": link, "law": laws[link]} if link else {}),
             "laws": laws,
             "grade": other.grade.value,
             "added": [cause.to_dict() for cause in other.added],
@@ -525,10 +526,17 @@ class Estimate(JudgedView):
             for link in other.given_structure.links
             if link.name in laws
         ]
-        asked += [f"{cause.where} unknown" for cause in other.added if cause.is_instrument]
+        asked += [
+            f"{cause.where}, {cause.remark.rpartition(': each is taken as ')[2] or 'unknown'}"
+            for cause in other.added
+            if cause.is_instrument
+        ]
         unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
+        told = [cause.label for cause in other.added if not cause.remark]
+        open_ = [replace(cause, remark="").label for cause in other.added if cause.remark and cause.size]
+        told += [" or ".join(open_)] if open_ else []
         return (
-            f"With {' and '.join(cause.label for cause in other.added)} only noise is left: a second answer, to",
+            f"With {' and '.join(told)} only noise is left: a second answer, to",
             asked,
             [COEFFICIENT_HEAD, *(coefficient_row(c, name) for name, c in unknown)],
         )

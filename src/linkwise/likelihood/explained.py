@@ -192,7 +192,7 @@ def explained_answer(
     if not last.is_explained:
         return stated
     answer = replace(last.answer, added=_as_found(last.added, last.answer))
-    as_stated = all(cause.is_instrument for cause in last.added)
+    as_stated = all(cause.is_instrument and cause.kind not in FREED for cause in last.added)
     return answer if as_stated else replace(stated, alternative=answer)
 
 
@@ -268,12 +268,52 @@ def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | 
     return None if rung is None else _refitted(answered, model, model.structure, *rung)
 
 
+def _beside_scale(answered: Answered, model: _Model) -> _Model | None:
+    """The model with all masses, and gains of the forces, known to within what one of them is off by; None where more is left.
+
+    Laws with unknown coefficients determine ratios of masses and forces, and not which of them is off.
+    """
+    first, structure = next(iter(model.answer.diagnosis), None), model.structure
+    scales = ("mass", "force gain")
+    if model.added or first is None or first.kind not in scales or abs(first.size) > _CALIBRATED:
+        return None
+    most, named = (
+        abs(first.size),
+        {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)},
+    )
+    known = [mass for mass in structure.masses if mass.mass.known and mass.mass.value]
+    forces = [name for name in model.records[0].inputs if name.kind == "force"]
+    masses = [
+        replace(
+            mass, mass=Coefficient.unknown(start=mass.mass.value, sigma=most * abs(mass.mass.value or 0.0))
+        )
+        if mass in known
+        else mass
+        for mass in structure.masses
+    ]
+    options = replace(
+        model.options,
+        gains=(*model.options.gains, *forces),
+        calibration={**model.options.calibration, **dict.fromkeys(forces, most)},
+    )
+    remark = f"which one is off is open: each is taken as known to within {format_percent(most)}"
+    open_ = [*(("mass", mass.name) for mass in known), *(("force gain", name) for name in forces)]
+    added = tuple(
+        replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), remark=remark)
+        for key in open_
+    )
+    scaled = _refitted(answered, model, replace(structure, masses=tuple(masses)), options, added)
+    return scaled if scaled is not None and scaled.is_explained else None
+
+
 def _beside_cause(answered: Answered, model: _Model) -> _Model | None:
     """The model with the first of the terms and links that the diagnosis of its answer names, or next to it any other cause.
 
     Of those that are as likely, and an error that a term hardly exceeds, the one that explains most; None where another one
     explains as much. That the records contradict stated values alone is said of the answer.
     """
+    if (scaled := _beside_scale(answered, model)) is not None:
+        return scaled
     causes = () if model.is_explained else model.answer.diagnosis
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
     least = max(_ALIKE * causes[0].gain, named[0].gain - _AS_LIKELY) if named else 0.0
