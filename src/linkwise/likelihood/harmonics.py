@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import uniform_filter1d
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
@@ -40,6 +41,7 @@ _NEIGHBOURS = 61  # steps over which the level around a line is found
 _ABOVE = (
     30.0  # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 )
+_SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 _CHANCE = (
     16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 )
@@ -203,8 +205,7 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
                 ** 2
             )
             frequency = np.arange(power.shape[1]) * rate / max(size, own.shape[1])
-            level = median_filter(power, size=(1, _NEIGHBOURS), mode="nearest")
-            ratio = np.max(power / np.maximum(level, np.finfo(float).tiny), axis=0)
+            ratio = _above_level(power)
             nodes = (
                 record.rate / samples
             )  # at whose multiples a drift shows as well, as motion begins anew in each segment
@@ -221,6 +222,16 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
         if all(abs(line - other) * records[0].duration > 2.0 for other in lines):
             lines.append(line)
     return lines[:_LINES], count
+
+
+def _above_level(power: Floats) -> Floats:
+    """(F,) the most that one of the powers (R, F) is above the median of its neighbours; 0 where all are near their mean."""
+    rows, at = np.nonzero(power > _SCREENED * uniform_filter1d(power, _NEIGHBOURS, axis=1, mode="nearest"))
+    padded = np.pad(power, ((0, 0), (_NEIGHBOURS // 2, _NEIGHBOURS // 2)), mode="edge")
+    level = np.median(sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at], axis=1)
+    above = np.zeros(power.shape[1])
+    np.maximum.at(above, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny))
+    return above
 
 
 def _gains(
