@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver_structure, tell
+from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
 from linkwise.output import to_json
@@ -82,7 +82,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
     subject = lw.read_structure(file)
     if shapes is not None:
         for path in lw.plot.save(estimates.shapes_figure(subject), _without_suffix(shapes)):
-            tell(f"note: {path} is written")
+            note(f"{path} is written")
     why = _why_no_rests(subject)
     rests = None
     if why is None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import progress, tell
@@ -61,7 +62,7 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
       linkwise study mine.toml --shard 3/16 --workers 1 -o results/mine
     """
     if options.workers is not None and options.scheduler is not None:
-        raise click.UsageError(
+        raise UsageError(
             "--workers runs the study on this machine, --scheduler on a cluster; give only one of them."
         )
     definition = lw.study.read_study(name)
@@ -88,7 +89,7 @@ def _require_stored(study: lw.study.Study, output: Path) -> None:
     """UsageError where what is to be exported is not what the folder holds."""
     stored = lw.study.stored_study(output)
     if stored.name != study.name:
-        raise click.UsageError(
+        raise UsageError(
             f'{output} holds the study "{stored.name}", not "{study.name}"; give that name, or another folder.'
         )
     if not lw.study.read_rows(output):
