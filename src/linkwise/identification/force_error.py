@@ -100,8 +100,7 @@ def _forces_with_memory(true: Link, estimated: Link, record: Record) -> tuple[Fl
 
 def _elongation(link: Link, record: Record) -> Floats:
     """(N,) elongations of one link."""
-    ends = [_displacement(end, record) for end in link.between]
-    return np.asarray(ends[0] - ends[1])
+    return np.asarray(_displacement(link.between[0], record) - _displacement(link.between[1], record))
 
 
 def _displacement(end: str, record: Record) -> Floats:

@@ -163,9 +163,7 @@ def error_profiles(record: Record, structure: Structure, prediction: Prediction)
         of_d, of_v = link.law.motion_units
         quantities.append((f"d of {link.name}", of_d, prediction.d[:, number]))
         quantities.append((f"v of {link.name}", of_v, prediction.v[:, number]))
-    return tuple(
-        _profile(quantity, unit, values[scored], square[scored]) for quantity, unit, values in quantities
-    )
+    return tuple(_profile(name, unit, values[scored], square[scored]) for name, unit, values in quantities)
 
 
 def _profile(quantity: str, unit: str, values: Floats, square: Floats) -> ErrorProfile:
@@ -292,9 +290,8 @@ def validate(
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
-    samples, prediction, steps, noise = predicted(
-        scored, given, burn, law_error, part(progress, 0.0, 0.6 if refit else 1.0)
-    )
+    first = part(progress, 0.0, 0.6 if refit else 1.0)
+    samples, prediction, steps, noise = predicted(scored, given, burn, law_error, first)
     refittable = () if posterior is None else refittable_names(posterior)
     agreed: tuple[CoefficientAgreement, ...] = ()
     refuted = False
@@ -309,7 +306,7 @@ def validate(
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
     prediction = with_stated_sensors(prediction, scored)
     sigma = np.array([noise[name] for name in scored.responses])
-    deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
+    deviation = np.sqrt(sigma**2 + prediction.variance)
     deviation[np.isnan(prediction.predicted)] = np.nan
     return Validation(
         structure=structure,
@@ -361,8 +358,7 @@ def _on_rig(
     samples = _burn_samples(scored, burn)
     prediction, noise = rig_prediction(scored, given.structure, given.posterior, samples, law_error)
     progress(ProgressReport(1.0, "forces along the motion"))
-    variance = prediction.by_state + prediction.by_coefficients + prediction.by_laws
-    variance[np.isnan(prediction.predicted)] = np.nan
+    variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variance)
     return samples, prediction, (prediction.predicted, variance), noise
 
 
@@ -392,11 +388,8 @@ def _usable(record: Record, structure: Structure) -> Record:
 def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
     """A sentence on responses that no prediction is compared with."""
     unscored = [name for name in record.responses if name not in scored.channels]
-    if not unscored:
-        return ()
-    return (
-        f"{', '.join(unscored)} were not scored: a validation predicts what the structure's masses and links show.",
-    )
+    predicted = "a validation predicts what the structure's masses and links show"
+    return (f"{', '.join(unscored)} were not scored: {predicted}.",) if unscored else ()
 
 
 def _failed_alone(again: Estimate) -> str:
