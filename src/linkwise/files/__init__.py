@@ -45,9 +45,7 @@ FORMATS = {
     **dict.fromkeys((".txt", ".dat", ".tsv"), Format("linkwise.files.text:read_text", header=True)),
     ".mat": Format("linkwise.files.mat:read_table", "linkwise.files.mat:write"),
     **dict.fromkeys((".h5", ".hdf5"), Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write")),
-    ".parquet": Format(
-        "linkwise.files.parquet:read_table", "linkwise.files.parquet:write", library="pyarrow"
-    ),
+    ".parquet": Format("linkwise.files.parquet:read_table", "linkwise.files.parquet:write", "pyarrow"),
     **dict.fromkeys((".uff", ".unv"), Format("linkwise.files.uff:read_table", library="pyuff")),
     **dict.fromkeys((".npy", ".npz"), Format("linkwise.files.arrays:read_numpy")),
     ".json": Format("linkwise.files.arrays:read_json"),

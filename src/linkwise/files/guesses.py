@@ -64,22 +64,8 @@ _NAMES = (
 _TIMES = re.compile(r"(?:time|zeit|t)\b|time", re.IGNORECASE)
 _WORDS = re.compile(r"[^\W\d_]+|\d+")
 _BASES = {BASE, "basis", "floor", "foundation", "fundament", "ground", "boden", "table", "tisch"}
-_SENSORS = {
-    "sensor",
-    "signal",
-    "channel",
-    "ch",
-    "ai",
-    "dev",
-    "mod",
-    "cdaq",
-    "untitled",
-    "of",
-    "at",
-    "x",
-    "y",
-    "z",
-}
+_SENSORS = {"sensor", "signal", "channel", "ch", "ai", "dev", "mod", "cdaq", "untitled"}
+_SENSORS |= {"of", "at", "x", "y", "z"}
 _CAMEL = re.compile(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])")
 _RATES = (5.0, 1e7)  # Hz: between which vibrations are sampled
 
@@ -298,7 +284,7 @@ def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
     guesses = guessed_columns(table)
     if {guess.name for guess in guesses} <= {"time", ""}:  # a mapping of nothing could not be read
         guesses = _placeholders(table, guesses)
-    return mapping_text(table.file, guesses), tuple(map(_sentence, filter(_is_guessed, guesses)))
+    return mapping_text(table.file, guesses), tuple(_sentence(guess) for guess in guesses if guess.why)
 
 
 def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnGuess, ...]:
@@ -316,10 +302,6 @@ def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnG
         else:
             placed.append(replace(guess, name=Channel("x", _free_mass(names)), why=_NOTHING))
     return tuple(placed)
-
-
-def _is_guessed(guess: ColumnGuess) -> bool:
-    return bool(guess.why)
 
 
 def _sentence(guess: ColumnGuess) -> str:

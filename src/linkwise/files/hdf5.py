@@ -81,9 +81,8 @@ def open_file(path: Path) -> h5py.File:
             while position + _ENTRY.size <= end:
                 index, size = _ENTRY.unpack_from(content, position)
                 if index == size == 0:
-                    raise ValueError(
-                        f"the texts that begin at byte {heap.start()} have no end; the file is damaged"
-                    )
+                    where = f"the texts that begin at byte {heap.start()}"
+                    raise ValueError(f"{where} have no end; the file is damaged")
                 position += _ENTRY.size + -(-size // 8) * 8 if index else size
     return h5py.File(path, "r")
 

@@ -192,9 +192,8 @@ def table_of(
     `files.read_record`.
     """
     header, first = _header(lines) if named_header is None else _named(lines, named_header, path)
-    data_lines = np.array(
-        [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])], dtype=np.int64
-    )
+    below = [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])]
+    data_lines = np.array(below, dtype=np.int64)
     if not len(data_lines):
         line = None if header is None else header + 1 + lines_before
         raise RecordError("there are no data below the header", path, line)
@@ -229,11 +228,8 @@ def table_of(
 
 def _units(cells: list[str], headers: list[str]) -> list[str] | None:
     """The headers with the units that a line of `cells` below them states; None where it states none."""
-    if (
-        len(cells) != len(headers)
-        or not any(cells)
-        or any(parse_number(cell) is not None for cell in cells if cell)
-    ):
+    numbers = any(parse_number(cell) is not None for cell in cells if cell)
+    if numbers or len(cells) != len(headers) or not any(cells):
         return None
     bare = [cell.strip("[]()") for cell in cells]
     if not all(is_unit(unit) for unit in bare if unit not in _NO_UNIT):
