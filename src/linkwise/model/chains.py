@@ -92,14 +92,10 @@ def bnes_chain(
         primary, attached = f"m{2 * cell + 1}", f"m{2 * cell + 2}"
         below = f"m{2 * cell - 1}" if cell else GROUND
         masses += [Mass(primary, numbers["primary_mass"]), Mass(attached, numbers["sink_mass"])]
+        of_sink = {"alpha": numbers["alpha"], "beta": numbers["beta"], "c": numbers["sink_c"]}
         links += [
             Link(f"spring{cell + 1}", (primary, below), spring, {"k": numbers["k"], "c": numbers["c"]}),
-            Link(
-                f"nes{cell + 1}",
-                (attached, primary),
-                sink,
-                {"alpha": numbers["alpha"], "beta": numbers["beta"], "c": numbers["sink_c"]},
-            ),
+            Link(f"nes{cell + 1}", (attached, primary), sink, of_sink),
         ]
     return Structure(f"bistable chain of {n} masses", tuple(masses), tuple(links))
 
@@ -112,9 +108,8 @@ def _per_cell(name: str, given: PerCell, cells: int) -> list[float]:
             raise ValueError
         return list(np.broadcast_to(numbers, cells).tolist())
     except (TypeError, ValueError):
-        raise StructureError(
-            f"expected one number, or one for each of {cells} cells, got {given!r}", name
-        ) from None
+        wanted = f"expected one number, or one for each of {cells} cells"
+        raise StructureError(f"{wanted}, got {given!r}", name) from None
 
 
 _LINK = re.compile(r"\s*(?P<first>[^:]+?)\s+-\s+(?P<second>[^:]+?)\s*:\s*(?P<law>.+?)\s*", re.DOTALL)
@@ -183,9 +178,8 @@ def rig(
     """
     for argument, mapping in {"masses": masses, "links": links, "known": known, "signals": signals}.items():
         expect(f"rig(masses, links, known): {argument}", mapping, Mapping)
-    built = tuple(
-        mass_of(MassTable(mass, given), number, "rig") for number, (mass, given) in enumerate(masses.items())
-    )
+    of_masses = enumerate(masses.items())
+    built = tuple(mass_of(MassTable(mass, given), number, "rig") for number, (mass, given) in of_masses)
     tables = {link: link_table(link, text, signals) for link, text in links.items()}
     names = [str(Name(link, key)) for link, table in tables.items() for key in table.coefficients]
     for full, value in known.items():
@@ -197,9 +191,8 @@ def rig(
         owner, key = Name.parse(full).owner, Name.parse(full).key
         tables[owner].coefficients[key] = dict(value) if isinstance(value, Mapping) else value
     rotations = rotations_of((), built)
-    of_links = tuple(
-        link_of(table, number, "rig", rotations, signals) for number, table in enumerate(tables.values())
-    )
+    numbered = enumerate(tables.values())
+    of_links = tuple(link_of(table, number, "rig", rotations, signals) for number, table in numbered)
     require_named(signals, of_links, "rig")
     return Structure(name, built, of_links)
 

@@ -86,9 +86,8 @@ class Mass:
             role = "mass" if self.mass.known else "start of the unknown mass"
             raise StructureError(f"the {role} must be positive, got {value!r} {self.mass_unit}", where)
         if not self.mass.upper > 0.0:
-            raise StructureError(
-                f"the upper bound must be positive, got {self.mass.upper!r} {self.mass_unit}", where
-            )
+            got = f"{self.mass.upper!r} {self.mass_unit}"
+            raise StructureError(f"the upper bound must be positive, got {got}", where)
 
     def __repr__(self) -> str:
         unit = "" if self.unit == LENGTH else f", unit={self.unit!r}"
@@ -167,9 +166,8 @@ class Link:
         missing = [name for name in self.law.coefficients if name not in self.coefficients]
         if missing:
             lines = ", ".join(f'{name} = "unknown"' for name in missing)
-            raise StructureError(
-                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)", where
-            )
+            missed = f"coefficients of the law {self.law.text} are missing"
+            raise StructureError(f"{missed}: add {lines} (or a number)", where)
         extra = [name for name in self.coefficients if name not in self.law.coefficients]
         if extra and extra[0] in self.law.signals:
             raise StructureError(f"{extra[0]} is a coefficient and a signal; rename one of the two", where)
@@ -388,10 +386,8 @@ def check_name(name: object, kind: str) -> None:
             f"{name!r} is not a valid name: leading or trailing spaces, control characters and [ ] : = / \\ are not allowed",
             kind,
         )
-    if len(name.encode()) > LONGEST_NAME:
-        raise StructureError(
-            f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {len(name.encode())}", kind
-        )
+    if (size := len(name.encode())) > LONGEST_NAME:
+        raise StructureError(f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {size}", kind)
 
 
 COMPARISON = "the comparison with a truth"  # of terms and forces of d and v

@@ -69,15 +69,10 @@ def link_of(
         stated = _stated_units(entry, law)
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
-            inferred = law_dimensions(
-                law.text, law.expression, law.rates, {**stated, **known}, angular=angular
-            )
-            resolved = {
-                name: replace(states[name], unit=str(inferred[name]))
-                for name in open_states
-                if inferred[name]
-            }
-            states |= resolved
+            known |= stated
+            inferred = law_dimensions(law.text, law.expression, law.rates, known, angular=angular)
+            units_of = {name: str(inferred[name]) for name in open_states if inferred[name]}
+            states |= {name: replace(states[name], unit=unit) for name, unit in units_of.items()}
             law = _law(law.text, tuple(states.items()), angular, inputs)
         units = law.units
     except LinkwiseError as error:
@@ -133,10 +128,7 @@ def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:
 
 @lru_cache(maxsize=256)
 def _law(
-    text: str,
-    states: tuple[tuple[str, LinkState], ...],
-    angular: bool,
-    signals: tuple[tuple[str, str], ...],
+    text: str, states: tuple[tuple[str, LinkState], ...], angular: bool, signals: tuple[tuple[str, str], ...]
 ) -> Law:
     """The law of a text, parsed once for all links that have it."""
     law = Law.parse(text, dict(states), signals=dict(signals))

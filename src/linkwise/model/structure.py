@@ -69,9 +69,8 @@ def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence
         linked.update(link.between)
     loose = [name for name in mass_names if name not in linked]
     if loose:
-        raise StructureError(
-            "no link has it as an end; add a link or remove the mass", f"mass {quoted(loose)}"
-        )
+        problem = "no link has it as an end; add a link or remove the mass"
+        raise StructureError(problem, f"mass {quoted(loose)}")
 
 
 _MOST = 40  # masses or links that are shown
@@ -137,12 +136,9 @@ class Structure(NotebookView):
                     )
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
         slots = self._slots
-        leaders = resolve_sharing(slots)
-        if leaders:
-            resolved = {
-                name: slots[name].coefficient.following(slots[leader].coefficient)
-                for name, leader in leaders.items()
-            }
+        pairs = {name: (slots[name], slots[leader]) for name, leader in resolve_sharing(slots).items()}
+        if pairs:
+            resolved = {n: own.coefficient.following(lead.coefficient) for n, (own, lead) in pairs.items()}
             masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
             vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
@@ -400,9 +396,8 @@ class Structure(NotebookView):
         7
         """
         if not which:
-            raise StructureError(
-                'expected at least one of "all", a link, a prefix of link names, or "mass:NAME"'
-            )
+            choices = '"all", a link, a prefix of link names, or "mass:NAME"'
+            raise StructureError(f"expected at least one of {choices}")
         chosen = {name for selector in which for name in self._chosen(selector)}
         freed = {name: self._slots[name].freed for name in {self._leaders.get(name, name) for name in chosen}}
         return self._with(freed)
@@ -433,6 +428,8 @@ class Structure(NotebookView):
         >>> lw.bnes_chain(2).with_values({"nes1.alpha": -50.0}).coefficient("nes1.alpha").value
         -50.0
         """
+        if not values:
+            return self
         changes: dict[str, Coefficient] = {}
         identified = any(not self.coefficient(name).known for name in values)
         for name, value in values.items():

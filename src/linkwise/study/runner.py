@@ -81,11 +81,8 @@ def run(study: Study, cases: Sequence[Case], store: Store, executor: Executor, p
     queue = _Queue(study, executor, timing, pending)
 
     def report() -> None:
-        progress(
-            StudyProgress(
-                len(cases) - len(pending) + timing.done, len(cases), timing.rate, timing.left
-            ).report
-        )
+        done = len(cases) - len(pending) + timing.done
+        progress(StudyProgress(done, len(cases), timing.rate, timing.left).report)
 
     report()
     queue.submit()
@@ -155,9 +152,8 @@ class _Queue:
 
 def _killed(study: Study, case: Case) -> CaseResult:
     masses = study.subject(case.structure).structure.size
-    reason = (
-        f"its worker process died {_MOST_DEATHS} times while running it: killed, out of memory, or crashed"
-    )
+    died = f"its worker process died {_MOST_DEATHS} times while running it"
+    reason = f"{died}: killed, out of memory, or crashed"
     return CaseResult(failed_row(case, masses, reason, status=WORKER_DIED), 0.0)
 
 

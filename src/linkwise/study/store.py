@@ -247,26 +247,19 @@ def _unreadable(folder: Path, error: Exception) -> StudyError:
 def differences(before: Any, after: Any, path: str = "") -> list[str]:
     """Sentences on the differences between two documents, with the path of the key."""
     if isinstance(before, dict) and isinstance(after, dict):
-        keys = dict.fromkeys([*before, *after])
+        pairs = {f"{path}.{key}".lstrip("."): key for key in [*before, *after]}
         return [
-            line
-            for key in keys
-            for line in differences(before.get(key), after.get(key), f"{path}.{key}".lstrip("."))
+            line for at, key in pairs.items() for line in differences(before.get(key), after.get(key), at)
         ]
-    if (
-        isinstance(before, list)
-        and isinstance(after, list)
-        and any(isinstance(value, dict) for value in [*before, *after])
-    ):
+    lists = isinstance(before, list) and isinstance(after, list)
+    if lists and any(isinstance(value, dict) for value in [*before, *after]):
         old, new = ({table["name"]: table for table in tables} for tables in (before, after))
         if list(old) == list(new):
             return [line for name in old for line in differences(old[name], new[name], f'{path} "{name}"')]
         before, after = list(old), list(new)
     if before == after:
         return []
-    was, is_ = (
-        "not given" if value is None else json.dumps(value, ensure_ascii=False) for value in (before, after)
-    )
+    was, is_ = ("not given" if v is None else json.dumps(v, ensure_ascii=False) for v in (before, after))
     return [f"{path} was {was}, now {is_}" if len(was) + len(is_) <= _LONG else f"{path} has changed"]
 
 

@@ -126,13 +126,11 @@ def _alike(subjects: Sequence[Subject]) -> list[tuple[Subject, ...]]:
     groups: list[tuple[dict[str, object], dict[float, Subject]]] = []
     for subject in subjects:
         document = {key: value for key, value in subject.document().items() if key not in ("name", "rate")}
-        group = next(
-            (rates for known, rates in groups if known == document and subject.rate not in rates), None
-        )
-        if group is None:
-            groups.append((document, {subject.rate: subject}))
-        else:
-            group[subject.rate] = subject
+        open_ = (rates for known, rates in groups if known == document and subject.rate not in rates)
+        group = next(open_, {})
+        if not group:
+            groups.append((document, group))
+        group[subject.rate] = subject
     return [tuple(rates[rate] for rate in sorted(rates)) for _, rates in groups]
 
 
