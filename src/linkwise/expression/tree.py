@@ -81,12 +81,7 @@ FUNCTIONS = {
         branch="s*x",
     ),
     "sign": LawFunction(
-        value=np.sign,
-        derivatives=("0",),
-        antiderivative="abs(x)",
-        degree=Fraction(0),
-        kink="x",
-        branch="s",
+        value=np.sign, derivatives=("0",), antiderivative="abs(x)", degree=Fraction(0), kink="x", branch="s"
     ),
     "sqrt": LawFunction(
         value=np.sqrt, derivatives=("0.5/sqrt(x)",), antiderivative="2/3*x*sqrt(x)", degree=Fraction(1, 2)

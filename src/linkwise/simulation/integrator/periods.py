@@ -98,10 +98,8 @@ class HeyokaPhase:
         batches = -(-(size + 1) // (_LANES * columns))
         unit = np.eye(size + 1, batches * columns * _LANES)
         parts = unit.reshape(size + 1, batches, columns, _LANES)
-        return [
-            (parts[:-1, k].transpose(1, 0, 2).reshape(-1, _LANES).copy(), parts[-1, k].copy())
-            for k in range(batches)
-        ]
+        tangents = parts[:-1].transpose(1, 2, 0, 3).reshape(batches, -1, _LANES)
+        return list(zip(tangents.copy(), parts[-1].copy(), strict=True))
 
     def set_parameters(self, parameters: Floats) -> None:
         self._parameters[:-1] = parameters
