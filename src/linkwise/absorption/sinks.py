@@ -197,10 +197,8 @@ def with_harvesters(structure: Structure, harvesters: Harvesters) -> Structure:
         if isinstance(damping, str):
             continue
         if not (np.isfinite(damping) and damping > 0.0):
-            raise StructureError(
-                f"the damping of a harvester must be positive, got {damping!r} {damping_unit(structure.link(name))}",
-                f'link "{name}"',
-            )
+            message = f"the damping of a harvester must be positive, got {damping!r} {damping_unit(structure.link(name))}"
+            raise StructureError(message, f'link "{name}"')
         added.append(Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": damping}))
     return replace(structure, links=(*structure.links, *added)) if added else structure
 

@@ -89,10 +89,8 @@ def _meant_file(text: str) -> str:
 def _require(record: lw.Record, channel: str, file: Path) -> None:
     """Raise RecordError where the record of a drive lacks its channel."""
     if channel not in record.channels:
-        raise lw.RecordError(
-            f"has no channel {channel}, but {', '.join(record.channels)}; name the column of it, as in {file}:COLUMN",
-            file,
-        )
+        message = f"has no channel {channel}, but {', '.join(record.channels)}; name the column of it, as in {file}:COLUMN"
+        raise lw.RecordError(message, file)
 
 
 def _base_motion(text: str) -> lw.model.TimeFunction | lw.model.Sampled:

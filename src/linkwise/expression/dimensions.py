@@ -236,11 +236,8 @@ class _Constraints:
     def equate(self, form: _Monomial, expected: _Monomial, part: Expression, requirement: str) -> None:
         excess = self.system.add(form.times(expected, Fraction(-1)))
         if excess != NONE:
-            raise UnitConflict(
-                f"No units of the coefficients are consistent: {requirement}, but differs by {excess}.",
-                part,
-                self.equation,
-            )
+            message = f"No units of the coefficients are consistent: {requirement}, but differs by {excess}."
+            raise UnitConflict(message, part, self.equation)
 
     def term(self, expression: Expression) -> _Monomial:
         """The dimension of a term, which may have an implicit factor of 1 with a unit."""

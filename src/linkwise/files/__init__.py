@@ -170,11 +170,8 @@ def read_table(path: Path, header: str | int | None) -> Table:
     _check_exists(path)
     format_ = _format(path)
     if header is not None and not format_.header:
-        raise RecordError(
-            f"a header line is of text files and sheets; a {path.suffix} file states its names itself",
-            path,
-            arguments=("header",),
-        )
+        message = f"a header line is of text files and sheets; a {path.suffix} file states its names itself"
+        raise RecordError(message, path, arguments=("header",))
     options = {} if header is None else {"header": header}
     try:
         with warnings.catch_warnings(record=True, action="always") as caught:  # of libraries
@@ -248,10 +245,8 @@ def _writer(path: Path) -> str:
     """Full name of the function that writes a file of this suffix; RecordError for one that is not written."""
     writers = {suffix: entry.writer for suffix, entry in FORMATS.items() if entry.writer is not None}
     if path.suffix.lower() not in writers:
-        raise RecordError(
-            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writers)}",
-            path,
-        )
+        message = f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writers)}"
+        raise RecordError(message, path)
     _format(path)
     return writers[path.suffix.lower()]
 

@@ -270,10 +270,8 @@ def read_numpy(path: Path) -> Table:
         return Table(tuple(spelled_as_channel(column) for column in columns_of(named)))
     array = np.squeeze(content)
     if array.ndim not in (1, 2) or not array.size:
-        raise RecordError(
-            f"holds an array of {' x '.join(map(str, content.shape))} numbers: expected one of samples by channels",
-            path,
-        )
+        message = f"holds an array of {' x '.join(map(str, content.shape))} numbers: expected one of samples by channels"
+        raise RecordError(message, path)
     upright = np.atleast_2d(array.T).T if array.ndim == 1 else max(array, array.T, key=len)
     columns = tuple(Column.of(str(i + 1), upright[:, i]) for i in range(upright.shape[1]))
     return Table(columns, named=False, opening=" ".join(map(str, upright[0])))

@@ -40,10 +40,8 @@ def read_table(path: Path) -> Table:
     with open_file(path) as file:
         if file.attrs.get("format") == FORMAT and int(file.attrs.get("version", 0)) > VERSION:
             version = file.attrs["version"]
-            raise RecordError(
-                f"was written by a later version of linkwise (layout {version}; this version reads up to {VERSION})",
-                path,
-            )
+            message = f"was written by a later version of linkwise (layout {version}; this version reads up to {VERSION})"
+            raise RecordError(message, path)
         tree: dict[str, Any] = {}
         stored: dict[str, dict[str, Any]] = {kind: {} for kind in STORED}
         attributes: dict[str, dict[str, object]] = {}

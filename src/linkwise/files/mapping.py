@@ -321,10 +321,8 @@ def as_statements(stated: object, file: Path) -> dict[str, dict[str, object]]:
     try:
         return msgspec.json.decode(text, type=dict[str, dict[str, object]])
     except msgspec.MsgspecError as error:
-        raise RecordError(
-            f'`sensors` is not what is known of sensors by channel, as in {{"x:m1": {{"calibration": "1 %"}}}}: {error}',
-            file,
-        ) from error
+        message = f'`sensors` is not what is known of sensors by channel, as in {{"x:m1": {{"calibration": "1 %"}}}}: {error}'
+        raise RecordError(message, file) from error
 
 
 def sensors_of(record: Record) -> dict[str, dict[str, str]]:

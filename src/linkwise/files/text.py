@@ -299,11 +299,8 @@ def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
     """Index of the header line that is named by its number or a text in it, and of the next one."""
     if isinstance(header, int):
         if not 1 <= header < len(lines):
-            raise RecordError(
-                f"line {header} cannot be the header: the file has {len(lines)} lines, and data follow the header",
-                path,
-                arguments=("header",),
-            )
+            message = f"line {header} cannot be the header: the file has {len(lines)} lines, and data follow the header"
+            raise RecordError(message, path, arguments=("header",))
         return header - 1, header
     index = next((number for number, line in enumerate(lines) if header in line), None)
     if index is None:
@@ -389,8 +386,7 @@ def _require_one_clock(lines: list[str], separator: str, path: Path, line: int) 
     for number, cells in enumerate((row.split(separator) for row in lines), start=line):
         times = {cell.strip() for cell in cells[0:-1:2] if cell.strip()}
         if len(times) > 1:
-            raise RecordError(
-                "the channels have clocks of their own: export them on one clock, or as files of their own",
-                path,
-                number,
+            message = (
+                "the channels have clocks of their own: export them on one clock, or as files of their own"
             )
+            raise RecordError(message, path, number)

@@ -47,11 +47,8 @@ def read_table(path: Path) -> Table:
     first = sets[0]
     for data, column in zip(sets, columns, strict=True):
         if len(data["data"]) != data["num_pts"]:
-            raise RecordError(
-                f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged",
-                path,
-                channel=column.header,
-            )
+            message = f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged"
+            raise RecordError(message, path, channel=column.header)
         if data["abscissa_spacing"] != first["abscissa_spacing"] or not np.array_equal(data["x"], first["x"]):
             other = f"has a different time axis than {columns[0].header}"
             raise RecordError(other, path, channel=column.header)

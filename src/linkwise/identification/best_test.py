@@ -291,15 +291,11 @@ def _check(within: Mapping[str, float], structure: Structure) -> None:
     known = ["force", "stroke", *(f"stroke:{link.name}" for link in structure.links)]
     for name, value in within.items():
         if name not in known or not 0.0 < value < np.inf:
-            raise SimulationError(
-                f"a limit of a test is a positive number in SI units of {', '.join(known)}, got {name}={value:g}",
-                arguments=("within",),
-            )
+            message = f"a limit of a test is a positive number in SI units of {', '.join(known)}, got {name}={value:g}"
+            raise SimulationError(message, arguments=("within",))
     if "force" not in within:
-        raise SimulationError(
-            "a test needs the largest force that the shaker or hammer exerts: force, in N",
-            arguments=("within",),
-        )
+        message = "a test needs the largest force that the shaker or hammer exerts: force, in N"
+        raise SimulationError(message, arguments=("within",))
 
 
 def _frequencies(true: Structure, duration: float, rate: float) -> Floats:

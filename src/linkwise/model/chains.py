@@ -184,10 +184,8 @@ def rig(
     names = [str(Name(link, key)) for link, table in tables.items() for key in table.coefficients]
     for full, value in known.items():
         if full not in names:
-            raise StructureError(
-                f"is not a coefficient of this rig{near_miss(full, names)}; they are {', '.join(names) or 'none'}",
-                f'known "{full}"',
-            )
+            message = f"is not a coefficient of this rig{near_miss(full, names)}; they are {', '.join(names) or 'none'}"
+            raise StructureError(message, f'known "{full}"')
         owner, key = Name.parse(full).owner, Name.parse(full).key
         tables[owner].coefficients[key] = dict(value) if isinstance(value, Mapping) else value
     rotations = rotations_of((), built)
@@ -202,10 +200,8 @@ def link_table(name: str, text: str, signals: Mapping[str, str] = MappingProxyTy
     expect(f'link "{name}"', text, str)
     said = _LINK.fullmatch(text)
     if said is None:
-        raise StructureError(
-            f'expected "FIRST - SECOND: LAW", such as "sink - frame: k*d + c*v", got {text!r}',
-            f'link "{name}"',
-        )
+        message = f'expected "FIRST - SECOND: LAW", such as "sink - frame: k*d + c*v", got {text!r}'
+        raise StructureError(message, f'link "{name}"')
     law, ends = said["law"], [said["first"], said["second"]]
     if is_law_name(law):
         named = named_law(law)

@@ -328,10 +328,8 @@ class Host:
                 raise StructureError(f'the point "{name}" has the name of a mode; choose another', where)
         for first, second in damping:
             if first == second and self.modes[first - 1].damping.value:
-                raise StructureError(
-                    f"the damping of mode {first} is given by a ratio and by an entry of the damping matrix; give one",
-                    where,
-                )
+                message = f"the damping of mode {first} is given by a ratio and by an entry of the damping matrix; give one"
+                raise StructureError(message, where)
 
     @property
     def points(self) -> tuple[str, ...]:

@@ -127,10 +127,10 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
     if (entry.modes is None) == (entry.matrices is None):
         raise StructureError("a host has either modes or matrices", where)
     if entry.modes is None and entry.damping is not None:
-        raise StructureError(
-            'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"',
-            where,
+        message = (
+            'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"'
         )
+        raise StructureError(message, where)
     for key in _OF_MATRICES if entry.modes is not None else ():
         if getattr(entry, key) not in (None, {}):
             advice = "modes are taken as they are, with a shape at every point"
@@ -180,10 +180,8 @@ def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], w
     for number, mode in enumerate(modes, start=1):
         own = entries.get((number, number), 0.0)
         if own and (mode.damping.value or not mode.damping.known):
-            raise StructureError(
-                f"mode {number} has a damping of its own and one on the diagonal of the damping matrix; give one",
-                where,
-            )
+            message = f"mode {number} has a damping of its own and one on the diagonal of the damping matrix; give one"
+            raise StructureError(message, where)
         if own and mode.frequency.value:
             del entries[number, number]
             mode = replace(mode, damping=Coefficient.number(own / (4.0 * math.pi * mode.frequency.value)))
@@ -270,10 +268,10 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
         raise StructureError(f"cannot be read as a CSV file: {error}", source) from None
     rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
     if len(rows) < 2:
-        raise StructureError(
-            "expected a line of column names, frequency[Hz], damping and the points, and a line for each mode",
-            source,
+        message = (
+            "expected a line of column names, frequency[Hz], damping and the points, and a line for each mode"
         )
+        raise StructureError(message, source)
     (_, header), *modes = rows
     names, units = _columns([name.strip() for name in header], source)
     if delimiter != ",":  # numbers may have decimal commas

@@ -242,10 +242,8 @@ class Link:
         """
         initial = as_link_states(self.states)[name].initial
         if initial is None:
-            raise StructureError(
-                f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}",
-                f'link "{self.name}"',
-            )
+            message = f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}"
+            raise StructureError(message, f'link "{self.name}"')
         return initial
 
     @cached_property
@@ -254,10 +252,8 @@ class Link:
         values = {}
         for name, coefficient in self.coefficients.items():
             if coefficient.value is None:
-                raise StructureError(
-                    f"coefficient {name} is unknown and has no start value; give it a number, or identify it first",
-                    f'link "{self.name}"',
-                )
+                message = f"coefficient {name} is unknown and has no start value; give it a number, or identify it first"
+                raise StructureError(message, f'link "{self.name}"')
             values[name] = coefficient.value
         return values
 
@@ -417,10 +413,8 @@ def refuse_signals(links: Iterable[Link], feature: str, instead: str) -> None:
     """Raise StructureError if a law names a signal, which `feature` does not take, and say what to do `instead`."""
     for link in links:
         if link.law.signals:
-            raise StructureError(
-                f"the law names a signal ({', '.join(link.law.signals)}), which is not supported in {feature}; {instead}",
-                f'link "{link.name}"',
-            )
+            message = f"the law names a signal ({', '.join(link.law.signals)}), which is not supported in {feature}; {instead}"
+            raise StructureError(message, f'link "{link.name}"')
 
 
 def refuse_memory(links: Sequence[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
@@ -429,7 +423,5 @@ def refuse_memory(links: Sequence[Link], feature: str, instead: str = "use a law
     for link in links:
         if link.law.states:
             states = ", ".join(link.law.states)
-            raise StructureError(
-                f"the law has memory (state {states}), which is not supported in {feature}; {instead}",
-                f'link "{link.name}"',
-            )
+            message = f"the law has memory (state {states}), which is not supported in {feature}; {instead}"
+            raise StructureError(message, f'link "{link.name}"')

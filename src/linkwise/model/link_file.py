@@ -109,10 +109,8 @@ def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) ->
         elif isinstance(given, str):
             states[name] = LinkState(given)
         else:
-            raise StructureError(
-                f"expected a rate as text or a table of rate, initial, unit; got {given!r}",
-                f"{source}, {place}",
-            )
+            message = f"expected a rate as text or a table of rate, initial, unit; got {given!r}"
+            raise StructureError(message, f"{source}, {place}")
     return states
 
 

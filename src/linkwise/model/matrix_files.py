@@ -113,10 +113,8 @@ def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
         raise StructureError(f"matrices are read from {', '.join(most)} and {last} files", str(path))
     read = _READERS[suffix]
     if read in _OF_NASTRAN and find_spec("pyyeti") is None:
-        raise StructureError(
-            f"reading matrices from {suffix} files needs the library pyyeti: install linkwise[nastran]",
-            str(path),
-        )
+        message = f"reading matrices from {suffix} files needs the library pyyeti: install linkwise[nastran]"
+        raise StructureError(message, str(path))
     try:
         with warnings.catch_warnings(action="ignore"):
             return read(path)

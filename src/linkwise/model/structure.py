@@ -130,10 +130,10 @@ class Structure(NotebookView):
         for link in self.links:
             for name, unit in link.law.signal_units:
                 if unit != self.signals[name]:
-                    raise StructureError(
-                        f'signal {name} is in "{unit}" here, and in "{self.signals[name]}" in another link',
-                        f'link "{link.name}"',
+                    message = (
+                        f'signal {name} is in "{unit}" here, and in "{self.signals[name]}" in another link'
                     )
+                    raise StructureError(message, f'link "{link.name}"')
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
         slots = self._slots
         pairs = {name: (slots[name], slots[leader]) for name, leader in resolve_sharing(slots).items()}
@@ -204,10 +204,8 @@ class Structure(NotebookView):
         """Masses in kg (kg m^2), shape (n,); the start value of an unknown. Raises StructureError if there is neither."""
         for mass in self.masses:
             if mass.mass.value is None:
-                raise StructureError(
-                    "is unknown and has no start value; give it a number, or identify it first",
-                    f'mass "{mass.name}"',
-                )
+                message = "is unknown and has no start value; give it a number, or identify it first"
+                raise StructureError(message, f'mass "{mass.name}"')
         values = np.array([mass.mass.value for mass in self.masses], dtype=float)
         values.flags.writeable = False
         return values
@@ -317,10 +315,8 @@ class Structure(NotebookView):
         if on_base.size == 0:
             return d
         if base is None:
-            raise StructureError(
-                "has the base as an end, but the motion of the base is not given",
-                f'link "{self.links[on_base[0]].name}"',
-            )
+            message = "has the base as an end, but the motion of the base is not given"
+            raise StructureError(message, f'link "{self.links[on_base[0]].name}"')
         d[..., on_base] += np.asarray(base, dtype=float)[..., None] * self.base_incidence[on_base]
         return d
 
@@ -477,16 +473,14 @@ class Structure(NotebookView):
 def refuse_hosts(structure: Structure, feature: str) -> None:
     """Raise StructureError if a structure has a host, which `feature` does not take."""
     if structure.hosts:
-        raise StructureError(
-            f"a host is not supported in {feature}; maximum likelihood takes it",
-            f'host "{structure.hosts[0].name}"',
-        )
+        message = f"a host is not supported in {feature}; maximum likelihood takes it"
+        raise StructureError(message, f'host "{structure.hosts[0].name}"')
 
 
 def refuse_rig(structure: Structure, feature: str) -> None:
     """Raise StructureError for a structure without a mass, which `feature` does not take."""
     if structure.on_rig:
-        raise StructureError(
-            f"there is no mass: links alone on a rig are not supported in {feature}; add the mass that moves",
-            f'link "{structure.links[0].name}"',
+        message = (
+            f"there is no mass: links alone on a rig are not supported in {feature}; add the mass that moves"
         )
+        raise StructureError(message, f'link "{structure.links[0].name}"')

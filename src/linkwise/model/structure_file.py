@@ -259,10 +259,8 @@ def require_named(signals: Iterable[str], links: Sequence[Link], source: str) ->
     """Raise StructureError for a signal that the law of none of the links names."""
     for name in signals:
         if not any(name in link.law.signals for link in links):
-            raise StructureError(
-                f"no law names the signal {name}: write it in one, as in (c0 + cu*{name})*v, or take it out of `signals`",
-                f"{source}, signals.{name}",
-            )
+            message = f"no law names the signal {name}: write it in one, as in (c0 + cu*{name})*v, or take it out of `signals`"
+            raise StructureError(message, f"{source}, signals.{name}")
 
 
 def format_structure(structure: Structure) -> str:

@@ -136,10 +136,10 @@ class Topology:
         topology = cls(index, ends, by_law, states, tuple(shapes.values()))
         for link, column in zip(links, topology.columns, strict=True) if hosts else ():
             if not column:
-                raise StructureError(
-                    f"both ends, {' and '.join(link.between)}, move alike in every mode: nothing stretches it",
-                    f'link "{link.name}"',
+                message = (
+                    f"both ends, {' and '.join(link.between)}, move alike in every mode: nothing stretches it"
                 )
+                raise StructureError(message, f'link "{link.name}"')
         return topology
 
     @property

@@ -281,10 +281,8 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     """
     link_estimate = estimate.link(link)
     if not link_estimate.link.law.is_plain:
-        raise StructureError(
-            "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops",
-            f'link "{link}"',
-        )
+        message = "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops"
+        raise StructureError(message, f'link "{link}"')
     index = [one.name for one in estimate.structure.links].index(link)
     ends = [(limits, _MARGIN * np.ptp(limits)) for limits in (link_estimate.d_range, link_estimate.v_range)]
     d, v = (np.linspace(low - margin, high + margin, _SURFACE_POINTS) for (low, high), margin in ends)

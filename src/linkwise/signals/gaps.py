@@ -106,10 +106,8 @@ def _samples(record: Record, period: float) -> int:
             arguments=("period",),
         )
     if len(record) < 2 * size:
-        raise RecordError(
-            f"a period of {period:g} s is {size} samples, and the record has {len(record)}: two periods are needed",
-            arguments=("period",),
-        )
+        message = f"a period of {period:g} s is {size} samples, and the record has {len(record)}: two periods are needed"
+        raise RecordError(message, arguments=("period",))
     if abs(exact - size) * (len(record) // size) > _WHOLE:
         raise RecordError(
             f"a period of {period:.9g} s is {exact:.6f} samples at {record.rate:.9g} Hz, not a whole number: check it, or "

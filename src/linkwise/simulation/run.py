@@ -278,11 +278,8 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     for impulse in excitation.impulses:
         check_place(Channel("force", impulse.mass), structure, "an impulse")
         if impulse.time >= end:
-            raise SimulationError(
-                f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)",
-                impulse.time,
-                impulse.mass,
-            )
+            message = f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)"
+            raise SimulationError(message, impulse.time, impulse.mass)
     for mass in excitation.forces:
         check_place(Channel("force", mass), structure, "a force")
     _check_base(structure, excitation)

@@ -84,15 +84,12 @@ def noisy_states(
         raise RecordError(f"unknown noise convention {convention!r}; choose from {listed}")
     _require_clean(record)
     noisy = {"displacement": "x", "states": "xv", "differenced": "xv", "derivatives": "a"}[convention]
-    noisy_record = record.select([name for name in record.responses if name[0] in noisy]).with_noise(
-        snr_db, seed=seed
-    )
+    named = [name for name in record.responses if name[0] in noisy]
+    noisy_record = record.select(named).with_noise(snr_db, seed=seed)
     if convention in ("displacement", "differenced"):
-        inputs = [record.channel(name) for name in record.inputs]
         channels = (*noisy_record.channels, *record.inputs)
-        noisy_record = replace(
-            record, channels=channels, values=np.column_stack([noisy_record.values, *inputs]), uncertainty={}
-        )
+        values = np.column_stack([noisy_record.values, *map(record.channel, record.inputs)])
+        noisy_record = replace(record, channels=channels, values=values, uncertainty={})
         return differentiate(
             noisy_record, derivative if convention == "displacement" else "differences", order=4
         )
@@ -108,10 +105,10 @@ def _require_clean(record: Record) -> None:
         )
     added = [name for name, sigma in record.simulated.noise.items() if sigma > 0]
     if added:
-        raise RecordError(
-            "has noise already; give the record as it was simulated, since `noisy_states` adds the noise",
-            channel=added[0],
+        message = (
+            "has noise already; give the record as it was simulated, since `noisy_states` adds the noise"
         )
+        raise RecordError(message, channel=added[0])
     for mass in record.simulated.structure.mass_names:
         for kind in "xva":
             if f"{kind}:{mass}" not in record.channels:

@@ -100,10 +100,8 @@ def open_store(folder: Path, study: Study) -> Iterator[Store]:
     folder.mkdir(parents=True, exist_ok=True)
     entries = {entry.name for entry in folder.iterdir()}
     if entries and not entries & _OWN:
-        raise StudyError(
-            f"the folder is not empty and does not hold a study (no {DATABASE}); choose another folder",
-            str(folder),
-        )
+        message = f"the folder is not empty and does not hold a study (no {DATABASE}); choose another folder"
+        raise StudyError(message, str(folder))
     with _locked(folder), closing(sqlite3.connect(folder / DATABASE, timeout=60.0)) as database:
         _prepare(folder, database, study)
         yield Store(folder, database)
@@ -175,10 +173,8 @@ def _locked(folder: Path) -> Iterator[None]:
         except sqlite3.OperationalError as error:
             if error.sqlite_errorcode != sqlite3.SQLITE_BUSY:
                 raise StudyError(f"the folder cannot be locked: {error}", str(folder)) from error
-            raise StudyError(
-                "another process is running a study in this folder; wait for it, stop it, or choose another folder",
-                str(folder),
-            ) from None
+            message = "another process is running a study in this folder; wait for it, stop it, or choose another folder"
+            raise StudyError(message, str(folder)) from None
         yield
 
 

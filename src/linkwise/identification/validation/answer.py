@@ -77,10 +77,8 @@ def _exact(why: str) -> str:
 
 def _numbers(structure: Structure, file: str | Path = "") -> Structure:
     for parameter in structure.parameters:
-        raise StructureError(
-            f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one",
-            str(file),
-        )
+        message = f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one"
+        raise StructureError(message, str(file))
     return structure
 
 

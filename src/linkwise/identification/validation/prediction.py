@@ -132,10 +132,10 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     for name in channels:
         present = ~np.isnan(record.channel(name))
         if not (present[:settling].any() and present[settling:].any()):
-            raise RecordError(
-                f"has no sample among the first {settling}, which determine the state, or none after them",
-                channel=name,
+            message = (
+                f"has no sample among the first {settling}, which determine the state, or none after them"
             )
+            raise RecordError(message, channel=name)
     state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)
     run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
     motion = replace(run, start=record.start).select(channels)

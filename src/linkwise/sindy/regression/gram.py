@@ -242,9 +242,8 @@ class Gram:
         scale = np.sqrt(np.diagonal(whole))
         alive = scale > 0
         if not alive.any():
-            raise IdentificationError(
-                "every column of the equations is zero throughout: the record shows no motion to fit"
-            )
+            message = "every column of the equations is zero throughout: the record shows no motion to fit"
+            raise IdentificationError(message)
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=alive)
         whole *= inverse[:, None]
         whole *= inverse
@@ -348,9 +347,8 @@ class _Eliminated(NamedTuple):
 
     def taken(self, values: Floats) -> Floats:
         """What elimination takes from a product (p,) with the inverse, so that it is zero in the dropped columns."""
-        return np.asarray(
-            cho_solve((self.factor, True), values[self.columns], check_finite=False) @ self.rows
-        )
+        solved = cho_solve((self.factor, True), values[self.columns], check_finite=False)
+        return np.asarray(solved @ self.rows)
 
 
 _SMALL = 8  # a support below one in eight columns is first solved without the anchor
