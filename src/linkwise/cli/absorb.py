@@ -81,9 +81,8 @@ def _values(text: str) -> list[float]:
     if len(parts) == 3:
         return [first + way * (last - first) for way in ways]
     if first * last <= 0.0:
-        raise UsageError(
-            f"--sweep: {text!r} cannot have steps of equal ratio; both ends must have the same sign and not be zero."
-        )
+        message = f"--sweep: {text!r} cannot have steps of equal ratio; both ends must have the same sign and not be zero."
+        raise UsageError(message)
     return [first * (last / first) ** way for way in ways]
 
 

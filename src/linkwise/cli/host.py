@@ -211,9 +211,8 @@ def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) ->
 def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.modal.HostMatrices:
     """The matrices by their names in one file, or of two or three files by their order."""
     if len(files) > 3:
-        raise UsageError(
-            "Give one file with all matrices, or one for each: mass, stiffness and perhaps damping, in this order."
-        )
+        message = "Give one file with all matrices, or one for each: mass, stiffness and perhaps damping, in this order."
+        raise UsageError(message)
     if options["damping"] and len(files) == 2:
         raise UsageError("--damping needs a third file, with the damping matrix.")
     if len(files) == 1:

@@ -51,9 +51,8 @@ class RecordsOptions(ReadingOptions):
         if self.write_mapping is None:
             return self
         if self.mapping is not None:
-            raise UsageError(
-                "--write-mapping writes a first mapping file, and --mapping names one: leave one out."
-            )
+            message = "--write-mapping writes a first mapping file, and --mapping names one: leave one out."
+            raise UsageError(message)
         for guess in files.write_first_mapping(
             self.records[0], self.write_mapping, self.record_mapping().header
         ):

@@ -88,9 +88,8 @@ def number(text: str, option: str, example: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise UsageError(
-            f"{option}: {text!r} is not a plain number in SI units, as in {option} {example}."
-        ) from None
+        message = f"{option}: {text!r} is not a plain number in SI units, as in {option} {example}."
+        raise UsageError(message) from None
 
 
 def quantity(text: str, unit: str, option: str) -> float:

@@ -181,9 +181,8 @@ class _Test:
         if not moving and not doubtful:
             doubtful = [guess for guess in self.guesses if not guess.name]
             if not doubtful:
-                raise self.table.error(
-                    f"no column of numbers is the motion of a mass; {columns.not_numbers(self.table)}"
-                )
+                message = f"no column of numbers is the motion of a mass; {columns.not_numbers(self.table)}"
+                raise self.table.error(message)
         if doubtful:
             self._require_person(_of_doubts(doubtful, self.masses))
             return self._answered(doubtful[0]).with_columns()
@@ -345,9 +344,8 @@ def _named(text: str) -> tuple[str, str]:
     """The name of a link and the rest of what is typed."""
     name, colon, rest = (part.strip() for part in text.partition(":"))
     if not (name and colon and rest):
-        raise UsageError(
-            f'--link {text!r} is not NAME: A - B: LAW, as in --link "leaf: frame - ground: k*d + c*v".'
-        )
+        message = f'--link {text!r} is not NAME: A - B: LAW, as in --link "leaf: frame - ground: k*d + c*v".'
+        raise UsageError(message)
     return name, rest
 
 

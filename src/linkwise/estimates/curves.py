@@ -224,9 +224,8 @@ def force_loop(estimate: Estimate, name: str) -> ForceLoop:
     elif link.law.is_plain:
         force = link.force(d, v)
     else:
-        raise StructureError(
-            "the force of a link with states or signals is not known without these", f'link "{name}"'
-        )
+        message = "the force of a link with states or signals is not known without these"
+        raise StructureError(message, f'link "{name}"')
     measured = None if motion.measured_force is None else motion.measured_force[:count, index]
     return ForceLoop(d, v, np.asarray(force), measured, estimate.record.step)
 

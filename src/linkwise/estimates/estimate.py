@@ -537,10 +537,9 @@ class Estimate(JudgedView):
         ['spring1.k', 'spring1.c', 'nes1.alpha', 'nes1.beta', 'nes1.c', 'm1.mass', 'm2.mass']
         """
         if find_spec("pandas") is None:
-            message = (
+            raise IdentificationError(
                 "to_dataframe() needs pandas, which is not installed: pip install pandas, or use to_dict()"
             )
-            raise IdentificationError(message)
         rows = {
             str(c.name): (c.value, c.standard_error, *(c.interval or (None, None)), c.unit, c.known)
             for c in self._coefficients.values()
@@ -688,9 +687,8 @@ class Estimator(ABC):
             If there are several.
         """
         if len(records) > 1:
-            raise IdentificationError(
-                f'several records are for method "ml", not for "{self.method}", which takes one; got {len(records)}'
-            )
+            message = f'several records are for method "ml", not for "{self.method}", which takes one; got {len(records)}'
+            raise IdentificationError(message)
         return records[0]
 
 

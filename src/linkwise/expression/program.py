@@ -64,9 +64,8 @@ class Program:
 
     def __call__(self, *arrays: ArrayLike) -> tuple[Floats, ...]:
         if len(arrays) != len(self.inputs):
-            raise ValueError(
-                f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
-            )
+            message = f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
+            raise ValueError(message)
         slots: list[Any] = [np.asarray(array, dtype=np.float64) for array in arrays]
         shape = _common_shape(*[array.shape for array in slots])
         slots += self._slots

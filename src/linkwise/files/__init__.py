@@ -157,9 +157,8 @@ def write_first_mapping(record: Path, path: Path, header: str | int | None = Non
     """
     text, guesses = first_mapping(read_table(record, header))
     if path.exists():
-        raise RecordError(
-            "is there already, and what was written into it by hand would be lost; give another name", path
-        )
+        message = "is there already, and what was written into it by hand would be lost; give another name"
+        raise RecordError(message, path)
     with _refused(path), atomic_file(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
     return guesses

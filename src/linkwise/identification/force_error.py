@@ -91,9 +91,8 @@ def _forces_with_memory(true: Link, estimated: Link, record: Record) -> tuple[Fl
         start = [float(states.get(f"{true.name}.{name}", [0.0])[0]) for name in link.law.states]
         path = LinkPath.of(link.law, link.values, d, v, step, np.array(start))
         if not path.converged:
-            raise RecordError(
-                f'a state of link "{link.name}" runs away along the motion of the record, so that its force has no error'
-            )
+            message = f'a state of link "{link.name}" runs away along the motion of the record, so that its force has no error'
+            raise RecordError(message)
         forces.append(path.force()[::_SUBSTEPS])
     return forces[0], forces[1]
 

@@ -253,9 +253,8 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
             )
         return {name: float(noise[name]) for name in record.responses}
     if not abs(noise) <= LARGEST_RATIO:
-        raise IdentificationError(
-            f"a signal-to-noise ratio must be within {LARGEST_RATIO:g} dB of zero, got {noise!r} dB"
-        )
+        message = f"a signal-to-noise ratio must be within {LARGEST_RATIO:g} dB of zero, got {noise!r} dB"
+        raise IdentificationError(message)
     power = np.mean(record.select(record.responses).values ** 2, axis=0)
     squares = dict(zip(record.responses, power.tolist(), strict=True))
     for name, square in squares.items():

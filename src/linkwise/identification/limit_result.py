@@ -155,9 +155,8 @@ class Limit(JudgedView):
         """
         named: dict[str, CoefficientEstimate] = {one.name: one for one in self.coefficients}
         if name not in named:
-            raise IdentificationError(
-                f'"{name}" is not an unknown of this test; choose from {", ".join(named)}'
-            )
+            message = f'"{name}" is not an unknown of this test; choose from {", ".join(named)}'
+            raise IdentificationError(message)
         return named[name]
 
     def force_deviation(self, name: str, d: ArrayLike) -> Floats:
@@ -220,9 +219,8 @@ class Limit(JudgedView):
         """
         links = {link.name: link for link in self.links}
         if name not in links:
-            raise IdentificationError(
-                f'nothing is unknown in a link "{name}" of this test; choose from {", ".join(links)}'
-            )
+            message = f'nothing is unknown in a link "{name}" of this test; choose from {", ".join(links)}'
+            raise IdentificationError(message)
         return links[name]
 
     @cached_property

@@ -131,9 +131,8 @@ def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> N
             f"a:beam.tip, got {', '.join(record.channels)}"
         )
     if len(record) < _SHORTEST:
-        raise IdentificationError(
-            f"the record has {len(record)} samples, too few to determine modes; a modal test needs at least {_SHORTEST}"
-        )
+        message = f"the record has {len(record)} samples, too few to determine modes; a modal test needs at least {_SHORTEST}"
+        raise IdentificationError(message)
     for name in forces:
         require_complete(name, record.channel(name), record.start, record.rate)
     if not any(record.channel(name).any() for name in forces):

@@ -77,9 +77,8 @@ def bnes_chain(
     if n > LARGEST:
         raise StructureError(f"the number of masses must be at most {LARGEST}")
     if n < 2 or n % 2:
-        raise StructureError(
-            f"the number of masses must be even and at least 2, since each cell has a primary mass and a sink; got {n}"
-        )
+        message = f"the number of masses must be even and at least 2, since each cell has a primary mass and a sink; got {n}"
+        raise StructureError(message)
     given = {
         "primary_mass": primary_mass, "sink_mass": sink_mass, "k": k, "c": c, "sink_c": sink_c, "alpha": alpha, "beta": beta,
     }  # fmt: skip

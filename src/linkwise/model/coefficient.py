@@ -234,9 +234,8 @@ class Coefficient:
             raise StructureError(f"the lower bound {self.lower!r} must be below {upper}")
         if self.value is not None and not self.lower <= self.value <= self.upper:
             role = "value" if self.known else "start"
-            raise StructureError(
-                f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
-            )
+            message = f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
+            raise StructureError(message)
 
     def __repr__(self) -> str:
         if self.same_as is not None:

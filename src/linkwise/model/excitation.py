@@ -184,9 +184,8 @@ class Sampled:
             listed = ", ".join(map(str, ORDERS))
             raise SimulationError(f"unknown spline order {self.order!r}; choose from {listed}")
         if not (np.isfinite(self.start) and np.isfinite(self.rate) and self.rate > 0.0):
-            raise SimulationError(
-                f"the start of an input must be finite and its rate positive, got {self.start!r} s and {self.rate!r} Hz"
-            )
+            message = f"the start of an input must be finite and its rate positive, got {self.start!r} s and {self.rate!r} Hz"
+            raise SimulationError(message)
         if values.ndim != 1 or values.size < max(self.order + 1, 2):
             raise SimulationError(
                 f"a spline of order {self.order} needs a one-dimensional array of at least {max(self.order + 1, 2)} samples, "

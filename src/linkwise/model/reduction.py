@@ -206,9 +206,8 @@ def reduce_matrices(
     elif isinstance(damping, tuple):
         omega = 2.0 * np.pi * frequencies
         if (omega == 0.0).any() and damping[0] != 0.0:
-            raise StructureError(
-                "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
-            )
+            message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+            raise StructureError(message)
         zeta = 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega)
     else:
         zeta = np.full(len(frequencies), damping)

@@ -418,9 +418,8 @@ def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) ->
         if not isinstance(samples, ClippedSamples):
             raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
         if channels[channels.index(name)].is_input:
-            raise RecordError(
-                f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
-            )
+            message = f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
+            raise RecordError(message)
 
 
 def check_names(

@@ -99,9 +99,8 @@ def check_distinct(records: Sequence[Record]) -> None:
         pairs = ((first_record.channel(name), second_record.channel(name)) for name in shared)
         if shared and all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
             source = f" ({first_record.source})" if first_record.source else ""
-            raise RecordError(
-                f"records {first} and {second}{source} hold the same samples; give each record once"
-            )
+            message = f"records {first} and {second}{source} hold the same samples; give each record once"
+            raise RecordError(message)
 
 
 def joined_notes(records: Sequence[Record]) -> tuple[str, ...]:

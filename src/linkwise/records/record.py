@@ -390,9 +390,8 @@ class Record(NotebookView):
             If there are none, or a time is NaN.
         """
         if np.isnan(earliest) or np.isnan(latest):
-            raise RecordError(
-                f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
-            )
+            message = f"times must be numbers, got {earliest:g} and {latest:g} s"
+            raise RecordError(message, arguments=("earliest", "latest"))
         ends = (np.array([earliest, latest]) - self.start) * self.rate
         lowest, highest = np.clip(ends, -1.0, len(self))
         first, last = max(0, int(np.ceil(lowest - EDGE))), min(len(self), int(np.floor(highest + EDGE)) + 1)

@@ -153,9 +153,8 @@ class SensorStatement:
             If one is stated in m and the other in rad.
         """
         if None not in (self.unit, other.unit) and self.unit != other.unit:
-            raise RecordError(
-                f"what is stated of a sensor is in {other.unit} and in {self.unit}: correct one of them"
-            )
+            message = f"what is stated of a sensor is in {other.unit} and in {self.unit}: correct one of them"
+            raise RecordError(message)
         given = {member.name: getattr(self, member.name) for member in fields(self)}
         return replace(other, **{name: value for name, value in given.items() if value is not None})
 

@@ -89,9 +89,8 @@ class _TimeColumn:
     def check_increasing(self) -> None:
         """Raise RecordError for too few times, and for times that are missing, repeated or decreasing."""
         if len(self.times) < MIN_SAMPLES:
-            raise RecordError(
-                f"{len(self.times)} samples are too few; a record needs at least {MIN_SAMPLES}", self.file
-            )
+            message = f"{len(self.times)} samples are too few; a record needs at least {MIN_SAMPLES}"
+            raise RecordError(message, self.file)
         missing = np.flatnonzero(~np.isfinite(self.times))
         if len(missing):
             message = "the time is missing; fill it in or, if no row is missing, give the sampling rate instead (`rate`)"
@@ -318,9 +317,8 @@ def lowpass_for(
             )
     antialias = lowpass(factor)
     if len(missing) < antialias.length:
-        raise RecordError(
-            f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
-        )
+        message = f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
+        raise RecordError(message)
     return antialias
 
 
@@ -446,9 +444,8 @@ def sampled_columns(
     """
     times = np.asarray(time)
     if times.ndim != 1 or times.dtype.kind not in "iuf":
-        raise RecordError(
-            f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}", file
-        )
+        message = f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}"
+        raise RecordError(message, file)
     timeline = Timeline.fit(times, file=file, lines=lines)
     notes = list(timeline.notes)
     values = np.full((timeline.count, len(channels)), np.nan)

@@ -310,9 +310,8 @@ def released(structure: Structure, excitation: Excitation) -> dict[Channel, floa
                 release[channel] = value
                 continue
         example = next(iter(structure.mass_names), "m1")
-        raise SimulationError(
-            f"unknown release {name!r}; expected a displacement, such as x:{example}, or a velocity, v:{example}"
-        )
+        message = f"unknown release {name!r}; expected a displacement, such as x:{example}, or a velocity, v:{example}"
+        raise SimulationError(message)
     return release
 
 

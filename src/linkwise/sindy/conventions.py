@@ -100,9 +100,8 @@ def noisy_states(
 
 def _require_clean(record: Record) -> None:
     if record.simulated is None:
-        raise RecordError(
-            "a study of noise needs a simulated record, whose noise-free motion is known; this one was measured"
-        )
+        message = "a study of noise needs a simulated record, whose noise-free motion is known; this one was measured"
+        raise RecordError(message)
     added = [name for name, sigma in record.simulated.noise.items() if sigma > 0]
     if added:
         message = (

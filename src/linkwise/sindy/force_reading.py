@@ -147,10 +147,9 @@ def monomial_nmse(
     force = structure.link(link).force(d)
     variance = float(np.var(force))
     if variance == 0.0:
-        message = (
+        raise RecordError(
             f'the true force of link "{link}" does not vary over the record, so no relative error exists'
         )
-        raise RecordError(message)
     return float(100.0 * np.mean((force - identified) ** 2) / variance)
 
 

@@ -435,10 +435,11 @@ def _require_room(library: Monomials, masses: int) -> None:
     if needed <= free:
         return
     fitting = []
-    for key, value in (("mixing", 2), ("mixing", 1), ("order", 2)):
-        columns = len(replace(library, **{key: value}))
+    changes = {f"mixing={mixing}": replace(library, mixing=mixing) for mixing in (2, 1)}
+    for change, reduced in {**changes, "order=2": replace(library, order=2)}.items():
+        columns = len(reduced)
         if columns < len(library) and fit_bytes(columns) <= free:
-            fitting.append(f"{key}={value} ({columns} columns, {_gigabytes(fit_bytes(columns))})")
+            fitting.append(f"{change} ({columns} columns, {_gigabytes(fit_bytes(columns))})")
     raise IdentificationError(
         f"the monomials up to order {library.order} in the {len(library.variables)} states of {masses} masses are "
         f"{len(library)} columns; their Gram matrix alone takes {_gigabytes(8 * len(library) ** 2)}, a fit "

@@ -392,6 +392,5 @@ def _pysindy() -> Any:
     try:
         return import_module("pysindy")
     except ModuleNotFoundError as error:
-        raise IdentificationError(
-            f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
-        ) from error
+        message = f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
+        raise IdentificationError(message) from error

@@ -219,9 +219,8 @@ def run_study(
     definition = study if isinstance(study, Study) else read_study(study)
     definition = definition.quickly() if quick else definition
     if scheduler is not None and (workers, executor) != (None, None):
-        raise StudyError(
-            "workers are processes of this machine, and a scheduler has workers of its own; give one of the two"
-        )
+        message = "workers are processes of this machine, and a scheduler has workers of its own; give one of the two"
+        raise StudyError(message)
     numbers = re.fullmatch(r"(\d+)/(\d+)", shard or "1/1")
     part, parts = map(int, numbers.groups()) if numbers else (0, 0)
     if not 1 <= part <= parts:
@@ -255,8 +254,7 @@ def _executor(
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise
-        raise StudyError(
-            "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
-        ) from error
+        message = "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
+        raise StudyError(message) from error
     of_cluster: Executor = cluster.DaskExecutor(scheduler)
     return of_cluster

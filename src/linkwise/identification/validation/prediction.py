@@ -126,9 +126,8 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     frame = framed(given, structure)
     record, channels = frame.record, frame.record.responses
     if not 2 <= settling < len(record):
-        raise RecordError(
-            f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
-        )
+        message = f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
+        raise RecordError(message)
     for name in channels:
         present = ~np.isnan(record.channel(name))
         if not (present[:settling].any() and present[settling:].any()):
@@ -166,9 +165,8 @@ def _inputs(record: Record, samples: int) -> dict[Channel, Sampled]:
             continue
         values = record.channel(name)
         if np.isnan(values).any():
-            raise RecordError(
-                "samples are missing, and an input drives the motion: fill them first", channel=name
-            )
+            message = "samples are missing, and an input drives the motion: fill them first"
+            raise RecordError(message, channel=name)
         order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
         inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
     return inputs

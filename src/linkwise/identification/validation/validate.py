@@ -337,9 +337,8 @@ def _in_motion(
     frame = framed(scored, structure)
     used = frame.record
     if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
-        raise RecordError(
-            "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
-        )
+        message = "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
+        raise RecordError(message)
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
@@ -379,9 +378,8 @@ def _usable(record: Record, structure: Structure) -> Record:
                 channel=name,
             )
         if np.isnan(record.channel(name)).any():
-            raise RecordError(
-                "samples are missing, and an input drives the motion: fill them first", channel=name
-            )
+            message = "samples are missing, and an input drives the motion: fill them first"
+            raise RecordError(message, channel=name)
     return record.select([*record.inputs, *responses])
 
 
@@ -402,9 +400,8 @@ def _failed_alone(again: Estimate) -> str:
 
 def _law_error(part_of_force: float) -> float:
     if not (math.isfinite(part_of_force) and part_of_force >= 0.0):
-        raise IdentificationError(
-            f"model_error must be 0 or a positive part of the forces, got {part_of_force:g}"
-        )
+        message = f"model_error must be 0 or a positive part of the forces, got {part_of_force:g}"
+        raise IdentificationError(message)
     return part_of_force
 
 

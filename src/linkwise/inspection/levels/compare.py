@@ -112,9 +112,8 @@ def compare_levels(
     else:
         start = decaying_modes(decay_of(complete[0]), channel_noise(ordered[0]))
     if not len(start):
-        raise RecordError(
-            "no mode stands above the noise at the lowest level; excite the structure more strongly"
-        )
+        message = "no mode stands above the noise at the lowest level; excite the structure more strongly"
+        raise RecordError(message)
     every = refined_modes(measured[0], *start.T)
     selected = np.arange(len(every.damping)) if modes is not None else _followed(every)
     frequencies, damping = every.frequencies[selected], every.damping[selected]

@@ -235,9 +235,8 @@ class Gram:
             If the system has no rows or no columns, or every column is zero.
         """
         if not system.rows or not system.names:
-            raise IdentificationError(
-                f"a fit needs equations and unknowns, got {system.rows} equations in {len(system.names)} unknowns"
-            )
+            message = f"a fit needs equations and unknowns, got {system.rows} equations in {len(system.names)} unknowns"
+            raise IdentificationError(message)
         whole, moments, squares = _products(system)
         scale = np.sqrt(np.diagonal(whole))
         alive = scale > 0
@@ -280,9 +279,8 @@ class Gram:
         """
         numbers = np.flatnonzero(held_out_rows(self.rows))
         if not numbers.size:
-            raise IdentificationError(
-                f"{self.rows} equations are too few to choose a threshold or a penalty on rows held out; give one"
-            )
+            message = f"{self.rows} equations are too few to choose a threshold or a penalty on rows held out; give one"
+            raise IdentificationError(message)
         inverse = self.unscaled(np.ones((len(self.names), 1)))
         matrix, _, squares = _products(self.system, numbers)
         matrix *= inverse
