@@ -198,11 +198,9 @@ def _problem(path: Path, mark: str) -> str | None:
     if _written(path, mark) is None:
         marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)
         other_mark = next((name for name in marks if _written(path, name) is not None), None)
-        problem = (
-            f"holds the result of another command ({other_mark})"
-            if other_mark
-            else f"is not a result of linkwise (no valid {mark})"
-        )
+        problem = f"is not a result of linkwise (no valid {mark})"
+        if other_mark:
+            problem = f"holds the result of another command ({other_mark})"
         return f"{path}: already exists and {problem}; it was not changed. Choose another folder, or remove this one"
     return None
 

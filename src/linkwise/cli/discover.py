@@ -197,9 +197,7 @@ def _comparison_lines(result: dict[str, Any]) -> list[str]:
     truth = result["truth"]
     return [
         f"\nagainst the truth: {len(truth['right'])} terms right",
-        *(
-            f"  {label:8} {', '.join(truth[key]) or 'none'}"
-            for key, label in (("missing", "missing"), ("extra", "false"))
-        ),
+        f"  missing  {', '.join(truth['missing']) or 'none'}",
+        f"  false    {', '.join(truth['extra']) or 'none'}",
         *nmse_lines(result, "  NMSE of the force (paper Eq. 8)", "    "),
     ]

@@ -155,11 +155,9 @@ class ReadingOptions:
         masses = self.record_mapping().masses
         known = {name: mass for name, mass in masses.items() if mass != "unknown"}
         stated = {name: lw.Mass(name, *rotations.mass_in_si(mass)) for name, mass in known.items()}
-        foreign = tuple(
-            f"The mapping file states a mass {name}, which the structure does not have; it is not used."
-            for name in masses
-            if name not in structure.mass_names
-        )
+        without = "which the structure does not have; it is not used"
+        unknown = (name for name in masses if name not in structure.mass_names)
+        foreign = tuple(f"The mapping file states a mass {name}, {without}." for name in unknown)
         return foreign + tuple(
             f"{own.name} weighs {stated[own.name].mass.value} {stated[own.name].mass_unit} in the mapping file and "
             f"{own.mass.value} {own.mass_unit} in the structure, which counts."
@@ -224,12 +222,10 @@ class ReadingOptions:
                 elsewhere.setdefault(file, {})[name] = column
         named = {file: {_channel(name) for name in columns} for file, columns in elsewhere.items()}
         theirs = {name for names in named.values() for name in names}
-        sensors = {
-            name: sensor
-            if sensor.delay is None
-            else replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
-            for name, sensor in whole.sensors.items()
-        }
+        sensors = dict(whole.sensors)
+        for name, sensor in whole.sensors.items():
+            if sensor.delay is not None:
+                sensors[name] = replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
         mappings: dict[Path | None, lw.files.RecordMapping] = {
             None: replace(
                 whole,

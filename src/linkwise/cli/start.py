@@ -208,15 +208,10 @@ class _Test:
 
     def _show(self) -> bool:
         """Print what the columns hold; whether any of it is guessed."""
-        rows = [
-            (
-                str(guess.label),
-                guess.name or "not used",
-                *_quantity(guess),
-                " ".join(guess.doubts) or (guess.why and f"by its {guess.why}"),
-            )
-            for guess in self.guesses
-        ]
+        rows = []
+        for guess in self.guesses:
+            why = " ".join(guess.doubts) or (guess.why and f"by its {guess.why}")
+            rows.append((str(guess.label), guess.name or "not used", *_quantity(guess), why))
         tell("\n".join(align_columns([("column", "holds", "quantity", "unit", "guessed"), *rows])))
         return any(guess.why for guess in self.guesses)
 

@@ -339,11 +339,11 @@ class Estimate(JudgedView):
     @cached_property
     def masses(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of all masses, with names such as "m1.mass"."""
-        return tuple(
-            self._coefficient(Name(mass.name, MASS), -1 - n, mass.mass_unit, mass.mass.value or 0.0)
-            for n, mass in enumerate(self.structure.masses)
-            if mass.name not in self.structure.modes
-        )
+        bodies = [
+            (-1 - n, m) for n, m in enumerate(self.structure.masses) if m.name not in self.structure.modes
+        ]
+        named = ((Name(m.name, MASS), index, m.mass_unit, m.mass.value or 0.0) for index, m in bodies)
+        return tuple(self._coefficient(*of_mass) for of_mass in named)
 
     @cached_property
     def shapes(self) -> tuple[CoefficientEstimate, ...]:

@@ -97,17 +97,13 @@ class Posterior:
             )
         dense = estimate.covariance
         covariance = dense if isinstance(dense, np.ndarray) else dense.toarray()
-        members = [
-            (number, _name(estimate.structure, slot))
-            for number, (parameter, free) in enumerate(zip(estimate.parameters, estimate.free, strict=True))
-            if free
-            for slot in parameter.members
-        ]
+        free = np.flatnonzero(estimate.free).tolist()
+        members = [(number, slot) for number in free for slot in estimate.parameters[number].members]
         which = np.array([number for number, _ in members], dtype=int)
         dropped = estimate.for_dropped_terms
         return cls(
             estimate.structure,
-            tuple(name for _, name in members),
+            tuple(_name(estimate.structure, slot) for _, slot in members),
             np.ascontiguousarray(covariance[np.ix_(which, which)]),
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),

@@ -82,13 +82,10 @@ def choose(
 def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
-    unused = [
-        f"{column.header} ({remark})"
-        if (remark := column.instead or _other_spelling(column))
-        else column.header
-        for i, column in enumerate(table.columns)
-        if i not in used and column.header
-    ]
+    unused = []
+    for column in (own for i, own in enumerate(table.columns) if i not in used and own.header):
+        remark = column.instead or _other_spelling(column)
+        unused.append(f"{column.header} ({remark})" if remark else column.header)
     return [f"Columns that are not channels were ignored: {_list(unused)}."] if unused else []
 
 

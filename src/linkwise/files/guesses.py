@@ -81,11 +81,8 @@ def guessed_columns(
 
     Raises RecordError where no column holds numbers, or a column of `channels` does not exist.
     """
-    headers = {
-        number: ColumnHeader.parse(column.header).leaf
-        for number, column in enumerate(table.columns)
-        if column.values is not None
-    }
+    numeric = {number: own.header for number, own in enumerate(table.columns) if own.values is not None}
+    headers = {number: ColumnHeader.parse(header).leaf for number, header in numeric.items()}
     if not headers:
         raise table.error("no column holds numbers, so there is nothing to map")
     given = mapped(table, channels or {})
@@ -235,11 +232,8 @@ def proposed_masses(guesses: Iterable[ColumnGuess]) -> tuple[str, ...]:
     for guess in guesses:
         if not isinstance(guess.name, Channel) or not guess.name.is_motion or guess.name.place == BASE:
             continue
-        words = [
-            word
-            for word in _words(ColumnHeader.parse(guess.header).leaf.name)
-            if not word.isdecimal() and word not in _SENSORS and not _kind_of_name(word)
-        ]
+        words = _words(ColumnHeader.parse(guess.header).leaf.name)
+        words = [word for word in words if not (word.isdecimal() or word in _SENSORS or _kind_of_name(word))]
         names.append(words[-1] if words and guess.why else guess.name.place)
     return tuple(dict.fromkeys(names))
 

@@ -235,12 +235,12 @@ class Limit(JudgedView):
         sentences = []
         for group in self.precision.confounded:
             names = [self.parameters[i].name for i in group]
-            sentences.append(
-                f"{names[0]} has no effect on these sensors: this test cannot identify it."
-                if len(names) == 1
-                else f"{enumerated(names)} are confounded: these sensors identify a combination of them "
+            sentence = (
+                f"{enumerated(names)} are confounded: these sensors identify a combination of them "
                 "only. Give one of them as known, or add a sensor or a force that moves them differently."
             )
+            alone = f"{names[0]} has no effect on these sensors: this test cannot identify it."
+            sentences.append(alone if len(names) == 1 else sentence)
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:

@@ -348,11 +348,9 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
             continue
         first = signal.start + int(np.argmax(repeats & ~ends)) / signal.rate
         held_share = count / max(int(known.sum()), 1)
-        finding = (
-            f"about every sample is held for {1.0 / (1.0 - held_share):.2g} samples"
-            if held_share > 0.3
-            else f"{count} sample{'s repeat' if count > 1 else ' repeats'} the one before, the first at {first:g} s"
-        )
+        finding = f"{count} sample{'s repeat' if count > 1 else ' repeats'} the one before, the first at {first:g} s"
+        if held_share > 0.3:
+            finding = f"about every sample is held for {1.0 / (1.0 - held_share):.2g} samples"
         message = (
             f"{finding}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
             "wrong by many standard errors; cut the record to a piece without them, or mark them as missing"

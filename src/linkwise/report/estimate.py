@@ -318,11 +318,8 @@ def _derived(quantity: DerivedQuantity) -> str:
 
 def force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
     """The NMSE of the force of each link in %, None where the record does not determine it."""
-    return {
-        link.name: _error(truth.link(link.name), link, estimate.record)
-        for link in estimate.structure.links
-        if link.name not in estimate.structure.modes
-    }
+    links = (link for link in estimate.structure.links if link.name not in estimate.structure.modes)
+    return {link.name: _error(truth.link(link.name), link, estimate.record) for link in links}
 
 
 def _document(estimate: Estimate, truth: Structure | None) -> dict[str, Any]:

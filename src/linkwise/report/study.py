@@ -8,6 +8,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,12 +78,8 @@ class StudyReport:
     def beyond(self) -> list[tuple[str, float]]:
         """Structures and noise levels in dB that Table 2 does not have."""
         shown = {(cell.snr_db, name) for cell in self.comparison.cells for name in self.paper.masses}
-        return [
-            (name, level)
-            for name in self.table.structures
-            for level in self.table.decibels
-            if (level, name) not in shown
-        ]
+        pairs = product(self.table.structures, self.table.decibels)
+        return [(name, level) for name, level in pairs if (level, name) not in shown]
 
     @property
     def headline(self) -> str:

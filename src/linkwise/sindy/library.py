@@ -97,11 +97,8 @@ class Monomials:
         first = 0
         for before in self._degrees[:-1]:
             for variable in range(len(self.variables)):
-                rising = (
-                    (index, own)
-                    for index, own in enumerate(before, first)
-                    if variable <= min(own, default=variable)
-                )
+                every = enumerate(before, first)
+                rising = ((index, own) for index, own in every if variable <= min(own, default=variable))
                 fitting = [index for index, own in rising if len({variable, *own}) <= self._limit]
                 parents = np.array(fitting, dtype=np.intp)
                 if parents.size:

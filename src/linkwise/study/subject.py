@@ -13,7 +13,6 @@ import numpy as np
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, SimulationError, StudyError
 from linkwise.expression import differentiate, symbols
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE
 from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
@@ -151,11 +150,9 @@ class Subject:
         """
         structure, rng = self.unknown_structure, np.random.default_rng([seed, _PRIOR])
         slots = coefficient_slots(structure.masses, structure.links, structure.hosts)
-        stated: dict[str, Coefficient] = {
-            p.name: replace(slots[p.name].coefficient, value=_drawn(p, rng))
-            for p in structure.parameters
-            if math.isfinite(p.sigma)
-        }
+        known = [p for p in structure.parameters if math.isfinite(p.sigma)]
+        drawn: dict[str, float] = {p.name: _drawn(p, rng) for p in known}
+        stated = {name: replace(slots[name].coefficient, value=value) for name, value in drawn.items()}
         if not stated:
             return structure
         masses, links = replace_coefficients(structure.masses, structure.links, slots, stated)

@@ -113,12 +113,8 @@ def maps_of(study: Study, table: StudySummary) -> tuple[SuccessMap, ...]:
     answered = {cell.method for cell in table.cells if cell.answers}
     run = {cell.method for cell in table.cells if cell.done}
     judged |= {method.name for method in study.methods if method.looks_for_terms} & (run - answered)
-    return tuple(
-        _map(subjects, method.name, table)
-        for subjects in _alike(study.subjects)
-        for method in study.methods
-        if method.name in judged
-    )
+    names = [method.name for method in study.methods if method.name in judged]
+    return tuple(_map(subjects, name, table) for subjects in _alike(study.subjects) for name in names)
 
 
 def _alike(subjects: Sequence[Subject]) -> list[tuple[Subject, ...]]:

@@ -82,12 +82,9 @@ def _largest_rate(shown: Floats, step: float) -> Floats:
 
 def unknown_sensors(record: Record) -> tuple[str, ...]:
     """A sentence on errors of sensors that are unknown, which a prediction cannot count."""
-    names = [
-        f"{kind} of {name}"
-        for name, known in record.uncertainty.items()
-        for kind in ("gain", "offset", "delay")
-        if isinf(getattr(known, kind))
-    ]
+    names = []
+    for name, known in record.uncertainty.items():
+        names += [f"{kind} of {name}" for kind, sigma in vars(known).items() if isinf(sigma)]
     return (f"Errors taken as zero, though stated as unknown: {', '.join(names)}.",) if names else ()
 
 

@@ -7,7 +7,7 @@ Brent's method on the interpolant of the step.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -250,12 +250,8 @@ class DormandPrince:
             after = self._watched(look, dense)
             crossed = np.flatnonzero(before * after < 0.0)
             if crossed.size:
-                roots = [
-                    brentq(
-                        lambda t, one=one: self._watched(t, dense)[one], last, look, xtol=1e-300, rtol=1e-15
-                    )
-                    for one in crossed.tolist()
-                ]
+                found = partial(brentq, a=last, b=look, xtol=1e-300, rtol=1e-15)
+                roots = [found(lambda t, one=one: self._watched(t, dense)[one]) for one in crossed.tolist()]
                 return float(min(roots))
             last, before = look, after
         return None

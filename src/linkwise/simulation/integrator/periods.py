@@ -76,13 +76,9 @@ class HeyokaPhase:
         for column in range(self._columns):
             tangent = [heyoka.expression(f"tangent{column}_{k}") for k in range(size)]
             share = heyoka.par[first + 1 + column]  # 1 in the lane whose tangent is that by omega
-            varied += [
-                (
-                    tangent[k],
-                    heyoka.sum([by_omega[k] * share, *(slope * tangent[j] for j, slope in slopes[k])]),
-                )
-                for k in range(size)
-            ]
+            for k in range(size):
+                by_tangent = [slope * tangent[j] for j, slope in slopes[k]]
+                varied.append((tangent[k], heyoka.sum([by_omega[k] * share, *by_tangent])))
         return heyoka.taylor_adaptive_batch(
             [*equations, *varied],
             np.zeros((size + len(varied), _LANES)),
