@@ -191,9 +191,8 @@ def _state(path: Path) -> tuple[int, int] | None:
 
 def _problem(path: Path, mark: str) -> str | None:
     """Why no result marked by `mark` may take the place of `path`; None if one may."""
-    if not path.exists() or (
-        path.is_dir() and set(path.iterdir()) <= set(_hidden(path.resolve(), path, "partial"))
-    ):
+    hidden = set(_hidden(path.resolve(), path, "partial"))
+    if not path.exists() or (path.is_dir() and set(path.iterdir()) <= hidden):
         return None
     if _written(path, mark) is None:
         marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)

@@ -339,11 +339,11 @@ class Estimate(JudgedView):
     @cached_property
     def masses(self) -> tuple[CoefficientEstimate, ...]:
         """Estimates of all masses, with names such as "m1.mass"."""
-        bodies = [
-            (-1 - n, m) for n, m in enumerate(self.structure.masses) if m.name not in self.structure.modes
-        ]
-        named = ((Name(m.name, MASS), index, m.mass_unit, m.mass.value or 0.0) for index, m in bodies)
-        return tuple(self._coefficient(*of_mass) for of_mass in named)
+        return tuple(
+            self._coefficient(Name(mass.name, MASS), -1 - n, mass.mass_unit, mass.mass.value or 0.0)
+            for n, mass in enumerate(self.structure.masses)
+            if mass.name not in self.structure.modes
+        )
 
     @cached_property
     def shapes(self) -> tuple[CoefficientEstimate, ...]:
@@ -366,9 +366,8 @@ class Estimate(JudgedView):
         if not self.added:
             return ()
         causes = " and ".join(cause.description for cause in self.added)
-        return (
-            f"Laws as stated leave more than noise; beside {causes}, which was taken into the model, they leave noise alone.",
-        )
+        beside = f"beside {causes}, which was taken into the model, they leave noise alone"
+        return (f"Laws as stated leave more than noise; {beside}.",)
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:

@@ -233,9 +233,8 @@ class _Constraints:
             return self.new(_TERM if expression.value else None)
         form = self.read(expression)
         factors = expression.factors if isinstance(expression, Product) else (expression,)
-        if any(isinstance(factor, Number) and factor != MINUS_ONE for factor in factors) or self.carries(
-            expression
-        ):
+        scaled = any(isinstance(factor, Number) and factor != MINUS_ONE for factor in factors)
+        if scaled or self.carries(expression):
             return form
         return form.times(self.new(_IMPLICIT))
 

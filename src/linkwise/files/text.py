@@ -311,9 +311,8 @@ def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
 def _names_columns(cells: list[str]) -> bool:
     """Whether cells are a header that names the time or a channel; `Time;13:55:01` above a header states when it was."""
     headers = [ColumnHeader.parse(cell) for cell in cells if cell]
-    return any(header.is_time or header.channel is not None for header in headers) and not any(
-        header.name[:1].isdigit() for header in headers
-    )
+    named = any(header.is_time or header.channel is not None for header in headers)
+    return named and not any(header.name[:1].isdigit() for header in headers)
 
 
 def write_csv(record: Record, path: Path) -> None:

@@ -253,9 +253,9 @@ def identify_host(
             )
         progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
         fit = modal_fit(measured, pursued)
-        while (
-            double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)
-        ) is not None and modes is None:
+        while modes is None:
+            if (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is None:
+                break
             fit = modal_fit(measured, _without(double, measured, fit))
         faint = _powers(measured, fit) < _FAINT
         while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:

@@ -265,10 +265,8 @@ class ChannelSignal:
         some = some[some != 0.0]
         roundings = _ROUNDED * np.spacing(np.abs(some))
         for digits in range(1, _PRINTED):
-            if all(
-                abs(float(f"{value:.{digits - 1}e}") - value) <= rounding
-                for value, rounding in zip(some.tolist(), roundings.tolist(), strict=True)
-            ):
+            pairs = zip(some.tolist(), roundings.tolist(), strict=True)
+            if all(abs(float(f"{value:.{digits - 1}e}") - value) <= least for value, least in pairs):
                 return digits
         return 17
 

@@ -199,10 +199,8 @@ def _exact_neighbour(times: Floats, index: NDArray[np.int64], rate: float) -> fl
     probes = np.unique(np.linspace(0, len(index) - 1, 9).astype(np.int64))
     for units in sorted(range(-16, 17), key=abs):
         neighbour = rate + units * float(np.spacing(rate))
-        if all(
-            np.array_equal(times[0] + index[which] / neighbour, times[which])
-            for which in (probes, slice(None))
-        ):
+        reached = (times[0] + index[which] / neighbour == times[which] for which in (probes, slice(None)))
+        if all(map(np.all, reached)):
             return neighbour
     return rate
 

@@ -90,9 +90,8 @@ def noisy_states(
         channels = (*noisy_record.channels, *record.inputs)
         values = np.column_stack([noisy_record.values, *map(record.channel, record.inputs)])
         noisy_record = replace(record, channels=channels, values=values, uncertainty={})
-        return differentiate(
-            noisy_record, derivative if convention == "displacement" else "differences", order=4
-        )
+        method = derivative if convention == "displacement" else "differences"
+        return differentiate(noisy_record, method, order=4)
     values = record.values.copy()
     values[:, [record.channels.index(name) for name in noisy_record.channels]] = noisy_record.values
     return differentiate(replace(record, values=values))
