@@ -170,11 +170,6 @@ class ErrorProfile:
         worst = int(np.nanargmax(self.error_percent))
         return float(self.edges[worst]), float(self.edges[worst + 1]), float(self.error_percent[worst])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The bins as plain data."""
-        bins = {"edges": self.edges, "error_percent": self.error_percent, "samples": self.samples}
-        return {"unit": self.unit, **{name: values.tolist() for name, values in bins.items()}}
-
 
 @dataclass(frozen=True, eq=False)
 class ErrorSpectrum:
@@ -358,7 +353,7 @@ class Validation(JudgedView):
             "free_run": self.free_run,
             "windows": {"count": self.windows, "length": self.window},
             "horizon": self.horizon,
-            "where": {entry.quantity: entry.to_dict() for entry in self.profiles},
+            "where": {entry.quantity: _bins(entry) for entry in self.profiles},
             "refittable": list(self.refittable),
             "coefficients": {entry.name: _plain(entry) for entry in self.coefficients},
             "model_error_percent": 100.0 * self.model_error,
@@ -375,6 +370,12 @@ class Validation(JudgedView):
         if self.findings:
             blocks.append("\n".join(remark_lines(entry) for entry in self.findings))
         return "\n\n".join(blocks)
+
+
+def _bins(profile: ErrorProfile) -> dict[str, Any]:
+    """A profile as plain data."""
+    bins = {"edges": profile.edges, "error_percent": profile.error_percent, "samples": profile.samples}
+    return {"unit": profile.unit, **{name: values.tolist() for name, values in bins.items()}}
 
 
 def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
