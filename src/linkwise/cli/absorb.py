@@ -129,9 +129,8 @@ def _answer(
     """A map for a sweep, intervals for the folder of an answer, else one comparison."""
     over = repetition.axes()
     if structure.is_dir() and not over:
-        return lw.absorption.absorption_intervals(
-            lw.estimates.read_posterior(structure), **repetition.drawing(), **keywords
-        )
+        posterior = lw.estimates.read_posterior(structure)
+        return lw.absorption.absorption_intervals(posterior, **repetition.drawing(), **keywords)
     subject = read_told(structure)
     if over:
         return lw.absorption.absorption_map(subject, over, workers=repetition.workers, **keywords)

@@ -187,9 +187,8 @@ def _identified(
     with progress("reading") as step:
         records = [source.read_file(file, None) for file in files]
         note(*dict.fromkeys(remark for record in records for remark in record.notes))
-        return lw.modal.identify_host(
-            records, modes=None if modes == "auto" else int(modes), name=name, progress=step
-        )
+        count = None if modes == "auto" else int(modes)
+        return lw.modal.identify_host(records, modes=count, name=name, progress=step)
 
 
 def _tell_doubts(estimate: lw.modal.HostEstimate) -> None:

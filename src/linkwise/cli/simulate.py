@@ -109,9 +109,8 @@ def _summary_text(structure: lw.Structure, summary: dict[str, Any]) -> str:
         _horizon(summary["horizon"]),
     ]
     if "noise" in summary:
-        lines.append(
-            f"noise       {summary['noise']['decibel']:g} dB per channel, seed {summary['noise']['seed']}"
-        )
+        added = summary["noise"]
+        lines.append(f"noise       {added['decibel']:g} dB per channel, seed {added['seed']}")
     return "\n".join([*lines, f"written to  {summary['file']}"])
 
 

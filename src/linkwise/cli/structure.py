@@ -261,9 +261,8 @@ def _rest_lines(rests: dict[str, Any], subject: lw.Structure) -> str:
         f"  equilibria: {rests['stable']} stable, {rests['unstable']} unstable. {rests['note']}".rstrip()
     ]
     for rest in rests["first"]:
-        places = ", ".join(
-            f"{name} = {x:.4g} {'rad' if name in subject.rotations else 'm'}" for name, x in rest["x"].items()
-        )
+        units = {name: "rad" if name in subject.rotations else "m" for name in rest["x"]}
+        places = ", ".join(f"{name} = {x:.4g} {units[name]}" for name, x in rest["x"].items())
         pairs = zip(rest["frequencies"], rest["damping"], strict=True)
         tones = ", ".join(f"{frequency:.4g} Hz ({100 * ratio:.2g} %)" for frequency, ratio in pairs)
         lines += [f"    {places}; energy {rest['energy']:.4g} J", f"      modes (damping): {tones}"]

@@ -86,10 +86,10 @@ class ExportedAnswer:
     @property
     def points(self) -> dict[str, dict[str, float]]:
         """For each point of a host the shapes of its modes there."""
-        rows, modes = zip(self.structure.points, self.shapes.tolist(), strict=True), self.structure.mass_names
-        return {
-            place: {mode: part for mode, part in zip(modes, row, strict=True) if part} for place, row in rows
-        }
+        modes = self.structure.mass_names
+        shapes = [dict(zip(modes, row, strict=True)) for row in self.shapes.tolist()]
+        moving = [{mode: part for mode, part in shape.items() if part} for shape in shapes]
+        return dict(zip(self.structure.points, moving, strict=True))
 
     @property
     def coefficients(self) -> tuple[ExportedCoefficient, ...]:

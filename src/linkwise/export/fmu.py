@@ -41,11 +41,8 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
     """Write the unit, which has the `name` of its file. OutputError where the compiler of the machine refuses the sources."""
     (model,) = identifiers([name], KEYWORDS).values()
     content = CoSimulationUnit.of(equations)
-    code = content.source()
-    contents = {
-        "modelDescription.xml": content.description(model),
-        f"sources/{model}.c": code.encode("ascii"),
-    }
+    code, description = content.source(), content.description(model)
+    contents = {"modelDescription.xml": description, f"sources/{model}.c": code.encode("ascii")}
     platform, suffix = _PLATFORMS.get(sys.platform, _PLATFORMS["linux"])
     binary = _compiled(code, suffix)
     if binary is not None:
@@ -110,10 +107,8 @@ class CoSimulationUnit:
             for (name, unit), start in zip(equations.states.items(), equations.initial, strict=True)
         ]
         variables += [_Variable(name, unit, "input", 0.0) for name, unit in equations.inputs.items()]
-        units = equations.units
-        variables += [
-            _Variable(name, units[name], "parameter", value) for name, value in equations.parameters.items()
-        ]
+        units, values = equations.units, equations.parameters.items()
+        variables += [_Variable(name, units[name], "parameter", value) for name, value in values]
         longest = "longest step of the integration by a Runge-Kutta method of order 4"
         variables.append(_Variable("step", "s", "parameter", step, longest))
         rotations = equations.structure.rotations

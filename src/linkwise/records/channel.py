@@ -407,9 +407,8 @@ def row_error(
 ) -> RecordError:
     """An error about one sample, with its line where the file has lines."""
     line = None if lines is None else int(lines[row])
-    return RecordError(
-        message if line else f"{message} (sample {row})", file, line, channel, arguments=arguments
-    )
+    where = "" if line else f" (sample {row})"
+    return RecordError(f"{message}{where}", file, line, channel, arguments=arguments)
 
 
 def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) -> None:

@@ -137,14 +137,11 @@ class _TimeColumn:
         missing = np.diff(index) - 1
         gaps = np.flatnonzero(missing)
         if len(gaps):
-            where = f"the first after {self.times[gaps[0]]:.9g} s"
-            notes.append(
-                f"Gaps in time: {len(gaps)}, {where}; {int(np.sum(missing))} rows were added as missing samples."
-            )
+            where, added = f"the first after {self.times[gaps[0]]:.9g} s", int(np.sum(missing))
+            notes.append(f"Gaps in time: {len(gaps)}, {where}; {added} rows were added as missing samples.")
         if 1.0 / rate >= SLOW:
-            notes.append(
-                f"The sampling interval is {1.0 / rate:g} s. If the times are in ms, name their column time[ms]."
-            )
+            advice = "If the times are in ms, name their column time[ms]."
+            notes.append(f"The sampling interval is {1.0 / rate:g} s. {advice}")
         return notes
 
 
