@@ -82,14 +82,12 @@ def _sound(content: bytes) -> bytes:
             element = zlib.decompress(view[start:end]) if kind == _COMPRESSED else view[position:end]
             kind, length = struct.unpack_from(f"{order}II", element)
             if kind != _MATRIX or length != len(element) - 8:
-                raise ValueError(
-                    f"it is of type {kind} and of {length} bytes, not a matrix of {len(element) - 8}"
-                )
+                message = f"it is of type {kind} and of {length} bytes, not a matrix of {len(element) - 8}"
+                raise ValueError(message)
             _check_matrix(memoryview(element)[8:], order)
         except (ValueError, struct.error, zlib.error) as error:
-            raise ValueError(
-                f"the variable that begins at byte {position} is damaged ({error}); copy or save the file again"
-            ) from error
+            message = f"the variable that begins at byte {position} is damaged ({error}); copy or save the file again"
+            raise ValueError(message) from error
         inflated.append(element)
         position = end
     return b"".join([*inflated, view[position:]])

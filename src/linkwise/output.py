@@ -191,18 +191,15 @@ def _state(path: Path) -> tuple[int, int] | None:
 
 def _problem(path: Path, mark: str) -> str | None:
     """Why no result marked by `mark` may take the place of `path`; None if one may."""
-    if not path.exists() or (
-        path.is_dir() and set(path.iterdir()) <= set(_hidden(path.resolve(), path, "partial"))
-    ):
+    hidden = set(_hidden(path.resolve(), path, "partial"))
+    if not path.exists() or (path.is_dir() and set(path.iterdir()) <= hidden):
         return None
     if _written(path, mark) is None:
         marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)
         other_mark = next((name for name in marks if _written(path, name) is not None), None)
-        problem = (
-            f"holds the result of another command ({other_mark})"
-            if other_mark
-            else f"is not a result of linkwise (no valid {mark})"
-        )
+        problem = f"is not a result of linkwise (no valid {mark})"
+        if other_mark:
+            problem = f"holds the result of another command ({other_mark})"
         return f"{path}: already exists and {problem}; it was not changed. Choose another folder, or remove this one"
     return None
 

@@ -163,9 +163,8 @@ def _converted(quantity: pint.Quantity[float], given: str, dimension: str, expec
     try:
         unit = _registry().Unit(dimension)
     except (pint.PintError, *_UNREADABLE):
-        raise LinkwiseError(
-            f'dimension must be a unit, such as "kg" or "m/s^2", got {_shown(dimension)}'
-        ) from None
+        message = f'dimension must be a unit, such as "kg" or "m/s^2", got {_shown(dimension)}'
+        raise LinkwiseError(message) from None
     try:
         return _finite(float(quantity.to(unit).magnitude), given)
     except pint.DimensionalityError:

@@ -236,7 +236,7 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
 
 REFUSED = {
     "": "Missing option '--vary'",
-    "--vary nes1.alpha=3": "'3' is not LOW:HIGH, as in nes1.alpha=-300:-20",
+    "--vary nes1.alpha=3": "'3' is not LOW:HIGH, as in --vary nes1.alpha=-300:-20",
     "--vary nes1.alpha=-20:-300": "the bounds must be two finite numbers, the lower one first, got -20 and -300",
     "--vary nes1.alph=-300:-20": 'unknown coefficient "nes1.alph"',
     "--vary v:m1=0:1": "a release belongs to the excitation",

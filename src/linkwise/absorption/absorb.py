@@ -80,9 +80,8 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
     potentials = Potentials.of([comparison.structure])
     with_sinks, vibration, runs = _run(comparison, comparison.schedule, potentials, comparison.powers)
     progress(ProgressReport(0.5, "without sinks"))
-    without, baseline, _ = _run(
-        comparison, comparison.baseline_schedule, Potentials.of([comparison.baseline.structure]), {}
-    )
+    of_rest = Potentials.of([comparison.baseline.structure])
+    without, baseline, _ = _run(comparison, comparison.baseline_schedule, of_rest, {})
     level = comparison.options.settle * baseline.decay.peak
     if not np.any(baseline.runs.v):
         raise SimulationError(
@@ -90,15 +89,18 @@ def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
             "with: the structure starts at rest in equilibrium; give a release, an impulse, a force or a motion of the base "
             "that moves a primary mass"
         )
-    decays = zip(_decays(vibration, level), _decays(baseline, level), strict=True)
+    decays = zip(
+        comparison.primaries,
+        level[:, 0].tolist(),
+        _decays(vibration, level),
+        _decays(baseline, level),
+        strict=True,
+    )
     return Absorption(
         removal=comparison.options.without,
         settle=comparison.options.settle,
         time=comparison.times,
-        masses=tuple(
-            MassChange(name, float(level[row, 0]), *both)
-            for row, (name, both) in enumerate(zip(comparison.primaries, decays, strict=True))
-        ),
+        masses=tuple(MassChange(*of_mass) for of_mass in decays),
         sinks=_sink_results(comparison, with_sinks, runs.crossings[0], potentials.tops(0)),
         harvests=_harvests(comparison, with_sinks, runs),
         absorbing=comparison.absorbing,
@@ -132,17 +134,9 @@ def _run(
 def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
     """The decay of each primary mass; `level` (P, 1) m."""
     of_run = vibration.decay.of_run(0)
-    columns = (
-        vibration.rest[:, 0],
-        of_run.peak,
-        vibration.rms[:, 0],
-        of_run.settled(level[:, 0]),
-        of_run.rate(level[:, 0]),
-    )
-    return [
-        MassDecay(float(rest), float(peak), float(rms), finite(settled), finite(rate))
-        for rest, peak, rms, settled, rate in zip(*columns, strict=True)
-    ]
+    settled, rates = (map(finite, column(level[:, 0])) for column in (of_run.settled, of_run.rate))
+    sizes = (vibration.rest[:, 0].tolist(), of_run.peak.tolist(), vibration.rms[:, 0].tolist())
+    return [MassDecay(*row) for row in zip(*sizes, settled, rates, strict=True)]
 
 
 def _sink_results(
@@ -151,18 +145,13 @@ def _sink_results(
     names = [link.name for link in run.structure.links]
     horizon = np.inf if run.horizon is None else run.horizon
     d = run.structure.elongations(run.x, comparison.options.excitation.base_at(comparison.times))
-    return tuple(
-        SinkResult(
-            sink=sink,
-            tops=tuple(tops[number].tolist()),
-            share=run.share(sink.link),
-            elongation=d[:, number],
-            crossings=crossed[number],
-            before_horizon=int(np.sum(crossed[number] < horizon)),
-        )
-        for sink in comparison.sinks
-        for number in [names.index(sink.link)]
-    )
+    results = []
+    for sink in comparison.sinks:
+        number = names.index(sink.link)
+        crossings, before = crossed[number], int(np.sum(crossed[number] < horizon))
+        own_tops, share = tuple(tops[number].tolist()), run.share(sink.link)
+        results.append(SinkResult(sink, own_tops, share, d[:, number], crossings, before))
+    return tuple(results)
 
 
 def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[Harvest, ...]:

@@ -26,7 +26,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Symbol, add, substitute, to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.excitation import Excitation, Impulse, InputSignal, TimeFunction
+from linkwise.model.excitation import Excitation, InputSignal, TimeFunction
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, require_rest_at_zero
 from linkwise.model.structure import Structure, refuse_rig
@@ -52,12 +52,11 @@ def without_sinks(
     baseline = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
     left = baseline.excitation
     if not (any(left.release.values()) or left.impulses or left.drives):
-        problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with; "
+        problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with"
         if removal == "removed":
-            raise SimulationError(
-                f"{problem}excite a primary mass, or compare with the sinks locked", arguments=("without",)
-            )
-        raise SimulationError(f"{problem}give a release, an impulse, a force or a motion of the base")
+            remedy = "excite a primary mass, or compare with the sinks locked"
+            raise SimulationError(f"{problem}; {remedy}", arguments=("without",))
+        raise SimulationError(f"{problem}; give a release, an impulse, a force or a motion of the base")
     return baseline
 
 
@@ -68,20 +67,12 @@ def _removed(structure: Structure, sinks: Sequence[Sink], excitation: Excitation
     states = {f"{link.name}.{state}" for link in gone for state in link.law.states}
     links = tuple(link for link in structure.links if link not in gone)
     masses = tuple(mass for mass in structure.masses if mass.name not in removed)
-    left = _structure(structure, masses, links, "removed")
-    return WithoutSinks(
-        left,
-        Excitation(
-            {
-                name: value
-                for name, value in excitation.release.items()
-                if name.partition(":")[2] not in removed | states
-            },
-            tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed),
-            {mass: force for mass, force in excitation.forces.items() if mass not in removed},
-            excitation.base if left.base_incidence.any() else None,
-        ),
-    )
+    left, absent = _structure(structure, masses, links, "removed"), removed | states
+    release = {key: value for key, value in excitation.release.items() if key.partition(":")[2] not in absent}
+    impulses = tuple(impulse for impulse in excitation.impulses if impulse.mass not in removed)
+    forces = {mass: force for mass, force in excitation.forces.items() if mass not in removed}
+    base = excitation.base if left.base_incidence.any() else None
+    return WithoutSinks(left, Excitation(release, impulses, forces, base))
 
 
 def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation) -> WithoutSinks:
@@ -105,28 +96,19 @@ def _locked(structure: Structure, sinks: Sequence[Sink], excitation: Excitation)
     x = {name: excitation.release.get(f"x:{name}", 0.0) for name in structure.mass_names}
     offset = {name: x[name] - x[root[name]] for name in root}  # from its root, as long as it is locked
     kilograms = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
-    joined = {
-        name: sum(kilograms[rider] for rider in root if root[rider] == name)
-        for name in structure.mass_names
-        if name not in host
-    }
-    masses = tuple(
-        mass
-        if joined[mass.name] == kilograms[mass.name]
-        else replace(mass, mass=Coefficient.number(joined[mass.name]))
-        for mass in structure.masses
-        if mass.name in joined
-    )
+    joined = dict.fromkeys((name for name in structure.mass_names if name not in host), 0.0)
+    for rider, name in root.items():
+        joined[name] += kilograms[rider]
+    changed = {name: Coefficient.number(total) for name, total in joined.items() if total != kilograms[name]}
+    stay = (mass for mass in structure.masses if mass.name in joined)
+    masses = tuple(replace(mass, mass=changed.get(mass.name, mass.mass)) for mass in stay)
     links = tuple(moved for link in structure.links if (moved := _reattached(link, root, offset)) is not None)
     left = _structure(structure, masses, links, "locked")
-    impulses = tuple(
-        Impulse(root[impulse.mass], impulse.momentum, impulse.time) for impulse in excitation.impulses
-    )
+    impulses = tuple(replace(impulse, mass=root[impulse.mass]) for impulse in excitation.impulses)
     release = {f"x:{name}": x[name] for name in joined if x[name]}
     release |= _joint_velocities(excitation.release, root, kilograms, joined)
-    return WithoutSinks(
-        left, Excitation(release, impulses, _combined_forces(excitation.forces, root), excitation.base)
-    )
+    forces = _combined_forces(excitation.forces, root)
+    return WithoutSinks(left, Excitation(release, impulses, forces, excitation.base))
 
 
 def _root(name: str, host: Mapping[str, str]) -> str:
@@ -135,9 +117,8 @@ def _root(name: str, host: Mapping[str, str]) -> str:
     while path[-1] in host:
         path.append(host[path[-1]])
         if path[-1] in path[:-1]:
-            raise StructureError(
-                f"the sinks carry one another in a circle ({', '.join(path)}); name fewer sinks"
-            )
+            circle = ", ".join(path)
+            raise StructureError(f"the sinks carry one another in a circle ({circle}); name fewer sinks")
     return path[-1]
 
 
@@ -148,13 +129,10 @@ def _joint_velocities(
     joined: Mapping[str, float],
 ) -> dict[str, float]:
     """The velocities of masses locked together that keep their momentum, as channels of a release."""
-    velocities = {}
-    for name, total in joined.items():
-        riders = [rider for rider in root if root[rider] == name]
-        velocity = sum(kilograms[rider] * release.get(f"v:{rider}", 0.0) for rider in riders) / total
-        if velocity:
-            velocities[f"v:{name}"] = velocity
-    return velocities
+    momenta = dict.fromkeys(joined, 0.0)
+    for rider, name in root.items():
+        momenta[name] += kilograms[rider] * release.get(f"v:{rider}", 0.0)
+    return {f"v:{name}": momentum / joined[name] for name, momentum in momenta.items() if momentum}
 
 
 def _reattached(link: Link, root: Mapping[str, str], offset: Mapping[str, float]) -> Link | None:
@@ -193,28 +171,18 @@ def _structure(
     structure: Structure, masses: tuple[Mass, ...], links: tuple[Link, ...], removal: str
 ) -> Structure:
     """The structure of some masses and links; coefficients that were shared keep their values."""
-    independent = tuple(
-        replace(
-            link,
-            coefficients={
-                name: replace(coefficient, same_as=None) for name, coefficient in link.coefficients.items()
-            },
-        )
-        for link in links
-    )
+    own = [{name: replace(c, same_as=None) for name, c in link.coefficients.items()} for link in links]
+    independent = tuple(replace(link, coefficients=c) for link, c in zip(links, own, strict=True))
     bodies = tuple(replace(mass, mass=replace(mass.mass, same_as=None)) for mass in masses)
     try:
         return Structure(f"{structure.name}, sinks {removal}", bodies, independent, structure.hosts)
     except StructureError as error:
-        raise StructureError(
-            f"no valid structure is left with the sinks {removal}: {error.message}", error.where
-        ) from None
+        message = f"no valid structure is left with the sinks {removal}: {error.message}"
+        raise StructureError(message, error.where) from None
 
 
-_DECAY_TIMES, _MOST_PERIODS = (
-    3.0,
-    300.0,
-)  # of the least damped mode without sinks, which are simulated by default
+# of the least damped mode without sinks, which are simulated by default
+_DECAY_TIMES, _MOST_PERIODS = (3.0, 300.0)
 _SAMPLES_PER_PERIOD = 20  # of the fastest mode, by default: cubics between them are right to 3e-5
 _LEAST_SAMPLES = 1000  # by default
 _MOST_SAMPLES = 2_000_000  # by default
@@ -244,9 +212,8 @@ class Comparison:
         equipped = with_harvesters(structure, options.harvesters or {})
         delivered_powers(structure, options.harvesters or {})  # StructureError if one is not a power
         if not (any(excitation.release.values()) or excitation.impulses or excitation.drives):
-            raise SimulationError(
-                "nothing sets the structure in motion; give a release, an impulse, a force or a motion of the base"
-            )
+            remedy = "give a release, an impulse, a force or a motion of the base"
+            raise SimulationError(f"nothing sets the structure in motion; {remedy}")
         baseline = without_sinks(equipped, sinks, excitation, options.without)
         duration = _default_duration(baseline.structure) if options.duration is None else options.duration
         rate = _default_rate(structure, duration) if options.rate is None else options.rate
@@ -287,9 +254,8 @@ class Comparison:
         """The links by which sinks absorb: the sinks, their harvesters, and all other links to their masses."""
         carried = {sink.mass for sink in self.sinks}
         names = {sink.link for sink in self.sinks} | {f"{sink.link}{SUFFIX}" for sink in self.sinks}
-        return tuple(
-            link.name for link in self.structure.links if link.name in names or carried & set(link.between)
-        )
+        links = self.structure.links
+        return tuple(link.name for link in links if link.name in names or carried & set(link.between))
 
     @property
     def resting_structure(self) -> Structure:
@@ -312,9 +278,8 @@ def _default_duration(baseline: Structure) -> float:
     omega = 2.0 * np.pi * linear.frequencies
     moving = omega > 0.0
     if not moving.any():
-        raise SimulationError(
-            "no mode of the structure vibrates about its rest; give a duration", arguments=("duration",)
-        )
+        message = "no mode of the structure vibrates about its rest; give a duration"
+        raise SimulationError(message, arguments=("duration",))
     slowest = int(np.argmin(np.where(moving, linear.damping * omega, np.inf)))
     longest = _MOST_PERIODS / float(linear.frequencies[slowest])
     rate = float(linear.damping[slowest] * omega[slowest])

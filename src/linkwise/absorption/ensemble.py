@@ -91,9 +91,7 @@ class BaselineQuantities:
 
     def of_runs(self, runs: Indices) -> BaselineQuantities:
         """Some of the runs, in any order and number."""
-        return BaselineQuantities(
-            *(values[:, runs] for values in (self.peak, self.rms, self.level, self.settled, self.energy))
-        )
+        return BaselineQuantities(*(values[:, runs] for values in vars(self).values()))
 
 
 def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
@@ -123,9 +121,8 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
     for link in (sink.link for sink in comparison.sinks):
         quantities.append(AbsorptionQuantity(f"crossings:{link}", "", f"well crossings of {link}"))
     for link in comparison.options.harvesters or ():
-        quantities.append(
-            AbsorptionQuantity(f"power:{link}", "W", f"average power of the harvester on {link}")
-        )
+        title = f"average power of the harvester on {link}"
+        quantities.append(AbsorptionQuantity(f"power:{link}", "W", title))
     if len(units := {unit_in(comparison.structure, f"x:{name}") for name in comparison.primaries}) == 1:
         (unit,) = units
         quantities.append(AbsorptionQuantity("peak", unit, "largest excursion", True))
@@ -150,25 +147,19 @@ def quantity_values(
     supplied = runs.supplied - potentials.floor
     total, dissipated = supplied[-1], runs.dissipated[-1]
     names = [link.name for link in comparison.structure.links]
-    shares = {
-        name: dissipated[numbers].sum(axis=0) / total
-        for name, numbers in dissipators(comparison.structure).items()
-    }
-    crossings = {
-        sink.link: np.array([float(len(run[names.index(sink.link)])) for run in runs.crossings])
-        for sink in comparison.sinks
-    }
+    by = dissipators(comparison.structure)
+    shares = {name: dissipated[numbers].sum(axis=0) / total for name, numbers in by.items()}
+    counts = np.array([[float(len(of_link)) for of_link in run] for run in runs.crossings])
+    crossings = {sink.link: counts[:, names.index(sink.link)] for sink in comparison.sinks}
     units = [unit_in(comparison.structure, f"x:{name}") for name in comparison.primaries]
     of_rms, of_peak = (comparable(sizes, units) for sizes in (baseline.rms, baseline.peak))
+    joint_rms = [root_sum_square(of_rms * one.rms) for one in (vibration, baseline)]
+    joint_peaks = [(of_peak * peak).max(axis=0) for peak in (vibration.decay.peak, baseline.peak)]
     values = {
         "settled": settled.max(axis=0),
         "settled_without": baseline.settled.max(axis=0),
-        "rms_reduction": reduction(
-            root_sum_square(of_rms * vibration.rms), root_sum_square(of_rms * baseline.rms)
-        ),
-        "peak_reduction": reduction(
-            (of_peak * vibration.decay.peak).max(axis=0), (of_peak * baseline.peak).max(axis=0)
-        ),
+        "rms_reduction": reduction(*joint_rms),
+        "peak_reduction": reduction(*joint_peaks),
         "sinks_share": np.sum([shares[name] for name in comparison.absorbing], axis=0),
         "crossings": np.sum(list(crossings.values()), axis=0),
         "remaining": remaining / total,
@@ -186,27 +177,20 @@ def quantity_values(
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
     values |= {"peak": vibration.decay.peak.max(axis=0), "rms": root_sum_square(vibration.rms)}
     values |= _strokes(comparison, runs, vibration)
-    duration = runs.time[-1]
-    return values | {
-        f"power:{link}": (
-            runs.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
-        )
-        / duration
-        for link, given in (comparison.options.harvesters or {}).items()
-    }
+    for link, given in (comparison.options.harvesters or {}).items():
+        energy = runs.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
+        values[f"power:{link}"] = energy / runs.time[-1]
+    return values
 
 
 def _strokes(comparison: Comparison, runs: Runs, vibration: Vibration) -> dict[str, Floats]:
     """The largest elongation (W,) of each sink."""
-    base = comparison.options.excitation.base
-    moved = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
+    base, structures = comparison.options.excitation.base, vibration.structures
+    x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
     strokes = {}
-    for sink in comparison.sinks:
-        d, v = (
-            link_motion(vibration.structures, of_masses, sink.link, of_base)
-            for of_masses, of_base in zip((runs.x, runs.v), moved, strict=True)
-        )
-        strokes[f"stroke:{sink.link}"] = Decay(runs.time, d, v).peak
+    for link in (sink.link for sink in comparison.sinks):
+        moved = link_motion(structures, runs.x, link, x), link_motion(structures, runs.v, link, v)
+        strokes[f"stroke:{link}"] = Decay(runs.time, *moved).peak
     return strokes
 
 
@@ -242,13 +226,9 @@ class Variants:
 def _changes_baseline(comparison: Comparison, structure: Structure, name: str) -> bool:
     """Whether a parameter may change the structure without sinks."""
     asked = Name.parse(name)
-    if (
-        ":" in name
-        or asked.is_shape
-        or any(coefficient.same_as for link in structure.links for coefficient in link.coefficients.values())
-    ):
-        return True
-    if any(mass.mass.same_as for mass in structure.masses):
+    coefficients = [mass.mass for mass in structure.masses]
+    coefficients += [coefficient for link in structure.links for coefficient in link.coefficients.values()]
+    if ":" in name or asked.is_shape or any(coefficient.same_as for coefficient in coefficients):
         return True
     baseline = comparison.baseline.structure
     if asked.owner in {link.name for link in structure.links}:
@@ -305,10 +285,8 @@ class _Runner:
                 if stopped.is_set():
                     break
                 group = some[first : first + LANES]
-                own = potentials.of_runs(group)
-                runs, ended = batch_runs(
-                    [schedules[run] for run in group], own, self.powers, one_by_one=self.one_by_one
-                )
+                own, batch = potentials.of_runs(group), [schedules[run] for run in group]
+                runs, ended = batch_runs(batch, own, self.powers, one_by_one=self.one_by_one)
                 completed[group] = ended
                 if ended.any():
                     collect(runs if ended.all() else runs.of_runs(np.flatnonzero(ended)), group[ended])
@@ -318,10 +296,8 @@ class _Runner:
         size = max(LANES, min(_TASK, -(-len(schedules) // (self.workers * LANES)) * LANES))
         pool = ThreadPoolExecutor(max(1, min(self.workers, -(-len(schedules) // LANES))))
         try:
-            futures = [
-                pool.submit(task, numbers[first : first + size]) for first in range(0, len(schedules), size)
-            ]
-            for future in as_completed(futures):
+            parts = (numbers[first : first + size] for first in range(0, len(schedules), size))
+            for future in as_completed([pool.submit(task, some) for some in parts]):
                 done += future.result()
                 self.progress(ProgressReport(done / len(schedules), self.activity))
         finally:  # an interrupt waits for the batches under way and starts no others
@@ -405,18 +381,14 @@ def _with_sinks(
     potentials = Potentials.of([comparison.structure for comparison in comparisons])
     quantities = quantities_of(first)
     values = np.full((len(comparisons), len(quantities)), np.nan)
-    all_envelopes = (
-        np.full((len(first.times), len(first.primaries), len(comparisons)), np.nan, np.float32)
-        if envelopes
-        else None
-    )
+    shape = len(first.times), len(first.primaries), len(comparisons)
+    all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
 
     def collect(runs: Runs, numbers: Indices) -> None:
         structures = [schedules[run].structure for run in numbers]
         vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
-        by_name = quantity_values(
-            first, runs, vibration, potentials.of_runs(numbers), baseline.of_runs(numbers)
-        )
+        own, without = potentials.of_runs(numbers), baseline.of_runs(numbers)
+        by_name = quantity_values(first, runs, vibration, own, without)
         values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
         if all_envelopes is not None:
             all_envelopes[:, :, numbers] = vibration.decay.envelope

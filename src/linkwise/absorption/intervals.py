@@ -222,17 +222,14 @@ def absorption_intervals(
     expect("absorption_intervals(identified): identified", identified, Estimate, Posterior)
     posterior = identified if isinstance(identified, Posterior) else Posterior.of(identified)
     if draws < 2:
-        raise LinkwiseError(
-            f"intervals need at least 2 draws, got {draws}; use 100 or more", arguments=("draws",)
-        )
+        message = f"intervals need at least 2 draws, got {draws}; use 100 or more"
+        raise LinkwiseError(message, arguments=("draws",))
     comparison = Comparison.of(posterior.structure, options_given(AbsorptionOptions.of, options, keywords))
     absorption = compare(comparison, part(progress, 0.0, 0.1))
     equipped = with_harvesters(posterior.structure, comparison.options.harvesters or {})
     variants = Variants.of(equipped, comparison, posterior.names)
-    drawn = [
-        variants.at(dict(zip(posterior.names, row.tolist(), strict=True)))
-        for row in posterior.draws(draws, seed)
-    ]
+    sets = posterior.draws(draws, seed).tolist()
+    drawn = [variants.at(dict(zip(posterior.names, row, strict=True))) for row in sets]
     identified_values = run_ensemble([comparison], one_by_one=True).values[0]
     ensemble = run_ensemble(drawn, envelopes=True, workers=workers, progress=part(progress, 0.1, 1.0))
     completed = ensemble.completed
@@ -242,15 +239,12 @@ def absorption_intervals(
             "within its uncertainty; measure for longer, or with less noise"
         )
     lower, upper = _envelope_bounds(ensemble)
+    columns = zip(ensemble.quantities, identified_values, ensemble.values[completed].T, strict=True)
     return AbsorptionIntervals(
         absorption=absorption,
         draws=draws,
         seed=seed,
-        quantities=tuple(
-            _interval(quantity, identified_values[column], ensemble.values[completed, column])
-            for column, quantity in enumerate(ensemble.quantities)
-            if quantity.name != "closure"
-        ),
+        quantities=tuple(_interval(*column) for column in columns if column[0].name != "closure"),
         lower=lower,
         upper=upper,
         diverged=int(np.sum(~completed)),
@@ -289,19 +283,11 @@ def interval_headline(intervals: AbsorptionIntervals) -> str:
 
 def interval_rows(intervals: AbsorptionIntervals) -> Rows:
     """Each quantity at the identified values, and its interval."""
-    return [
-        ("quantity", "identified", "95 % interval"),
-        *(
-            (interval.quantity.title, _text(interval, interval.value), _interval_range(interval))
-            for interval in intervals.quantities
-        ),
-    ]
-
-
-def _interval_range(interval: QuantityInterval) -> str:
-    if interval.lower is None:
-        return _text(interval, None)
-    return f"{_text(interval, interval.lower)} to {_text(interval, interval.upper)}"
+    rows: Rows = [("quantity", "identified", "95 % interval")]
+    for own in intervals.quantities:
+        ends = _text(own, own.lower) + ("" if own.lower is None else f" to {_text(own, own.upper)}")
+        rows.append((own.quantity.title, _text(own, own.value), ends))
+    return rows
 
 
 def _text(interval: QuantityInterval, value: float | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from math import prod
 from typing import Any, Unpack
@@ -216,9 +216,7 @@ class AbsorptionMap(JudgedView):
             "horizon": self.horizon,
             "findings": list(self.findings),
             **self._judgement(),
-            "axes": [
-                {"name": axis.name, "unit": axis.unit, "values": axis.values.tolist()} for axis in self.axes
-            ],
+            "axes": [asdict(axis) | {"values": axis.values.tolist()} for axis in self.axes],
             "quantities": {quantity.name: self._quantity_dict(quantity) for quantity in self.quantities},
         }
 
@@ -344,9 +342,8 @@ def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxi
     for name, given in over.items():
         values = np.atleast_1d(np.asarray(given, dtype=float))
         if values.ndim != 1 or not values.size or not np.isfinite(values).all():
-            raise StructureError(
-                f"the values of a swept parameter must be a row of finite numbers, got {given!r}", name
-            )
+            message = f"the values of a swept parameter must be a row of finite numbers, got {given!r}"
+            raise StructureError(message, name)
         axes.append(SweepAxis(name, parameter_unit(structure, name), values))
     return tuple(axes)
 
@@ -369,24 +366,18 @@ def _require_memory(axes: tuple[SweepAxis, ...], masses: int) -> None:
 def parameter_unit(structure: Structure, name: str) -> str:
     """The SI unit of a parameter; StructureError if it does not exist."""
     kind, colon, _ = name.partition(":")
-    if colon:
-        if kind not in ("x", "v"):
-            raise StructureError(
-                "a sweep takes coefficients, masses and releases; write a release as x:MASS or v:MASS", name
-            )
-        return unit_in(structure, name)
-    return structure.unit_of(name)
+    if colon and kind not in ("x", "v"):
+        message = "a sweep takes coefficients, masses and releases; write a release as x:MASS or v:MASS"
+        raise StructureError(message, name)
+    return unit_in(structure, name) if colon else structure.unit_of(name)
 
 
 def comparison_at(structure: Structure, point: Mapping[str, float], options: AbsorptionOptions) -> Comparison:
     """The comparison at one point of a grid; where sinks are not named, those of the structure are they."""
     release = {name: value for name, value in point.items() if ":" in name}
-    numbers = {
-        name: value
-        for name, value in point.items()
-        if ":" not in name and not Name.parse(name).owner.endswith(SUFFIX)
-    }
-    at_point = structure.with_values(numbers) if numbers else structure
+    own = (name for name in point if ":" not in name and not Name.parse(name).owner.endswith(SUFFIX))
+    numbers = {name: point[name] for name in own}
+    at_point = structure.with_values(numbers)
     known = all(structure.coefficient(name).value is not None for name in numbers)
     sinks = options.sinks or [sink.link for sink in find_sinks(structure if known else at_point)]
     excitation = replace(options.excitation, release={**options.excitation.release, **release})

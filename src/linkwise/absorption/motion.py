@@ -81,9 +81,8 @@ class Decay:
         """(...) m^2: the mean squared excursion, by the trapezoidal rule with its end correction."""
         square, slope = self.x**2, 2.0 * self.x * self.v
         step = self._step
-        total = step * (square.sum(axis=0) - 0.5 * (square[0] + square[-1])) - step**2 / 12.0 * (
-            slope[-1] - slope[0]
-        )
+        total = step * (square.sum(axis=0) - 0.5 * (square[0] + square[-1]))
+        total -= step**2 / 12.0 * (slope[-1] - slope[0])
         return np.asarray(total / (self.time[-1] - self.time[0]))
 
     def settled(self, level: Floats) -> Floats:
@@ -143,11 +142,8 @@ class Vibration:
     def rest(self) -> Floats:
         """(P, W) m: where the masses come to rest."""
         last = place_motion(self.structures, self.runs.x[-1:], self.places)[0]
-        nearest = [
-            at[np.square(at - end).sum(axis=1).argmin()]
-            for at, end in zip(self.positions, last.T, strict=True)
-        ]
-        return np.stack(nearest, axis=1)
+        ends = zip(self.positions, last.T, strict=True)
+        return np.stack([at[np.square(at - end).sum(axis=1).argmin()] for at, end in ends], axis=1)
 
     @cached_property
     def decay(self) -> Decay:

@@ -83,13 +83,11 @@ class AbsorptionOptions:
         expect("AbsorptionOptions: duration", self.duration, float, NoneType)
         expect("AbsorptionOptions: settle", self.settle, float)
         if not 0.0 < self.settle < 1.0:
-            raise SimulationError(
-                f"settle is a part of the peak and must be between 0 and 1, got {self.settle!r}"
-            )
+            message = f"settle is a part of the peak and must be between 0 and 1, got {self.settle!r}"
+            raise SimulationError(message)
         if self.without not in BASELINES:
-            raise StructureError(
-                f"unknown way to take out sinks, {self.without!r}; choose from {', '.join(map(repr, BASELINES))}"
-            )
+            known = ", ".join(map(repr, BASELINES))
+            raise StructureError(f"unknown way to take out sinks, {self.without!r}; choose from {known}")
 
     @classmethod
     def of(cls, **keywords: Unpack[AbsorptionKeywords]) -> AbsorptionOptions:

@@ -152,10 +152,8 @@ class AbsorptionRun:
     @cached_property
     def dissipated_by(self) -> dict[str, Floats]:
         """(N,) energy in J that each host, by all its modes, and each other link has dissipated."""
-        return {
-            name: self.dissipated[:, numbers].sum(axis=1)
-            for name, numbers in dissipators(self.structure).items()
-        }
+        by = dissipators(self.structure)
+        return {name: self.dissipated[:, numbers].sum(axis=1) for name, numbers in by.items()}
 
     def share(self, link: str) -> float:
         """The part of the energy supplied that a link or a host has dissipated by the end.
@@ -417,10 +415,8 @@ class Absorption(JudgedView):
     @property
     def settled(self) -> tuple[float | None, float | None]:
         """Times in s at which the last primary mass has settled, with and without sinks; None if one does not."""
-        return (
-            _last([mass.with_sinks.settled for mass in self.masses]),
-            _last([mass.without.settled for mass in self.masses]),
-        )
+        with_sinks = [mass.with_sinks.settled for mass in self.masses]
+        return _last(with_sinks), _last([mass.without.settled for mass in self.masses])
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -433,8 +429,7 @@ class Absorption(JudgedView):
     def findings(self) -> tuple[str, ...]:
         """Sentences on what the two runs cannot show."""
         findings = []
-        horizon = self.with_sinks.horizon
-        if horizon is not None:
+        if (horizon := self.with_sinks.horizon) is not None:
             findings.append(
                 f"Past {horizon:.3g} s the motion with sinks is chaotic: this run is one of many that the same start could "
                 "have, and crossings, settling times and shares after it would differ on another computer."
@@ -452,22 +447,18 @@ class Absorption(JudgedView):
                     f"{harvest.expression} would deliver {harvest.energy:.3g} J, but {harvest.link} takes only {work:.3g} J: "
                     "this link cannot deliver that power."
                 )
-        unknown = [parameter.name for parameter in self.with_sinks.structure.parameters]
-        if unknown:
-            findings.append(
-                f"{', '.join(unknown)} {'is' if len(unknown) == 1 else 'are'} unknown: this result is for the start values."
-            )
+        if unknown := [parameter.name for parameter in self.with_sinks.structure.parameters]:
+            are = "is" if len(unknown) == 1 else "are"
+            findings.append(f"{', '.join(unknown)} {are} unknown: this result is for the start values.")
         unsettled = [mass.name for mass in self.masses if mass.with_sinks.settled is None]
         if unsettled:
             findings.append(
                 f"{', '.join(unsettled)} did not settle below {100 * self.settle:g} % of the peak without sinks within "
                 f"{float(self.time[-1]):g} s; simulate longer, or give a higher settling level."
             )
-            memory = [link.name for link in self.with_sinks.structure.links if link.law.states]
-            if memory:
-                findings.append(
-                    f"Rest positions are those with states of 0 of {', '.join(memory)}; after slip a mass may rest elsewhere."
-                )
+            if memory := ", ".join(link.name for link in self.with_sinks.structure.links if link.law.states):
+                rest = f"Rest positions are those with states of 0 of {memory}"
+                findings.append(f"{rest}; after slip a mass may rest elsewhere.")
         inactive = [result.sink.link for result in self.sinks if result.tops and not len(result.crossings)]
         if inactive:
             findings.append(f"{', '.join(inactive)} never crossed from one well to another.")
@@ -492,10 +483,7 @@ class Absorption(JudgedView):
             "settle": self.settle,
             "settled": {"with_sinks": with_sinks, "without": without},
             "rms_reduction": self.rms_reduction,
-            "energy": {
-                "with_sinks": energy_document(self.with_sinks),
-                "without": energy_document(self.without),
-            },
+            "energy": {key: energy_document(getattr(self, key)) for key in ("with_sinks", "without")},
             "sinks_share": self.sinks_share,
             "horizon": self.with_sinks.horizon,
             "masses": {mass.name: mass_document(mass) for mass in self.masses},
@@ -543,9 +531,8 @@ def percent(part: float | None) -> str:
 
 def smaller(reduction: float | None) -> str:
     """A relative reduction in words: so much smaller, or larger."""
-    if reduction is None:
-        return "-"
-    return f"{percent(abs(reduction))} {'smaller' if reduction >= 0.0 else 'larger'}"
+    size = "-" if reduction is None else "smaller" if reduction >= 0.0 else "larger"
+    return size if reduction is None else f"{percent(abs(reduction))} {size}"
 
 
 def seconds(time: float | None) -> str:
@@ -616,10 +603,8 @@ def _remaining(run: AbsorptionRun) -> float:
 
 def crossing_rows(absorption: Absorption) -> Rows:
     """How often each sink crossed its barrier, how often before the predictability horizon, and when last."""
-    return [
-        ("sink", "mass", "host", "crossings", "predictable", "last"),
-        *(_sink_row(result) for result in absorption.sinks),
-    ]
+    titles = ("sink", "mass", "host", "crossings", "predictable", "last")
+    return [titles, *map(_sink_row, absorption.sinks)]
 
 
 def _sink_row(result: SinkResult) -> tuple[str, ...]:

@@ -89,11 +89,7 @@ def _bistable_links(structure: Structure) -> list[str]:
 def _sink(structure: Structure, name: str) -> Sink:
     ends = structure.link(name).between
     masses = [end for end in ends if end in structure.mass_names]
-    leaves = [
-        end
-        for end in masses
-        if _neighbours(structure, end) == {neighbour for neighbour in ends if neighbour != end}
-    ]
+    leaves = [end for end in masses if _neighbours(structure, end) == set(ends) - {end}]
     if not masses:
         return Sink(name, None, ends[1] if ends[0] in structure.points else ends[0])
     if len(masses) == 1:
@@ -153,12 +149,10 @@ def have_equal_shapes(structures: Sequence[Structure]) -> bool:
 def dissipators(structure: Structure) -> dict[str, list[int]]:
     """What dissipates, by name, with the numbers of its links: hosts by all their modes, then every other link."""
     numbers = {link.name: number for number, link in enumerate(structure.links)}
-    hosts = {
-        host.name if host.name not in numbers else f"{host.name} (modes)": [
-            numbers[link.name] for link in host.parts()[1]
-        ]
-        for host in structure.hosts
-    }
+    hosts = {}
+    for host in structure.hosts:
+        name = host.name if host.name not in numbers else f"{host.name} (modes)"
+        hosts[name] = [numbers[link.name] for link in host.parts()[1]]
     return hosts | {name: [number] for name, number in numbers.items() if name not in structure.modes}
 
 
@@ -197,10 +191,8 @@ def with_harvesters(structure: Structure, harvesters: Harvesters) -> Structure:
         if isinstance(damping, str):
             continue
         if not (np.isfinite(damping) and damping > 0.0):
-            raise StructureError(
-                f"the damping of a harvester must be positive, got {damping!r} {damping_unit(structure.link(name))}",
-                f'link "{name}"',
-            )
+            message = f"the damping of a harvester must be positive, got {damping!r} {damping_unit(structure.link(name))}"
+            raise StructureError(message, f'link "{name}"')
         added.append(Link(f"{name}{SUFFIX}", link.between, Law.parse("c*v"), {"c": damping}))
     return replace(structure, links=(*structure.links, *added)) if added else structure
 
@@ -216,9 +208,8 @@ def delivered_powers(structure: Structure, harvesters: Harvesters) -> dict[str, 
     It is an expression in d, v, the states and the coefficients of its link. Raises StructureError for a link that does not
     exist, a name that is none of these, and an expression whose unit is not that of a power.
     """
-    return {
-        name: _power(structure.link(name), text) for name, text in harvesters.items() if isinstance(text, str)
-    }
+    given = ((name, text) for name, text in harvesters.items() if isinstance(text, str))
+    return {name: _power(structure.link(name), text) for name, text in given}
 
 
 def _power(link: Link, text: str) -> Expression:
@@ -231,18 +222,16 @@ def _power(link: Link, text: str) -> Expression:
         raise StructureError(f"{text!r} is not a power: {error}", where) from None
     foreign = [name for name in symbols(power) if name not in names]
     if foreign:
-        raise StructureError(
-            f"the power {text!r} contains {foreign[0]!r}; choose from {', '.join(names)}, as in V**2/R", where
-        )
+        message = f"the power {text!r} contains {foreign[0]!r}; choose from {', '.join(names)}, as in V**2/R"
+        raise StructureError(message, where)
     units = {**law.units, **law.state_units}
     known = {name: unit_dimension(unit) for name, unit in units.items() if unit != "?"}
     try:
         infer(power, {"d": METRE, "v": METRE_PER_SECOND}, NEWTON * METRE_PER_SECOND, known=known)
     except UnitConflict:
         given = ", ".join(f"{name} in {units[name] or '1'}" for name in symbols(power) if name in units)
-        raise StructureError(
-            f"{text!r} is not a power in W{f', with {given}' if given else ''}", where
-        ) from None
+        stated = f", with {given}" if given else ""
+        raise StructureError(f"{text!r} is not a power in W{stated}", where) from None
     return power
 
 
@@ -254,9 +243,8 @@ def delivered_energy(motion: SimulatedMotion, powers: Mapping[str, Expression]) 
     if not powers:
         return {}
     schedule, structure = motion.schedule, motion.schedule.structure
-    d, v = LinkForces(structure, schedule.excitation).elongations(
-        schedule.times, motion.displacement, motion.velocity
-    )
+    forces = LinkForces(structure, schedule.excitation)
+    d, v = forces.elongations(schedule.times, motion.displacement, motion.velocity)
     columns = {key: column for column, key in enumerate(structure.topology.states)}
     energies = {}
     for number, link in enumerate(structure.links):

@@ -266,17 +266,13 @@ class Potentials:
     def of(cls, structures: Sequence[Structure]) -> Potentials:
         """The potentials of structures of one shape."""
         first = structures[0]
-        values = tuple(
-            {
-                name: np.array([structure.links[number].values[name] for structure in structures])
-                for name in link.coefficients
-            }
-            for number, link in enumerate(first.links)
-        )
+        values, of_links = [], []
+        for number, link in enumerate(first.links):
+            own = [structure.links[number].values for structure in structures]
+            values.append({name: np.array([each[name] for each in own]) for name in link.coefficients})
+            of_links.append(barriers(link.law, values[-1], len(structures)))
         masses = np.stack([structure.mass_values for structure in structures], axis=1)
-        count, pairs = len(structures), zip(first.links, values, strict=True)
-        of_links = tuple(barriers(link.law, numbers, count) for link, numbers in pairs)
-        return cls(tuple(structures), values, masses, of_links)
+        return cls(tuple(structures), tuple(values), masses, tuple(of_links))
 
     @property
     def floor(self) -> Floats:
@@ -332,22 +328,17 @@ def rest_positions(structures: Sequence[Structure], primaries: Sequence[str]) ->
         alike = [structure.links[number] for structure in structures]
         at_zero &= (barriers.floor == 0.0) & ~np.isfinite(barriers.tops).any(axis=1)
         at_zero &= np.array([float(link.force(0.0, states=link.zero_states)) == 0.0 for link in alike])
-    zero = np.zeros((1, len(primaries)))
-    return [
-        zero if simple else _stable(structure, primaries)
-        for structure, simple in zip(structures, at_zero, strict=True)
-    ]
+    zero, pairs = np.zeros((1, len(primaries))), zip(structures, at_zero, strict=True)
+    return [zero if simple else _stable(structure, primaries) for structure, simple in pairs]
 
 
 def _stable(structure: Structure, primaries: Sequence[str]) -> Floats:
     try:
-        stable = [
-            place_motion([structure], point.x[None, :, None], primaries)[0, :, 0]
-            for point in equilibria(structure).stable
-        ]
+        stable = [point.x[None, :, None] for point in equilibria(structure).stable]
     except StructureError:
         stable = []
-    return np.unique(np.array(stable), axis=0) if stable else np.zeros((1, len(primaries)))
+    places = [place_motion([structure], x, primaries)[0, :, 0] for x in stable]
+    return np.unique(np.array(places), axis=0) if places else np.zeros((1, len(primaries)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -423,14 +414,11 @@ def batch_runs(
     stored = potentials.stored(start[:, :size], base_at(np.zeros(1)))
     energy = potentials.kinetic(start[:, size:]) + stored + potentials.floor
     d = elongations(potentials.structures, batch.x, base_at(schedule.times))
-    crossed = [
-        tuple(
-            after_onset(distinct(times, schedule.end), batch.time, d[:, run, link], tops[link])
-            for link, times in enumerate(batch.crossings[run])
-        )
-        for run in range(len(schedules))
-        for tops in [potentials.tops(run)]
-    ]
+    crossed = []
+    for run, of_run in enumerate(batch.crossings):
+        columns = zip(of_run, d[:, run].T, potentials.tops(run), strict=True)
+        apart = ((distinct(times, schedule.end), own, tops) for times, own, tops in columns)
+        crossed.append(tuple(after_onset(times, batch.time, own, tops) for times, own, tops in apart))
     runs = Runs(batch.time, batch.x, batch.v, batch.dissipated, batch.work + energy, tuple(crossed))
     return runs, batch.completed
 

@@ -111,9 +111,8 @@ def modes(structure: Structure, at: ArrayLike | None = None) -> Modes:
     product = np.sqrt(np.abs(pairs[moving].prod(axis=1)))
     ratios[moving] = -pairs[moving].sum(axis=1).real / (2.0 * product)
     order = np.argsort(np.abs(eigenvalues), kind="stable")
-    return Modes(
-        x, omega / (2.0 * np.pi), ratios, shapes, eigenvalues[order], _note(structure, squares, residual)
-    )
+    note = _note(structure, squares, residual)
+    return Modes(x, omega / (2.0 * np.pi), ratios, shapes, eigenvalues[order], note)
 
 
 def natural_frequencies(structure: Structure) -> Floats:
@@ -124,12 +123,8 @@ def natural_frequencies(structure: Structure) -> Floats:
     """
     rest = _rest(structure)
     stiffness, _, _ = _tangent(structure, rest)
-    by_states = [
-        stiffness_of_states(link, place)
-        for link, place in zip(structure.links, structure.elongations(rest, 0.0), strict=True)
-    ]
-    incidence = structure.incidence
-    stiffness = stiffness + ((incidence * np.array(by_states)) @ incidence.T).toarray()
+    by_states = np.array(list(map(stiffness_of_states, structure.links, structure.elongations(rest, 0.0))))
+    stiffness = stiffness + ((structure.incidence * by_states) @ structure.incidence.T).toarray()
     squares, _ = eigh(stiffness, np.diag(structure.mass_values))
     return _angular(_without_rounding(squares)) / (2.0 * np.pi)
 
@@ -139,13 +134,12 @@ def stiffness_of_states(link: Link, d: float) -> float:
     law = link.law
     if not law.states:
         return 0.0
-    pairs = [
-        (differentiate(law.expression, name), differentiate(rate, "v")) for name, rate in law.named_rates
-    ]
-    program = Program([part for pair in pairs for part in pair], (*law.variables, *law.coefficients))
+    slopes = [differentiate(law.expression, name) for name, _ in law.named_rates]
+    slopes += [differentiate(rate, "v") for _, rate in law.named_rates]
+    program = Program(slopes, (*law.variables, *law.coefficients))
     values = [d, 0.0, *link.zero_states.values(), *(link.values[name] for name in law.coefficients)]
-    slopes = [float(slope) for slope in program(*values)]
-    return sum(force * rate for force, rate in zip(slopes[::2], slopes[1::2], strict=True))
+    forces, rates = np.array([float(slope) for slope in program(*values)]).reshape(2, -1)
+    return float(forces @ rates)
 
 
 def _without_rounding(squares: Floats) -> Floats:
@@ -172,22 +166,16 @@ def _uncoupled(squares: Floats, shapes: Floats, damping: Floats) -> Floats:
 def _rest(structure: Structure) -> Floats:
     points = equilibria(structure)
     if not points.stable:
-        raise StructureError(
-            f"no stable equilibrium was found{': ' + points.note if points.note else ''}; give `at`"
-        )
+        why = f": {points.note}" if points.note else ""
+        raise StructureError(f"no stable equilibrium was found{why}; give `at`")
     return points.stable[0].x
 
 
 def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
     """Stiffness (n, n), damping (n, n) and net forces (n,) of the links at rest at `x`; the base is at zero."""
-    d = structure.elongations(x, 0.0)
-    slopes = np.array([link.tangent(place) for link, place in zip(structure.links, d, strict=True)])
-    forces = np.array(
-        [
-            float(link.force(place, states=link.zero_states))
-            for link, place in zip(structure.links, d, strict=True)
-        ]
-    )
+    at = list(zip(structure.links, structure.elongations(x, 0.0), strict=True))
+    slopes = np.array([link.tangent(d) for link, d in at])
+    forces = np.array([float(link.force(d, states=link.zero_states)) for link, d in at])
     incidence = structure.incidence
     stiffness = (incidence * slopes[None, :, 0]) @ incidence.T
     damping = (incidence * slopes[None, :, 1]) @ incidence.T
@@ -202,9 +190,8 @@ def _tangent(structure: Structure, x: Floats) -> tuple[Floats, Floats, Floats]:
 def _check_finite(quantity: str, values: Floats) -> None:
     """Raise StructureError if coefficients are so large that the numbers made of them are not finite."""
     if not np.isfinite(values).all():
-        raise StructureError(
-            f"the {quantity} of its links is too large for its masses: its modes are not finite"
-        )
+        message = f"the {quantity} of its links is too large for its masses: its modes are not finite"
+        raise StructureError(message)
 
 
 def _eigenvalues(squares: Floats, modal: Floats) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -233,14 +220,11 @@ def _note(structure: Structure, squares: Floats, residual: Floats) -> str:
     if np.any(residual):
         worst = int(np.argmax(np.abs(residual)))
         name = structure.mass_names[worst]
-        unit = unit_in(structure, f"force:{name}")
-        force = f'the links exert {-residual[worst]:.3g} {unit} on mass "{name}"'
-        notes.append(f"this is not an equilibrium: {force}")
-    rigid, unstable = int(np.sum(squares == 0.0)), int(np.sum(squares < 0.0))
-    if rigid:
+        force = f"{-residual[worst]:.3g} {unit_in(structure, f'force:{name}')}"
+        notes.append(f'this is not an equilibrium: the links exert {force} on mass "{name}"')
+    if rigid := int(np.sum(squares == 0.0)):
         notes.append(f"{rigid} of {len(squares)} modes at 0 Hz, without elastic resistance")
-    if unstable:
-        notes.append(
-            f"{unstable} of {len(squares)} modes of negative stiffness, unstable and without a frequency"
-        )
+    if unstable := int(np.sum(squares < 0.0)):
+        modes_so = f"{unstable} of {len(squares)} modes of negative stiffness"
+        notes.append(f"{modes_so}, unstable and without a frequency")
     return "; ".join(notes)

@@ -111,11 +111,8 @@ def lowest_escape(link: Link, lo: float | None = None, hi: float | None = None) 
         return None
     energy = link.potential(places)
     deepest = int(minima[np.argmin(energy[minima])])
-    maxima = [
-        first + int(np.argmax(energy[first : last + 1]))
-        for first, last in pairwise(minima.tolist())
-        if deepest in (first, last)
-    ]
+    beside = [slice(first, last + 1) for first, last in pairwise(minima.tolist()) if deepest in (first, last)]
+    maxima = [between.start + int(np.argmax(energy[between])) for between in beside]
     return float(places[deepest]), float(places[min(maxima, key=lambda place: float(energy[place]))])
 
 
@@ -141,22 +138,17 @@ def rest_points(
         flat = right - left > 1
         middles = 0.5 * (grid[left[flat] + 1] + grid[right[flat] - 1])
         places = np.concatenate([crossed, middles])
-        rising = np.concatenate(
-            [signs[left[touching]] < 0, (signs[left[flat]] < 0) & (signs[right[flat]] > 0)]
-        )
+        below = signs[left] < 0
+        rising = np.concatenate([below[touching], below[flat] & (signs[right[flat]] > 0)])
         limits = np.maximum(np.abs(force(grid[left])), np.abs(force(grid[right])))
         limits = np.concatenate([limits[touching], limits[flat]])
         is_zero = np.abs(force(places)) <= 10.0 * limits  # at a pole the force grows without end instead
         edges = _edge_zeros(grid, signs)
-        stiffness = slope(np.concatenate([places, edges]))
+        places = np.concatenate([places[is_zero], edges])
+        stiffness = slope(places)
+    up = [*rising[is_zero], *(stiffness[len(places) - len(edges) :] > 0.0)]
     points = [
-        RestPoint(float(place), float(k), bool(up))
-        for place, k, up, keep in zip(places, stiffness, rising, is_zero, strict=False)
-        if keep
-    ]
-    points += [
-        RestPoint(float(d), float(k), bool(k > 0))
-        for d, k in zip(edges, stiffness[places.size :], strict=True)
+        RestPoint(float(d), float(k), bool(well)) for d, k, well in zip(places, stiffness, up, strict=True)
     ]
     if len(points) > _MOST_ZEROS and (lo is None or hi is None):
         raise StructureError(f"the force vanishes at more than {_MOST_ZEROS} elongations; give a range of d")

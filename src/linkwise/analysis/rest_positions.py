@@ -117,10 +117,8 @@ class _Bond:
         return tuple((link.law, tuple(link.values.values()), sign) for link, sign in self.links)
 
     def force(self, d: Floats) -> Floats:
-        return sum(
-            (sign * link.force(sign * d, states=link.zero_states) for link, sign in self.links),
-            np.zeros(np.shape(d)),
-        )
+        forces = (sign * link.force(sign * d, states=link.zero_states) for link, sign in self.links)
+        return sum(forces, np.zeros(np.shape(d)))
 
     def slope(self, d: Floats) -> Floats:
         return sum((link.stiffness(sign * d) for link, sign in self.links), np.zeros(np.shape(d)))
@@ -176,22 +174,18 @@ def equilibria(
     if start is not None:
         starts = np.atleast_2d(np.asarray(start, dtype=float))
         if starts.ndim != 2 or starts.shape[1] != structure.size or not np.isfinite(starts).all():
-            raise StructureError(
-                f"`start` must have {structure.size} finite displacements in m, one for each mass"
-            )
-        return _from_starts(
-            bonds, incidence, starts, float(np.abs(starts).max()), "searched from the given start points only"
-        )
+            message = f"`start` must have {structure.size} finite displacements in m, one for each mass"
+            raise StructureError(message)
+        size, note = float(np.abs(starts).max()), "searched from the given start points only"
+        return _from_starts(bonds, incidence, starts, size, note)
     rests = _rests(bonds, reach)
     count = prod(len(rest) or 1 for rest in rests)
     many = str(count) if count < 10**6 else f"1e{len(str(count)) - 1}"
-    cut = (
-        f"only {limit} of {many} combinations of rest points were used, wells first" if count > limit else ""
-    )
+    used = f"only {limit} of {many} combinations of rest points were used, wells first"
+    cut = used if count > limit else ""
     choices = list(islice(_wells_first(rests), limit))
-    places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices]).reshape(
-        len(choices), -1
-    )
+    places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices])
+    places = places.reshape(len(choices), -1)
     if bonds and _free(bonds, structure.size) == structure.size - len(bonds):
         return _of_tree(bonds, incidence, rests, choices, places, cut)
     weights = _weights(bonds, rests)
@@ -230,11 +224,8 @@ def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
 def _free(bonds: Sequence[_Bond], size: int) -> int:
     """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
     masses = [[mass for mass, _ in bond.weights] for bond in bonds]
-    joined = [
-        pair
-        for bond_masses in masses
-        for pair in pairwise([size, *bond_masses] if len(bond_masses) == 1 else bond_masses)
-    ]
+    chains = [[size, *own] if len(own) == 1 else own for own in masses]
+    joined = [pair for chain in chains for pair in pairwise(chain)]
     first, second = ([pair[end] for pair in joined] for end in (0, 1))
     graph = csr_array((np.ones(len(joined)), (first, second)), shape=(size + 1, size + 1))
     return int(connected_components(graph, directed=False)[0]) - 1
@@ -261,9 +252,8 @@ def _wells_first(rests: Sequence[tuple[RestPoint, ...]]) -> Iterator[tuple[RestP
     for count in range(len(free) + 1):
         for chosen in combinations(free, count):
             at_maximum = {*chosen, *forced}
-            yield from product(
-                *[(maxima[i] if i in at_maximum else wells[i]) or (None,) for i in range(len(rests))]
-            )
+            allowed = (maxima[i] if i in at_maximum else wells[i] for i in range(len(rests)))
+            yield from product(*(points or (None,) for points in allowed))
 
 
 def _weights(bonds: Sequence[_Bond], rests: Sequence[tuple[RestPoint, ...]]) -> Floats:
@@ -284,9 +274,8 @@ def _of_tree(
     """The products of rest points. By Sylvester's law of inertia B diag(k) B' has as many negative eigenvalues as k."""
     restless = [bond.links[0][0].name for bond, rest in zip(bonds, rests, strict=True) if not rest]
     if restless:
-        return Equilibria(
-            (), True, f'there is no equilibrium: the force of link "{restless[0]}" vanishes nowhere'
-        )
+        note = f'there is no equilibrium: the force of link "{restless[0]}" vanishes nowhere'
+        return Equilibria((), True, note)
     free = incidence.shape[0] - len(bonds)
     spread = np.linalg.pinv(incidence.T) if free else np.linalg.inv(incidence.T)
     x = places @ spread.T
@@ -306,11 +295,8 @@ def _from_starts(
     """Newton's method from every row of `starts`; `size` in m is the scale of displacements."""
     n = incidence.shape[0]
     chunk = max(1, _ELEMENTS // n**2)
-    ends, converged = [], []
-    for first in range(0, len(starts), chunk):
-        x, done = _newton(bonds, incidence, starts[first : first + chunk], size)
-        ends.append(x)
-        converged.append(done)
+    chunks = (starts[first : first + chunk] for first in range(0, len(starts), chunk))
+    ends, converged = zip(*(_newton(bonds, incidence, chunk, size) for chunk in chunks), strict=True)
     x, done = np.concatenate(ends), np.concatenate(converged)
     size = max(size, float(np.abs(x[done]).max(initial=0.0)))
     distinct: list[Floats] = []
@@ -324,11 +310,8 @@ def _from_starts(
         threshold = _NEUTRAL * np.abs(values).max()
         d = place @ incidence
         energy = sum(float(bond.potential(d[column])) for column, bond in enumerate(bonds))
-        points.append(
-            Equilibrium(
-                place, bool(np.all(values >= -threshold)), energy, int(np.sum(np.abs(values) <= threshold))
-            )
-        )
+        stable, neutral = bool(np.all(values >= -threshold)), int(np.sum(np.abs(values) <= threshold))
+        points.append(Equilibrium(place, stable, energy, neutral))
     failed = f"{int(np.sum(~done))} of {len(done)} searches did not converge" if not done.all() else ""
     free = _free(bonds, n)
     return Equilibria(_sorted(points), False, "; ".join(filter(None, [note, failed, _floating(free)])))
@@ -342,10 +325,8 @@ def _newton(bonds: Sequence[_Bond], incidence: Floats, x: Floats, size: float) -
     for _ in range(_STEPS):
         residual = _residual(bonds, incidence, x[active])
         stiffness = _stiffness(bonds, incidence, x[active])
-        largest = np.abs(stiffness).max(axis=(1, 2))
-        balanced = np.abs(residual).max(axis=1) <= _AT_REST * largest * np.maximum(
-            size, np.abs(x[active]).max(axis=1)
-        )
+        largest, widest = np.abs(stiffness).max(axis=(1, 2)), np.maximum(size, np.abs(x[active]).max(axis=1))
+        balanced = np.abs(residual).max(axis=1) <= _AT_REST * largest * widest
         done[active[balanced]] = True
         going = ~balanced & np.isfinite(residual).all(axis=1) & np.isfinite(largest)
         active, residual, stiffness = active[going], residual[going], stiffness[going]
@@ -382,18 +363,12 @@ def _stiffness(bonds: Sequence[_Bond], incidence: Floats, x: Floats) -> Floats:
 def _sorted(points: Sequence[Equilibrium]) -> tuple[Equilibrium, ...]:
     """Stable ones first, then by energy, then by displacement; energies equal up to rounding count as equal."""
     unit = max((abs(point.energy) for point in points), default=0.0) * 1e-9 or 1.0
-    return tuple(
-        sorted(points, key=lambda point: (not point.stable, round(point.energy / unit), tuple(point.x)))
-    )
+    return tuple(sorted(points, key=lambda one: (not one.stable, round(one.energy / unit), tuple(one.x))))
 
 
 def _floating(free: int) -> str:
-    if not free:
-        return ""
-    return (
-        f"{free} rigid-body motion{'s' if free > 1 else ''} without elastic resistance; displacements are "
-        "those with the least sum of squares"
-    )
+    motions = f"{free} rigid-body motion{'s' if free > 1 else ''} without elastic resistance"
+    return f"{motions}; displacements are those with the least sum of squares" if free else ""
 
 
 _GRID = 65  # elongations between the outer wells, among which the force is largest
@@ -406,12 +381,9 @@ def hilltop_finding(structure: Structure, x: Floats) -> str:
     Empty where there are none. The base is taken to start at 0.
     """
     places = {"ground": 0.0, "base": 0.0} | dict(zip(structure.mass_names, map(float, x), strict=True))
-    d = {
-        link.name: places[link.between[0]] - places[link.between[1]]
-        for link in structure.links
-        if set(link.between) <= set(places)
-    }
-    tops = [link for link in structure.links if link.name in d and _is_hilltop(link, d[link.name])]
+    links = [link for link in structure.links if set(link.between) <= set(places)]
+    d = {link.name: places[link.between[0]] - places[link.between[1]] for link in links}
+    tops = [link for link in links if _is_hilltop(link, d[link.name])]
     releases = {}
     for link in tops:
         moved = _moved_mass(structure, link)

@@ -14,6 +14,7 @@ from collections.abc import MutableMapping, Sequence
 from typing import cast
 
 import click
+from click import UsageError
 
 from linkwise import __version__
 from linkwise.cli.console import fail
@@ -90,7 +91,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         status = linkwise.main(rest, prog_name="linkwise", standalone_mode=False)
         sys.stdout.flush()
-    except click.UsageError as error:
+    except UsageError as error:
         path = error.ctx.command_path if error.ctx else "linkwise"
         message = _explained(error).rstrip(".")
         stop = "" if message.endswith("?") else "."
@@ -120,7 +121,7 @@ def run(arguments: Sequence[str]) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _explained(error: click.UsageError) -> str:
+def _explained(error: UsageError) -> str:
     """The message of click, and for arguments too many how to state several records, if the command takes them."""
     message = error.format_message()
     several = error.ctx and any("--with" in parameter.opts for parameter in error.ctx.command.params)

@@ -7,12 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.method_options import method_options
-from linkwise.cli.options import folder_option, grouped, json_option, number, pairs, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    folder_option,
+    grouped,
+    json_option,
+    number,
+    pairs,
+    stated,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
 from linkwise.output import ABSORPTION
 
@@ -44,17 +54,15 @@ class RepetitionOptions:
 
     def check(self, folder: bool) -> None:
         """UsageError for options that do not go together; `folder` says whether STRUCTURE is one."""
-        given = {"--draws": self.draws, "--seed": self.seed}
-        named = [name for name, value in given.items() if value is not None]
+        named = stated({"--draws": self.draws, "--seed": self.seed})
         if named and (self.sweep or not folder):
-            raise click.UsageError(
-                f"{named[0]} is for intervals: give the folder that identify wrote as STRUCTURE, and no --sweep."
+            raise UsageError(
+                f"{next(iter(named))} is for intervals: give the folder that identify wrote as STRUCTURE, and no --sweep."
             )
 
     def drawing(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.absorption.absorption_intervals` beside those of `absorb`."""
-        given = {"draws": self.draws, "seed": self.seed, "workers": self.workers}
-        return {name: value for name, value in given.items() if value is not None}
+        return stated({"draws": self.draws, "seed": self.seed, "workers": self.workers})
 
     def axes(self) -> dict[str, list[float]]:
         """Values of each swept parameter."""
@@ -65,21 +73,16 @@ def _values(text: str) -> list[float]:
     """`FROM:TO:COUNT`, steps equal in difference, or with `:log` in ratio."""
     parts = text.split(":")
     if len(parts) not in (3, 4) or parts[3:] not in ([], ["log"]):
-        raise click.UsageError(
-            f"--sweep: {text!r} is not FROM:TO:COUNT or FROM:TO:COUNT:log, as in {EXAMPLE}."
-        )
+        raise UsageError(f"--sweep: {text!r} is not FROM:TO:COUNT or FROM:TO:COUNT:log, as in {EXAMPLE}.")
     first, last, count = (number(part, "--sweep", EXAMPLE) for part in parts[:3])
     if not (count.is_integer() and 2 <= count <= MOST):
-        raise click.UsageError(
-            f"--sweep: {parts[2]!r} is not a whole number from 2 to {MOST}, as in {EXAMPLE}."
-        )
+        raise UsageError(f"--sweep: {parts[2]!r} is not a whole number from 2 to {MOST}, as in {EXAMPLE}.")
     ways = [k / (count - 1) for k in range(int(count))]
     if len(parts) == 3:
         return [first + way * (last - first) for way in ways]
     if first * last <= 0.0:
-        raise click.UsageError(
-            f"--sweep: {text!r} cannot have steps of equal ratio; both ends must have the same sign and not be zero."
-        )
+        message = f"--sweep: {text!r} cannot have steps of equal ratio; both ends must have the same sign and not be zero."
+        raise UsageError(message)
     return [first * (last / first) ** way for way in ways]
 
 
@@ -126,9 +129,8 @@ def _answer(
     """A map for a sweep, intervals for the folder of an answer, else one comparison."""
     over = repetition.axes()
     if structure.is_dir() and not over:
-        return lw.absorption.absorption_intervals(
-            lw.estimates.read_posterior(structure), **repetition.drawing(), **keywords
-        )
+        posterior = lw.estimates.read_posterior(structure)
+        return lw.absorption.absorption_intervals(posterior, **repetition.drawing(), **keywords)
     subject = read_told(structure)
     if over:
         return lw.absorption.absorption_map(subject, over, workers=repetition.workers, **keywords)

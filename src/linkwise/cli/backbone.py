@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.console import deliver, note, progress
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
@@ -17,8 +18,7 @@ from linkwise.cli.options import (
     folder_option,
     grouped,
     json_option,
-    number,
-    pairs,
+    numbers,
     typed,
     unstarted_is_usage,
 )
@@ -57,11 +57,10 @@ class ModeOptions:
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.backbone`."""
-        ends = pairs(self.to_amplitude, "--to-amplitude", _AMPLITUDE)
+        ends = numbers(self.to_amplitude, "--to-amplitude", _AMPLITUDE)
         if len(ends) > 1:
-            raise click.UsageError("--to-amplitude is given for two channels; give one.")
-        sizes = {name: number(size, "--to-amplitude", _AMPLITUDE) for name, size in ends.items()}
-        return {"to_amplitude": sizes or None, "to_energy": self.to_energy, "show": self.show}
+            raise UsageError("--to-amplitude is given for two channels; give one.")
+        return {"to_amplitude": ends or None, "to_energy": self.to_energy, "show": self.show}
 
 
 @click.command()
@@ -85,5 +84,5 @@ def backbone(structure: Path, chosen: ModeOptions, output: Path | None, as_json:
         result = lw.backbone(structure, chosen.mode, **chosen.keywords())
     result = result if measured is None else result.beside(measured)
     if remark := stated_grade(structure)[1]:
-        tell(f"note: {structure}: {remark}")
+        note(f"{structure}: {remark}")
     return deliver(result, output, as_json=as_json, answer=structure)

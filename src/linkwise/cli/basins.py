@@ -2,33 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress
-from linkwise.cli.options import folder_option, json_option, number, pairs, unstarted_is_usage
+from linkwise.cli.options import (
+    folder_option,
+    grouped,
+    json_option,
+    number,
+    ranges,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
 from linkwise.output import BASINS
 
 _PLANE = "x:m2=-0.02:0.02,v:m2=-2:2"
 
 
+@dataclass(frozen=True)
+class PlaneOptions:
+    """A plane of initial states.
+
+    Parameters
+    ----------
+    plane : str
+        Two initial displacements or velocities with their ranges; all others begin at zero.
+    points : int
+        Values of each.
+    """
+
+    plane: str = typed("CHANNEL=FROM:TO,CHANNEL=FROM:TO", required=True)
+    points: int = typed("N", type=click.IntRange(min=2), default=31, show_default=True)
+
+
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
-@click.option(
-    "--plane",
-    metavar="CHANNEL=FROM:TO,CHANNEL=FROM:TO",
-    required=True,
-    help="Two initial displacements or velocities with their ranges; all others begin at zero.",
-)
-@click.option(
-    "--points", metavar="N", type=click.IntRange(min=2), default=31, show_default=True, help="Values of each."
-)
+@grouped(PlaneOptions, "chosen")
 @folder_option(BASINS)
 @json_option("basins.json")
-def basins(structure: Path, plane: str, points: int, output: Path | None, as_json: bool) -> int:
+def basins(structure: Path, chosen: PlaneOptions, output: Path | None, as_json: bool) -> int:
     """Find at which rest position free motion of STRUCTURE ends, over a plane of two initial states.
 
     The result holds the share of each rest position. STRUCTURE is a structure file, or the folder of an answer of identify.
@@ -37,10 +55,10 @@ def basins(structure: Path, plane: str, points: int, output: Path | None, as_jso
     Examples:
       linkwise basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-2:2 -o basins
     """
-    ranges = {name: _range(text) for name, text in pairs(plane.split(","), "--plane", _PLANE).items()}
+    plane = ranges(chosen.plane.split(","), "--plane", _PLANE)
     subject = read_told(structure)
     with progress("free motion") as step, unstarted_is_usage():
-        result = lw.response.basins(subject, ranges, points=points, progress=step)
+        result = lw.response.basins(subject, plane, points=chosen.points, progress=step)
     return deliver(result, output, as_json=as_json, answer=structure)
 
 
@@ -48,5 +66,5 @@ def _range(text: str) -> tuple[float, float]:
     """`FROM:TO`; anything else is wrong usage."""
     first, colon, last = text.partition(":")
     if not colon:
-        raise click.UsageError(f"--plane: {text!r} is not FROM:TO, as in --plane {_PLANE}.")
+        raise UsageError(f"--plane: {text!r} is not FROM:TO, as in --plane {_PLANE}.")
     return number(first, "--plane", _PLANE), number(last, "--plane", _PLANE)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.console import deliver, note, progress
 from linkwise.cli.options import FILE, folder_option, json_option
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
 from linkwise.identification import compare as comparisons
@@ -33,8 +33,7 @@ def compare(source: RecordOptions, structure: Path, output: Path | None, as_json
     """
     source.refuse_unknown_errors()
     subject = read_told(structure)
-    for remark in source.masses_beside(subject):
-        tell(f"note: {remark}")
+    note(*source.masses_beside(subject))
     with progress("reading") as step:
         record = source.read_motion_of(subject)
         comparison = comparisons.compare(record, subject, progress=step)

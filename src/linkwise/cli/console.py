@@ -48,6 +48,12 @@ def tell(message: str) -> None:
         click.echo(shortened(message), err=True)
 
 
+def note(*remarks: str) -> None:
+    """Tell what there is to know beside a result, each remark as a note."""
+    for remark in remarks:
+        tell(f"note: {remark}")
+
+
 def ended(result: JudgedView, answer: Path | None = None) -> int:
     """The exit code of a result, which goes no farther than the `answer` that it was computed from."""
     stated = Grade.EXPLAINED if answer is None else estimates.stated_grade(answer)[0]
@@ -71,9 +77,8 @@ def deliver(
     """
     unheard: OSError | None = None
     try:
-        click.echo(
-            to_json(lw.report.result_of(result, truth)) if as_json else "\n".join([str(result), *more])
-        )
+        document = lw.report.result_of(result, truth) if as_json else {}
+        click.echo(to_json(document) if as_json else "\n".join([str(result), *more]))
         sys.stdout.flush()
     except OSError as error:
         unheard = error
@@ -87,8 +92,8 @@ def deliver(
         if not as_json:
             tell(f"written to {folder}; open {folder / 'report.html'}")
     if result.grade is Grade.REFUSED and isinstance(result, lw.Estimate | lw.Discovery):
-        tell(
-            'note: what to do, by cause, stands on the page "If it refuses" of the documentation (how-to/if-it-refuses)'
+        note(
+            'what to do, by cause, stands on the page "If it refuses" of the documentation (how-to/if-it-refuses)'
         )
     if unheard is not None:
         raise unheard
@@ -120,10 +125,10 @@ def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool)
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
                 pages.folder_of(result, "").write(result, place, truth=truth, pictured=pictured)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
-                tell(f"note: the result was kept in {place}{lacking}")
+                note(f"the result was kept in {place}{lacking}")
                 return
         shutil.rmtree(home, ignore_errors=True)
-    tell("note: the result was not saved; only the printed text is left")
+    note("the result was not saved; only the printed text is left")
 
 
 def progress(title: str) -> AbstractContextManager[Progress]:

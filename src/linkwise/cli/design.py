@@ -2,53 +2,58 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.method_options import method_options
-from linkwise.cli.options import folder_option, json_option, number, pairs, unstarted_is_usage
+from linkwise.cli.options import (
+    folder_option,
+    grouped,
+    json_option,
+    number,
+    ranges,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
 from linkwise.output import DESIGN
 
 EXAMPLE = "nes1.alpha=-300:-20"
 
 
-def _bounds(text: str) -> tuple[float, float]:
-    """`LOW:HIGH`."""
-    low, colon, high = text.partition(":")
-    if not colon or ":" in high:
-        raise click.UsageError(f"--vary: {text!r} is not LOW:HIGH, as in {EXAMPLE}.")
-    return number(low, "--vary", EXAMPLE), number(high, "--vary", EXAMPLE)
+@dataclass(frozen=True)
+class WantedOptions:
+    """What is varied, and what of it is wanted.
+
+    Parameters
+    ----------
+    vary : tuple[str, ...]
+        A coefficient (nes1.alpha) or a mass (m2.mass), and its bounds in SI units. Repeatable.
+    minimise : str | None
+        peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, ...
+        (default remaining).
+    maximise : str | None
+        Instead: sinks_share, power:LINK, rms_reduction, ...
+    levels : str
+        Factors of the excitation at which each design is judged.
+    """
+
+    vary: tuple[str, ...] = typed("PARAMETER=LOW:HIGH", multiple=True, required=True)
+    minimise: str | None = typed("QUANTITY")
+    maximise: str | None = typed("QUANTITY")
+    levels: str = typed("FACTOR,FACTOR,...", default="1", show_default=True)
 
 
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
-@click.option(
-    "--vary",
-    metavar="PARAMETER=LOW:HIGH",
-    multiple=True,
-    required=True,
-    help="A coefficient (nes1.alpha) or a mass (m2.mass), and its bounds in SI units. Repeatable.",
-)
-@click.option(
-    "--minimise",
-    metavar="QUANTITY",
-    help="peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, ... "
-    "(default remaining).",
-)
-@click.option("--maximise", metavar="QUANTITY", help="Instead: sinks_share, power:LINK, rms_reduction, ...")
-@click.option(
-    "--levels",
-    metavar="FACTOR,FACTOR,...",
-    default="1",
-    show_default=True,
-    help="Factors of the excitation at which each design is judged.",
-)
+@grouped(WantedOptions, "wanted")
 @method_options(lw.absorption.DesignOptions, "search")
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @drive_options
@@ -56,10 +61,7 @@ def _bounds(text: str) -> tuple[float, float]:
 @json_option("design.json")
 def design(
     structure: Path,
-    vary: tuple[str, ...],
-    minimise: str | None,
-    maximise: str | None,
-    levels: str,
+    wanted: WantedOptions,
     drive: ExcitationOptions,
     output: Path | None,
     as_json: bool,
@@ -78,25 +80,19 @@ def design(
         --release v:m1=1.0 --levels 0.5,1,2 --limit stroke:nes1=0.04 -o best
       linkwise design answer --vary nes1.c=0.005:0.2 --maximise sinks_share --quantile 0.9 --release v:m1=1.0
     """
-    if minimise and maximise:
-        raise click.UsageError("--minimise and --maximise exclude each other: name one quantity.")
-    over = {name: _bounds(text) for name, text in pairs(vary, "--vary", EXAMPLE).items()}
-    factors = tuple(number(text, "--levels", "0.5,1,2") for text in levels.split(","))
+    maximise = wanted.maximise
+    if wanted.minimise and maximise:
+        raise UsageError("--minimise and --maximise exclude each other: name one quantity.")
+    over = ranges(wanted.vary, "--vary", EXAMPLE, "LOW:HIGH")
+    factors = tuple(number(text, "--levels", "0.5,1,2") for text in wanted.levels.split(","))
     place = None if output is None else output.resolve()
     journal = None if place is None else place.with_name(f".{place.name}.designs")
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
+    quantity = wanted.minimise or maximise or "remaining"
     with progress("simulating") as step, unstarted_is_usage():
         search = lw.absorption.DesignOptions(**given["search"], levels=factors, maximise=maximise is not None)
-        result = lw.design(
-            subject,
-            over,
-            minimise or maximise or "remaining",
-            search,
-            journal=journal,
-            progress=step,
-            **given["options"],
-            **drive.keywords(),
-        )
+        keywords = {**given["options"], **drive.keywords(), "journal": journal, "progress": step}
+        result = lw.design(subject, over, quantity, search, **keywords)
     code = deliver(result, output, as_json=as_json, answer=structure)
     if journal is not None:
         journal.unlink(missing_ok=True)

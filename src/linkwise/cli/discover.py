@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.console import deliver, note, progress
 from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
     FILE,
@@ -58,15 +59,13 @@ class PriorOptions:
         Those of the mapping file are taken where no option gives any.
         """
         if self.structure is not None and self.mass:
-            raise click.UsageError(
-                "The file of --structure states the masses: give either --mass or --structure."
-            )
+            raise UsageError("The file of --structure states the masses: give either --mass or --structure.")
         if self.structure is not None:
             known = lw.model.read_partial_structure(self.structure)
             tell_of_hosts(known.hosts)
             return known
         if not self.mass and not mapping.masses:
-            raise click.UsageError(
+            raise UsageError(
                 f'Give every mass by name, as in --mass {EXAMPLE} --mass "m2=10 g" (ratios will do for forces in '
                 "those units), in the table [mass] of a file with --mapping, or in a file with --structure."
             )
@@ -145,17 +144,16 @@ def discover(
     try:
         options = lw.discovery.DiscoveryOptions(**given)
     except lw.IdentificationError as error:
-        raise click.UsageError(f"--terms: {error}") from error
+        raise UsageError(f"--terms: {error}") from error
     names = tuple(masses) if isinstance(masses, dict) else masses.places
     true = None if truth is None else _true(truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
         step(lw.estimates.ProgressReport(0.0, "looking at the record"))
-        for remark in lw.discovery.check_discovery(records, masses, options):
-            tell(f"note: {remark}")
+        note(*lw.discovery.check_discovery(records, masses, options))
         discovery = lw.discover(records, masses, options, progress=step)
     if true is not None and not all(link.law.is_plain for link in discovery.structure.links):
-        tell("note: a law with memory or a signal was found, so the answer is not compared with the truth")
+        note("a law with memory or a signal was found, so the answer is not compared with the truth")
         true = None
     more = _comparison_lines(lw.report.result_of(discovery, true))
     return deliver(discovery, output, as_json=as_json, more=more, truth=true)
@@ -199,9 +197,7 @@ def _comparison_lines(result: dict[str, Any]) -> list[str]:
     truth = result["truth"]
     return [
         f"\nagainst the truth: {len(truth['right'])} terms right",
-        *(
-            f"  {label:8} {', '.join(truth[key]) or 'none'}"
-            for key, label in (("missing", "missing"), ("extra", "false"))
-        ),
+        f"  missing  {', '.join(truth['missing']) or 'none'}",
+        f"  false    {', '.join(truth['extra']) or 'none'}",
         *nmse_lines(result, "  NMSE of the force (paper Eq. 8)", "    "),
     ]

@@ -8,7 +8,17 @@ from typing import Any
 
 import linkwise as lw
 from linkwise import files
-from linkwise.cli.options import POSITIVE, file_and_column, grouped, is_file, number, pairs, split, typed
+from linkwise.cli.options import (
+    POSITIVE,
+    file_and_column,
+    grouped,
+    is_file,
+    number,
+    numbers,
+    pairs,
+    split,
+    typed,
+)
 
 
 @dataclass(frozen=True)
@@ -39,29 +49,23 @@ class ExcitationOptions:
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.simulate`; raises UsageError and the errors of reading a drive's file."""
-        release = pairs(self.release, "--release", "v:m1=1.0")
+        forces = pairs(self.force, "--force", 'm1="sin(2*pi*3*t)"')
+        signals = pairs(self.signal, "--signal", 'u="2*sin(2*pi*3*t)"')
         return {
-            "release": {name: number(value, "--release", "v:m1=1.0") for name, value in release.items()},
+            "release": numbers(self.release, "--release", "v:m1=1.0"),
             "impulses": tuple(_impulse(text) for text in self.impulse),
-            "forces": {
-                mass: _time_function(value, f"force:{mass}")
-                for mass, value in pairs(self.force, "--force", 'm1="sin(2*pi*3*t)"').items()
-            },
+            "forces": {mass: _time_function(value, f"force:{mass}") for mass, value in forces.items()},
             "base": None if self.base is None else _base_motion(self.base),
-            "signals": {
-                name: _time_function(value, f"signal:{name}")
-                for name, value in pairs(self.signal, "--signal", 'u="2*sin(2*pi*3*t)"').items()
-            },
+            "signals": {name: _time_function(value, f"signal:{name}") for name, value in signals.items()},
         }
 
 
 def _impulse(text: str) -> lw.model.Impulse:
     """`MASS=MOMENTUM` or `MASS=MOMENTUM@TIME`, in N s and s."""
-    mass, value = split(text, "--impulse", "m1=0.3@0.5")
+    usage = "--impulse", "m1=0.3@0.5"
+    mass, value = split(text, *usage)
     momentum, _, time = value.partition("@")
-    return lw.model.Impulse(
-        mass, number(momentum, "--impulse", "m1=0.3@0.5"), number(time or "0", "--impulse", "m1=0.3@0.5")
-    )
+    return lw.model.Impulse(mass, number(momentum, *usage), number(time or "0", *usage))
 
 
 def _time_function(text: str, channel: str) -> lw.model.TimeFunction | lw.model.Sampled:
@@ -85,10 +89,8 @@ def _meant_file(text: str) -> str:
 def _require(record: lw.Record, channel: str, file: Path) -> None:
     """Raise RecordError where the record of a drive lacks its channel."""
     if channel not in record.channels:
-        raise lw.RecordError(
-            f"has no channel {channel}, but {', '.join(record.channels)}; name the column of it, as in {file}:COLUMN",
-            file,
-        )
+        message = f"has no channel {channel}, but {', '.join(record.channels)}; name the column of it, as in {file}:COLUMN"
+        raise lw.RecordError(message, file)
 
 
 def _base_motion(text: str) -> lw.model.TimeFunction | lw.model.Sampled:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import tell
+from linkwise.cli.console import note
 from linkwise.cli.options import FILE, listing
 from linkwise.export import answer as exports
 from linkwise.export import equations as motions
@@ -15,21 +16,17 @@ from linkwise.export.fmu import compiler
 from linkwise.output import to_json
 
 
-@click.command(
-    cls=listing(
-        "FORMATS",
-        lambda: [
-            *exports.listed_formats(exports.EXPORTS),
-            "and of --equations",
-            *exports.listed_formats(motions.EQUATIONS),
-        ],
-    )
-)
+def _formats() -> list[str]:
+    """The formats of answers and of equations, as help lists them."""
+    listed = exports.listed_formats
+    return [*listed(exports.EXPORTS), "and of --equations", *listed(motions.EQUATIONS)]
+
+
+@click.command(cls=listing("FORMATS", _formats))
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("files", metavar="[FILE]...", nargs=-1, type=FILE)
 @click.option(
-    "--equations",
-    "equations",
+    *("--equations", "equations"),
     metavar="FILE",
     multiple=True,
     type=FILE,
@@ -54,25 +51,20 @@ def export(answer: Path, files: tuple[Path, ...], equations: tuple[Path, ...], a
       linkwise export answer --equations motion.c --equations motion.fmu
     """
     if not files and not equations:
-        raise click.UsageError(
-            "nothing to write: name a FILE for forces and coefficients, or --equations FILE"
-        )
+        raise UsageError("nothing to write: name a FILE for forces and coefficients, or --equations FILE")
     for file in files:
         exports.format_writer(file, exports.EXPORTS, "answers")
     for file in equations:
         exports.format_writer(file, motions.EQUATIONS, "equations")
     content = exports.ExportedAnswer.of(answer)
-    if note := content.note if files else content.warning:
-        tell(f"note: {note}")
+    if remark := content.note if files else content.warning:
+        note(remark)
     written = [lw.export_answer(answer, file) for file in files]
     written += [motions.export_equations(answer, file) for file in equations]
     if any(file.suffix.lower() == ".fmu" for file in equations) and compiler() is None:
-        tell(
-            "note: there is no C compiler here (CC, cc, gcc or clang), so that the unit has sources and no binary"
-        )
+        note("there is no C compiler here (CC, cc, gcc or clang), so that the unit has sources and no binary")
     if as_json:
         click.echo(to_json({"files": [str(file) for file in written]}))
-        return content.grade.exit_code
-    for file in written:
-        click.echo(f"written to {file}")
+    else:
+        click.echo("\n".join(f"written to {file}" for file in written))
     return content.grade.exit_code

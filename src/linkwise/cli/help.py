@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import click
+from click import UsageError
 
 from linkwise.cli.options import grouped
 from linkwise.cli.reading_options import ReadingOptions
@@ -48,4 +49,4 @@ def help(ctx: click.Context, topic: str) -> None:
     elif not topic and ctx.parent is not None:
         click.echo(ctx.parent.get_help())
     else:
-        raise click.UsageError(f"There is no help on {topic!r}; choose {READING} or a command.")
+        raise UsageError(f"There is no help on {topic!r}; choose {READING} or a command.")

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 from click.core import ParameterSource
 
 import linkwise as lw
-from linkwise.cli.console import deliver_structure, progress, tell
+from linkwise.cli.console import deliver_structure, note, progress
 from linkwise.cli.options import FILE, grouped, pairs, percentage, typed
 from linkwise.cli.reading_options import ReadingOptions
 from linkwise.model import rotations
@@ -85,12 +86,7 @@ class HostOptions:
 @click.option("-o", "--output", metavar="HOST", type=FILE, help="File to write; without it, standard output.")
 @click.option("--json", "as_json", is_flag=True, help="Print the host as JSON and nothing else.")
 def host(
-    *,
-    files: tuple[Path, ...],
-    source: ReadingOptions,
-    output: Path | None,
-    as_json: bool,
-    given: HostOptions,
+    files: tuple[Path, ...], source: ReadingOptions, given: HostOptions, output: Path | None, as_json: bool
 ) -> int:
     """Write a host from modes (CSV, UFF), matrices (MAT, NPZ, MTX, PCH, OP4) or records of a modal test.
 
@@ -116,9 +112,9 @@ def host(
     """
     context, modes, options = click.get_current_context(), given.modes, vars(given)
     if output is not None and any(output.resolve() == file.resolve() for file in files):
-        raise click.UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
+        raise UsageError(f"-o {output} would overwrite the file that is read; choose another file.")
     if output is not None and output.exists() and not _holds_hosts_alone(output):
-        raise click.UsageError(
+        raise UsageError(
             f"-o {output} is there already and holds more than hosts, which would be lost; choose another."
         )
     if modes is None:
@@ -135,7 +131,7 @@ def host(
         new_host = estimate.host.known_to_within(**sigmas, at_least=True)
     elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
-            raise click.UsageError("A file of modes has its own points, and is read alone.")
+            raise UsageError("A file of modes has its own points, and is read alone.")
         _refuse(context, _OF_MATRICES, "{} is for matrices; of a file of modes, all are taken as they are.")
         new_host = lw.Host(title, lw.modal.read_modes(files[0])).known_to_within(**sigmas)
     else:
@@ -166,8 +162,8 @@ def _tell_of_damping(new_host: lw.Host) -> None:
     """Say that a mode does not oscillate, as where a ratio was given in per cent."""
     for number, mode in enumerate(new_host.modes, start=1):
         if mode.damping.value is not None and mode.damping.value >= 1.0:
-            tell(
-                f"note: mode {number} does not oscillate: its damping ratio is {mode.damping.value:g}, of which 1 is "
+            note(
+                f"mode {number} does not oscillate: its damping ratio is {mode.damping.value:g}, of which 1 is "
                 f"critical; {mode.damping.value:g} % is {mode.damping.value / 100.0:g}"
             )
             return
@@ -178,7 +174,7 @@ def _refuse(context: click.Context, options: Sequence[str], message: str) -> Non
     flags = {parameter.name: parameter.opts[-1] for parameter in context.command.params}
     for option in options:
         if context.get_parameter_source(option) is not ParameterSource.DEFAULT:
-            raise click.UsageError(message.format(flags[option]))
+            raise UsageError(message.format(flags[option]))
 
 
 def _identified(
@@ -187,59 +183,41 @@ def _identified(
     """The host identified from records of a test."""
     source.refuse_unknown_errors()
     if modes != "auto" and (not modes.isdecimal() or int(modes) < 1):
-        raise click.UsageError(f"--modes needs a number of modes, or auto, got {modes!r}.")
+        raise UsageError(f"--modes needs a number of modes, or auto, got {modes!r}.")
     with progress("reading") as step:
         records = [source.read_file(file, None) for file in files]
-        for note in dict.fromkeys(note for record in records for note in record.notes):
-            tell(f"note: {note}")
-        return lw.modal.identify_host(
-            records, modes=None if modes == "auto" else int(modes), name=name, progress=step
-        )
+        note(*dict.fromkeys(remark for record in records for remark in record.notes))
+        count = None if modes == "auto" else int(modes)
+        return lw.modal.identify_host(records, modes=count, name=name, progress=step)
 
 
 def _tell_doubts(estimate: lw.modal.HostEstimate) -> None:
     """What stands against a host that is printed as a file."""
-    for remark in estimate.remarks:
-        tell(f"note: {remark}")
+    note(*estimate.remarks)
     if not estimate.trusted:
-        tell(f"note: not to be trusted: {estimate.verdicts[0].value}")
+        note(f"not to be trusted: {estimate.verdicts[0].value}")
 
 
 def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) -> lw.Host:
     """The host of matrices."""
-    reduced = _matrices(files, options).reduce(
-        title,
-        _points(options),
-        keep=options["keep"],
-        modal_damping=options["modal_damping"],
-        rayleigh=_rayleigh(options["rayleigh"]),
-        residual=not options["no_residual"],
-    )
-    for note in reduced.notes:
-        tell(f"note: {note}")
+    how = {key: options[key] for key in ("keep", "modal_damping")}
+    how |= {"rayleigh": _rayleigh(options["rayleigh"]), "residual": not options["no_residual"]}
+    reduced = _matrices(files, options).reduce(title, _points(options), **how)
+    note(*reduced.notes)
     return reduced.host
 
 
 def _matrices(files: tuple[Path, ...], options: Mapping[str, Any]) -> lw.modal.HostMatrices:
     """The matrices by their names in one file, or of two or three files by their order."""
     if len(files) > 3:
-        raise click.UsageError(
-            "Give one file with all matrices, or one for each: mass, stiffness and perhaps damping, in this order."
-        )
-    if len(files) > 1:
-        named = [
-            str(file) + (f":{options[kind]}" if options[kind] else "")
-            for file, kind in zip(files, ("mass", "stiffness", "damping"), strict=False)
-        ]
-        if options["damping"] and len(files) == 2:
-            raise click.UsageError("--damping needs a third file, with the damping matrix.")
-        return lw.modal.read_host_matrices(*named)
-    mass, stiffness = (
-        f"{files[0]}:{options[kind]}" if options[kind] else str(files[0]) for kind in ("mass", "stiffness")
-    )
-    return lw.modal.read_host_matrices(
-        mass, stiffness, f"{files[0]}:{options['damping']}" if options["damping"] else None
-    )
+        message = "Give one file with all matrices, or one for each: mass, stiffness and perhaps damping, in this order."
+        raise UsageError(message)
+    if options["damping"] and len(files) == 2:
+        raise UsageError("--damping needs a third file, with the damping matrix.")
+    if len(files) == 1:
+        files *= 3 if options["damping"] else 2
+    names = [f":{options[kind]}" if options[kind] else "" for kind in ("mass", "stiffness", "damping")]
+    return lw.modal.read_host_matrices(*map("{}{}".format, files, names))
 
 
 def _rayleigh(given: str | None) -> tuple[float, float] | None:
@@ -248,9 +226,7 @@ def _rayleigh(given: str | None) -> tuple[float, float] | None:
     try:
         of_mass, of_stiffness = map(float, given.split(","))
     except ValueError:
-        raise click.UsageError(
-            f"--rayleigh needs two numbers A,B, such as 0.5,1e-5, got {given!r}."
-        ) from None
+        raise UsageError(f"--rayleigh needs two numbers A,B, such as 0.5,1e-5, got {given!r}.") from None
     return of_mass, of_stiffness
 
 

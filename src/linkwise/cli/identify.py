@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.console import deliver, note, progress
 from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
     FILE,
@@ -47,8 +48,7 @@ from linkwise.output import RESULT
     lw.MaximumLikelihood,
     "ml",
     click.option(
-        "--with",
-        "more",
+        *("--with", "more"),
         metavar="RECORD",
         multiple=True,
         type=FILE,
@@ -99,20 +99,15 @@ def identify(
     true = None if truth is None else lw.read_structure(truth)
     if true is not None:
         link.refuse_memory(true.links, link.COMPARISON)
-    for remark in source.masses_beside(subject):
-        tell(f"note: {remark}")
+    note(*source.masses_beside(subject))
     with progress("reading") as step:
-        records = [
-            replace(source, record=path).read_motion_of(subject)
-            for path in (source.record, *ml.get("more", ()))
-        ]
+        paths = (source.record, *ml.get("more", ()))
+        records = [replace(source, record=path).read_motion_of(subject) for path in paths]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
-        estimate = lw.identify(
-            records[0] if len(records) == 1 else records, subject, method=estimator, progress=step
-        )
-    errors = nmse_lines(
-        lw.report.result_of(estimate, true), "\nagainst the truth: NMSE of the force (paper Eq. 8)"
-    )
+        tests = records if len(records) > 1 else records[0]
+        estimate = lw.identify(tests, subject, method=estimator, progress=step)
+    title = "\nagainst the truth: NMSE of the force (paper Eq. 8)"
+    errors = nmse_lines(lw.report.result_of(estimate, true), title)
     return deliver(estimate, output, as_json=as_json, more=errors, truth=true)
 
 
@@ -120,10 +115,9 @@ def _estimator(
     method: str, source: RecordOptions, given: dict[str, dict[str, Any]]
 ) -> lw.estimates.Estimator:
     """The method with its options; UsageError for those of another method."""
-    foreign = [(name, option_name(option)) for name, options in given.items() for option in options]
-    for name, option in foreign:
-        if name != method:
-            raise click.UsageError(f"{option} is for --method {name}, not for {method}.")
+    for name, options in given.items():
+        if name != method and options:
+            raise UsageError(f"{option_name(next(iter(options)))} is for --method {name}, not for {method}.")
     if method != "ml":
         source.refuse_unknown_errors()
     options = {name: value for name, value in given.get(method, {}).items() if name != "more"}

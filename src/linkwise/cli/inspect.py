@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Self
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise import files
-from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.console import deliver, note, progress, tell
 from linkwise.cli.options import FILE, FLAGS, folder_option, grouped, typed
-from linkwise.cli.reading_options import ReadingOptions
+from linkwise.cli.reading_options import ReadingOptions, records_argument
 from linkwise.output import INSPECTION
 
 MENDED_BY = {
@@ -50,13 +51,12 @@ class RecordsOptions(ReadingOptions):
         if self.write_mapping is None:
             return self
         if self.mapping is not None:
-            raise click.UsageError(
-                "--write-mapping writes a first mapping file, and --mapping names one: leave one out."
-            )
+            message = "--write-mapping writes a first mapping file, and --mapping names one: leave one out."
+            raise UsageError(message)
         for guess in files.write_first_mapping(
             self.records[0], self.write_mapping, self.record_mapping().header
         ):
-            tell(f"note: {guess}")
+            note(guess)
         options = replace(self, mapping=self.write_mapping)
         tell(
             f"a mapping file was written to {self.write_mapping}: edit it, then give --mapping {self.write_mapping}"
@@ -66,11 +66,7 @@ class RecordsOptions(ReadingOptions):
 
 
 @click.command()
-@grouped(
-    RecordsOptions,
-    "source",
-    click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE),
-)
+@grouped(RecordsOptions, "source", records_argument)
 @folder_option(INSPECTION)
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
 def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
@@ -93,7 +89,7 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
     """
     source.refuse_unknown_errors()
     if source.modes is not None and not source.levels:
-        raise click.UsageError("--modes is for --levels: add it, or leave --modes out.")
+        raise UsageError("--modes is for --levels: add it, or leave --modes out.")
     mapped = source.with_first_mapping()
     if mapped is None:
         return
@@ -110,8 +106,7 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
             inspection = replace(inspection, levels=compared)
     inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
     if not as_json:
-        for note in dict.fromkeys(note for record in records for note in record.notes):
-            tell(f"note: {note}")
+        note(*dict.fromkeys(remark for record in records for remark in record.notes))
     deliver(inspection, output, as_json=as_json)
 
 

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import ended, progress
-from linkwise.cli.excitation_options import (
-    ExcitationOptions,
-    SamplingOptions,
-    drive_options,
-)
+from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
 from linkwise.cli.method_options import unit_of_channel
-from linkwise.cli.options import FILE, POSITIVE, grouped, number, pairs, quantity, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    FILE,
+    POSITIVE,
+    grouped,
+    number,
+    numbers,
+    pairs,
+    quantity,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
 
@@ -87,7 +95,7 @@ def _noise(texts: tuple[str, ...]) -> float | dict[str, float]:
     if len(texts) == 1 and "=" not in texts[0]:
         return number(texts[0], "--noise", "20")
     if not texts:
-        raise click.UsageError("Give the noise of the sensors: either --noise DB or --noise CHANNEL=SIGMA.")
+        raise UsageError("Give the noise of the sensors: either --noise DB or --noise CHANNEL=SIGMA.")
     sigmas = pairs(texts, "--noise", "x:m1=0.1mm").items()
     return {name: quantity(text, unit_of_channel(name), f"--noise {name}") for name, text in sigmas}
 
@@ -98,23 +106,15 @@ def _optimised(
     """The best test within limits, with its command."""
     noise = _noise(test.noise)
     if any(vars(drive).values()) or test.segment or isinstance(noise, float):
-        raise click.UsageError(
+        raise UsageError(
             "--optimise chooses the drive, and compares tests of several sizes: it takes neither a drive nor --noise DB or "
             "--segment, but --within force=N and the sensors that there are, by --noise CHANNEL=SIGMA."
         )
-    bounds = pairs(test.within, "--within", "force=20")
+    within = numbers(test.within, "--within", "force=20")
+    plan: dict[str, Any] = {"duration": test.duration, "rate": test.rate, "unknown": test.unknown}
     subject = read_told(structure)
     with progress("comparing tests") as step, unstarted_is_usage():
-        result = lw.best_test(
-            subject,
-            coefficient,
-            duration=test.duration,
-            rate=test.rate,
-            noise=noise,
-            within={name: number(value, "--within", "force=20") for name, value in bounds.items()},
-            unknown=test.unknown,
-            progress=step,
-        )
+        result = lw.best_test(subject, coefficient, noise=noise, within=within, progress=step, **plan)
     result = replace(result, file=str(structure))
     click.echo(to_json(result.to_dict()) if as_json else str(result))
     return ended(result, structure)

@@ -12,6 +12,7 @@ from dataclasses import MISSING, Field, fields
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.options import (
@@ -24,6 +25,7 @@ from linkwise.cli.options import (
     percentage,
     quantity,
     split,
+    stated,
 )
 from linkwise.records import channel as channels
 from linkwise.registry import Registry
@@ -42,11 +44,7 @@ def method_options(kind: type, keyword: str, *further: Callable[[Any], Any], rem
     texts = described(kind)
     typed = [field for field in fields(kind) if "typed" in field.metadata]
     options = [_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed]
-    return gathered(keyword, _given, *further, *options)
-
-
-def _given(own: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in own.items() if value is not None and value != ()}
+    return gathered(keyword, stated, *further, *options)
 
 
 def _option(field: Field[Any], text: str) -> Callable[[Any], Any]:
@@ -101,7 +99,7 @@ def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
                 values = dict.fromkeys(part.strip() for part in text.split(","))
             for name, one in values.items():
                 if name in stated:
-                    raise click.UsageError(f"{option.opts[0]} is given twice for {name!r}.")
+                    raise UsageError(f"{option.opts[0]} is given twice for {name!r}.")
                 stated[name] = one
         return stated or None
 
@@ -120,7 +118,7 @@ def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str
             return value
         unit = unit_of_channel(name) if unit == "channel" else unit
     if "sqrt" in unit:
-        raise click.UsageError(f"{flag} takes a number in {unit}, as in {about['example']}, got {value!r}.")
+        raise UsageError(f"{flag} takes a number in {unit}, as in {about['example']}, got {value!r}.")
     return quantity(value, unit, f"{flag} {text}")
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.errors import LinkwiseError, SimulationError
@@ -78,7 +79,7 @@ def split(text: str, option: str, example: str) -> tuple[str, str]:
     """`NAME=VALUE` in its two halves; what lacks one of them is wrong usage."""
     name, sign, value = (part.strip() for part in text.partition("="))
     if not (name and sign and value):
-        raise click.UsageError(f"{option} {text!r} is not NAME=VALUE, as in {option} {example}.")
+        raise UsageError(f"{option} {text!r} is not NAME=VALUE, as in {option} {example}.")
     return name, value
 
 
@@ -87,9 +88,8 @@ def number(text: str, option: str, example: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise click.UsageError(
-            f"{option}: {text!r} is not a plain number in SI units, as in {option} {example}."
-        ) from None
+        message = f"{option}: {text!r} is not a plain number in SI units, as in {option} {example}."
+        raise UsageError(message) from None
 
 
 def quantity(text: str, unit: str, option: str) -> float:
@@ -100,7 +100,7 @@ def quantity(text: str, unit: str, option: str) -> float:
     try:
         return lw.files.to_si(given, unit)
     except LinkwiseError as error:
-        raise click.UsageError(f"{option}: {error}") from error
+        raise UsageError(f"{option}: {error}") from error
 
 
 def percentage(text: str, flag: str, example: str) -> float:
@@ -111,9 +111,9 @@ def percentage(text: str, flag: str, example: str) -> float:
     except ValueError:
         value, rest = 0.0, text
     if rest:
-        raise click.UsageError(f"{flag} takes a percentage, such as {example}, got {text!r}.")
+        raise UsageError(f"{flag} takes a percentage, such as {example}, got {text!r}.")
     if not sign:
-        raise click.UsageError(
+        raise UsageError(
             f"{flag} takes a percentage with its sign, such as {example}, got {text!r}: is it {number}% or "
             f"{100.0 * value:g}%?"
         )
@@ -126,9 +126,32 @@ def pairs(texts: Iterable[str], option: str, example: str) -> dict[str, str]:
     for text in texts:
         name, value = split(text, option, example)
         if name in values:
-            raise click.UsageError(f"{option} is given twice for {name!r}: {values[name]} and {value}.")
+            raise UsageError(f"{option} is given twice for {name!r}: {values[name]} and {value}.")
         values[name] = value
     return values
+
+
+def numbers(texts: Iterable[str], option: str, example: str) -> dict[str, float]:
+    """Repeated `NAME=NUMBER`, in SI units."""
+    return {name: number(text, option, example) for name, text in pairs(texts, option, example).items()}
+
+
+def ranges(
+    texts: Iterable[str], option: str, example: str, form: str = "FROM:TO"
+) -> dict[str, tuple[float, float]]:
+    """Repeated `NAME=FROM:TO`, or with the ends called otherwise in `form`; anything else is wrong usage."""
+    found = {}
+    for name, text in pairs(texts, option, example).items():
+        ends = text.split(":")
+        if len(ends) != 2:
+            raise UsageError(f"{option}: {text!r} is not {form}, as in {option} {example}.")
+        found[name] = (number(ends[0], option, example), number(ends[1], option, example))
+    return found
+
+
+def stated(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What was given on the command line, of options by name."""
+    return {name: value for name, value in values.items() if value is not None and value != ()}
 
 
 def described(kind: type) -> dict[str, str]:
@@ -263,10 +286,8 @@ def with_flags(error: LinkwiseError, command: click.Command | None = None) -> st
     known = {**FLAGS, **METHOD_FLAGS}
     if command is not None and not isinstance(command, click.Group):
         has = {flag for option in command.params for flag in option.opts}
-        lines = {
-            name: f"{FLAGS['mapping'].partition(' (')[0]} with the line {line}"
-            for name, line in _OF_MAPPING.items()
-        }
+        mapping = FLAGS["mapping"].partition(" (")[0]
+        lines = {name: f"{mapping} with the line {line}" for name, line in _OF_MAPPING.items()}
         known = {name: flag for name, flag in known.items() if flag.partition(" ")[0] in has}
         known = (lines if "--mapping" in has else {}) | known
     flags = [known[name] for name in error.arguments if name in known]
@@ -283,7 +304,7 @@ def unstarted_is_usage() -> Iterator[None]:
         yield
     except SimulationError as error:
         if error.time is None:
-            raise click.UsageError(with_flags(error, click.get_current_context().command)) from error
+            raise UsageError(with_flags(error, click.get_current_context().command)) from error
         raise
 
 
@@ -308,13 +329,8 @@ def screen(*first: str, base: type[click.Command] = click.Command) -> type[click
         def __init__(self, *arguments: Any, **keywords: Any) -> None:
             super().__init__(*arguments, **keywords)
             text = "Show all options and all that is said of them."
-            everything: dict[str, Any] = {
-                "is_flag": True,
-                "is_eager": True,
-                "expose_value": False,
-                "callback": self._show,
-            }
-            self.params.append(click.Option(["--help-all"], help=text, **everything))
+            flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
+            self.params.append(click.Option(["--help-all"], help=text, callback=self._show, **flag))
 
         def _show(self, ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
             """Print the whole help."""
@@ -325,9 +341,8 @@ def screen(*first: str, base: type[click.Command] = click.Command) -> type[click
 
         def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
             """The first options, and where the others are."""
-            shown = [
-                p for p in self.get_params(ctx) if p.name in first or {"--help", "--help-all"} & set(p.opts)
-            ]
+            helps = {"--help", "--help-all"}
+            shown = [p for p in self.get_params(ctx) if p.name in first or helps & set(p.opts)]
             records = [record for param in shown if (record := param.get_help_record(ctx)) is not None]
             with formatter.section("Options that are needed first"):
                 formatter.write_dl([(flag, text.partition(". ")[0].rstrip(".")) for flag, text in records])

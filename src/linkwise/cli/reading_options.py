@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from math import isinf
 from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import tell
+from linkwise.cli.console import note
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
@@ -106,9 +107,7 @@ class ReadingOptions:
         `masses` are those there are, if that is known. Without `informative` dead and duplicated channels are read.
         """
         whole = self.record_mapping()
-        late = {
-            name: sensor.delay.value for name, sensor in whole.sensors.items() if sensor.delay is not None
-        }
+        late = {name: one.delay.value for name, one in whole.sensors.items() if one.delay is not None}
         mappings = self._by_file(whole)
         times = {key: column for key, column in mappings[None].channels.items() if _channel(key) == "time"}
 
@@ -120,28 +119,18 @@ class ReadingOptions:
                 return read(file, replace(mapping, channels={**times, **mapping.channels}))
             except lw.RecordError:
                 separate = read(file, mapping)
-                if times:
-                    tell(
-                        f"note: {file} has no times in the column {next(iter(times.values()))}: its own times are "
-                        f"used."
-                    )
+                for column in list(times.values())[:1]:
+                    note(f"{file} has no times in the column {column}: its own times are used.")
                 return separate
 
         record = read(None, mappings[None])
         others = [read_other(file, mapping) for file, mapping in mappings.items() if file is not None]
         if self.by_time and not others:
-            raise click.UsageError(
-                "--by-time joins the files of --channel NAME=FILE:COLUMN, but none is given."
-            )
+            raise UsageError("--by-time joins the files of --channel NAME=FILE:COLUMN, but none is given.")
         for part in self.then:
             record = lw.records.continued(record, read(part, mappings[None]))
-        for companion in others:
-            record = (
-                lw.records.joined_by_time(record, companion)
-                if self.by_time
-                else lw.records.beside(record, companion)
-            )
-        record = lw.inspection.mark_missing(record, self.mark_missing)
+        join = lw.records.joined_by_time if self.by_time else lw.records.beside
+        record = lw.inspection.mark_missing(reduce(join, others, record), self.mark_missing)
         record = lw.records.without_delays(record, {name: delay for name, delay in late.items() if delay})
         if whole.decimate is not None:
             record = record.decimate(whole.decimate)
@@ -157,29 +146,18 @@ class ReadingOptions:
     def record_mapping(self) -> lw.files.RecordMapping:
         """What the options state, and the mapping file beside them."""
         channels = {name: column for name, (file, column) in self._columns().items() if file is None}
-        own = lw.files.RecordMapping(
-            channels,
-            self._sensors(),
-            rate=self.rate,
-            resample=self.resample,
-            decimate=self.decimate,
-            header=self.header,
-        )
+        stated = {name: getattr(self, name) for name in ("rate", "resample", "decimate", "header")}
+        own = lw.files.RecordMapping(channels, self._sensors(), **stated)
         return own if self.mapping is None else own.over(lw.files.read_mapping(self.mapping))
 
     def masses_beside(self, structure: lw.Structure) -> tuple[str, ...]:
         """Sentences on masses that the mapping file states and the structure has otherwise or not; the structure counts."""
         masses = self.record_mapping().masses
-        stated = {
-            name: lw.Mass(name, *rotations.mass_in_si(mass))
-            for name, mass in masses.items()
-            if mass != "unknown"
-        }
-        foreign = tuple(
-            f"The mapping file states a mass {name}, which the structure does not have; it is not used."
-            for name in masses
-            if name not in structure.mass_names
-        )
+        known = {name: mass for name, mass in masses.items() if mass != "unknown"}
+        stated = {name: lw.Mass(name, *rotations.mass_in_si(mass)) for name, mass in known.items()}
+        without = "which the structure does not have; it is not used"
+        unknown = (name for name in masses if name not in structure.mass_names)
+        foreign = tuple(f"The mapping file states a mass {name}, {without}." for name in unknown)
         return foreign + tuple(
             f"{own.name} weighs {stated[own.name].mass.value} {stated[own.name].mass_unit} in the mapping file and "
             f"{own.mass.value} {own.mass_unit} in the structure, which counts."
@@ -214,10 +192,9 @@ class ReadingOptions:
         """Raise UsageError for an error of a sensor of which nothing is known, unless it is of a kind that is `found`."""
         sensors = self._sensors()
         for channel, kind, size in self._errors:
-            if kind not in found and (
-                kind in _FITTED or isinf(getattr(sensors[channel].uncertainty, kind, 0.0))
-            ):
-                raise click.UsageError(
+            unknown = isinf(getattr(sensors[channel].uncertainty, kind, 0.0))
+            if kind not in found and (unknown or kind in _FITTED):
+                raise UsageError(
                     f"--sensor {channel}:{kind}{size and f'={size}'}: identify by maximum likelihood finds this {kind}; here "
                     "leave it out, or state a size that is known, as in --sensor x:m1:offset=0.3mm,gain=1.02,delay=2ms."
                 )
@@ -233,7 +210,7 @@ class ReadingOptions:
         places = [error[:2] for error in errors if error[1] != "hum"]
         for channel, kind in places:
             if places.count((channel, kind)) > 1:
-                raise click.UsageError(f"--sensor {channel}:{kind}: the {kind} of {channel} is given twice.")
+                raise UsageError(f"--sensor {channel}:{kind}: the {kind} of {channel} is given twice.")
         return tuple(errors)
 
     def _by_file(self, whole: lw.files.RecordMapping) -> dict[Path | None, lw.files.RecordMapping]:
@@ -244,12 +221,10 @@ class ReadingOptions:
                 elsewhere.setdefault(file, {})[name] = column
         named = {file: {_channel(name) for name in columns} for file, columns in elsewhere.items()}
         theirs = {name for names in named.values() for name in names}
-        sensors = {
-            name: sensor
-            if sensor.delay is None
-            else replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
-            for name, sensor in whole.sensors.items()
-        }
+        sensors = dict(whole.sensors)
+        for name, sensor in whole.sensors.items():
+            if sensor.delay is not None:
+                sensors[name] = replace(sensor, delay=lw.records.StatedError(0.0, sensor.delay.sigma))
         mappings: dict[Path | None, lw.files.RecordMapping] = {
             None: replace(
                 whole,
@@ -269,11 +244,9 @@ class ReadingOptions:
         return mappings
 
     def _columns(self) -> dict[str, tuple[Path | None, str]]:
-        columns = pairs(self.channel, "--channel", "x:m1=COLUMN")
-        return {
-            name: (None, text) if _channel(name) == "time" else file_and_column(text)
-            for name, text in columns.items()
-        }
+        columns = pairs(self.channel, "--channel", "x:m1=COLUMN").items()
+        times = {name: (None, text) for name, text in columns if _channel(name) == "time"}
+        return {name: times.get(name) or file_and_column(text) for name, text in columns}
 
     def _sensors(self) -> dict[str, lw.records.SensorStatement]:
         """What the options state of sensors; UsageError for a text that does not say it."""
@@ -285,7 +258,7 @@ class ReadingOptions:
                     stated = lw.records.SensorStatement.of({kind: size or "unknown"}, name)
                 except lw.RecordError as error:
                     reason = error.__cause__ or error  # without the key, which the option names
-                    raise click.UsageError(f"--sensor {name}:{kind}={size}: {reason}") from error
+                    raise UsageError(f"--sensor {name}:{kind}={size}: {reason}") from error
                 sensors[name] = stated.over(sensors.get(name, nothing))
         for name, run in pairs(self.interpolation, "--interpolation", "force:m1=held").items():
             sensors[name] = replace(sensors.get(name, nothing), interpolation=run)
@@ -303,7 +276,7 @@ def _of_sensor(text: str) -> Iterator[tuple[str, str, str]]:
     for part in text[len(channel) + 1 :].split(",") if channel else [text]:
         kind, sign, size = (word.strip() for word in part.partition("="))
         if kind not in _ERRORS or not channel or (not size and (sign or kind in ("noise", "hum"))):
-            raise click.UsageError(
+            raise UsageError(
                 f"--sensor {text!r} is not CHANNEL:ERROR[=SIZE],..., as in x:m1:offset=+-0.1mm,gain=1%,hum=50Hz, with errors "
                 f"that are {', '.join(_ERRORS)}, noise and hum with a size{near_miss(kind, _ERRORS)}"
             )
@@ -319,8 +292,7 @@ class RecordOptions(ReadingOptions):
     def read(self, masses: tuple[str, ...]) -> lw.Record:
         """The record, cut to the asked time; RecordError names file, line and channel. `masses` are those there are."""
         record = self.read_file(self.record, masses)
-        for note in record.notes:
-            tell(f"note: {note}")
+        note(*record.notes)
         return record
 
     def read_motion_of(self, structure: lw.Structure) -> lw.Record:
@@ -329,13 +301,14 @@ class RecordOptions(ReadingOptions):
 
 
 record_options = grouped(RecordOptions, "source", click.argument("record", type=FILE))
+records_argument = click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE)
 
 
 def read_told(path: Path) -> lw.Structure:
     """The structure of a file; notes on it and its hosts go to standard error."""
     subject = lw.read_structure(path)
     if remark := stated_grade(path)[1]:
-        tell(f"note: {path}: {remark}")
+        note(f"{path}: {remark}")
     tell_of_hosts(subject.hosts)
     return subject
 
@@ -343,5 +316,4 @@ def read_told(path: Path) -> lw.Structure:
 def tell_of_hosts(hosts: Iterable[lw.Host]) -> None:
     """Print what there is to know of hosts, such as the error of a reduction, on standard error."""
     for host in hosts:
-        for note in host.notes:
-            tell(f"note: {host.name}: {note}")
+        note(*(f"{host.name}: {remark}" for remark in host.notes))

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.console import deliver, note, progress
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
@@ -18,7 +18,8 @@ from linkwise.cli.options import (
     grouped,
     json_option,
     number,
-    pairs,
+    numbers,
+    stated,
     typed,
     unstarted_is_usage,
 )
@@ -78,16 +79,13 @@ class HarmonicOptions:
 
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.respond`."""
-        names = ("starts", "seed", "draws", "harmonics")
-        counts = {name: getattr(self, name) for name in names}
-        force, base = pairs(self.force, "--force", _FORCE), pairs(self.base, "--base", _BASE)
         return {
             "hz": (self.start, self.stop),
-            "force": {name: number(size, "--force", _FORCE) for name, size in force.items()} or None,
-            "base": {kind: number(size, "--base", _BASE) for kind, size in base.items()} or None,
+            "force": numbers(self.force, "--force", _FORCE) or None,
+            "base": numbers(self.base, "--base", _BASE) or None,
             "levels": tuple(number(size, "--levels", "0.5,1,2") for size in self.levels),
             "show": self.show,
-            **{name: count for name, count in counts.items() if count is not None},
+            **stated({name: getattr(self, name) for name in ("starts", "seed", "draws", "harmonics")}),
         }
 
 
@@ -115,6 +113,6 @@ def respond(structure: Path, harmonic: HarmonicOptions, output: Path | None, as_
         result = lw.respond(structure, progress=step, **harmonic.keywords())
     result = result if measured is None else result.beside(measured)
     if remark := stated_grade(structure)[1]:
-        tell(f"note: {structure}: {remark}")
+        note(f"{structure}: {remark}")
     tell_of_hosts(result.structure.hosts)
     return deliver(result, output, as_json=as_json, answer=structure)

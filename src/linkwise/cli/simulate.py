@@ -12,12 +12,8 @@ import numpy as np
 import linkwise as lw
 from linkwise import files
 from linkwise.analysis.rest_positions import hilltop_finding
-from linkwise.cli.console import progress, tell
-from linkwise.cli.excitation_options import (
-    ExcitationOptions,
-    SamplingOptions,
-    drive_options,
-)
+from linkwise.cli.console import note, progress
+from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
 from linkwise.cli.options import FILE, grouped, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.display import listed
@@ -69,10 +65,10 @@ def simulate(structure: Path, recording: RecordingOptions, drive: ExcitationOpti
         summary = _summary(record, output)
     driven = any(keywords[kind] for kind in ("release", "impulses", "forces", "signals"))
     if not driven and keywords["base"] is None:
-        tell("note: nothing sets the structure in motion; give --release, --impulse, --force or --base.")
+        note("nothing sets the structure in motion; give --release, --impulse, --force or --base.")
     start = np.array([keywords["release"].get(f"x:{name}", 0.0) for name in subject.mass_names])
     if hilltop := hilltop_finding(subject, start):
-        tell(f"note: {hilltop}")
+        note(hilltop)
     if noise is not None:
         summary["noise"] = {"decibel": noise, "seed": recording.seed}
     click.echo(to_json(summary) if as_json else _summary_text(subject, summary))
@@ -113,9 +109,8 @@ def _summary_text(structure: lw.Structure, summary: dict[str, Any]) -> str:
         _horizon(summary["horizon"]),
     ]
     if "noise" in summary:
-        lines.append(
-            f"noise       {summary['noise']['decibel']:g} dB per channel, seed {summary['noise']['seed']}"
-        )
+        added = summary["noise"]
+        lines.append(f"noise       {added['decibel']:g} dB per channel, seed {added['seed']}")
     return "\n".join([*lines, f"written to  {summary['file']}"])
 
 

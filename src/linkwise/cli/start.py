@@ -6,18 +6,20 @@ import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import tell
+from linkwise.cli.console import note, tell
 from linkwise.cli.discover import discover, mass_value
 from linkwise.cli.identify import identify
 from linkwise.cli.inspect import inspect
-from linkwise.cli.options import FILE, FOLDER, POSITIVE, grouped, header_line, pairs, typed
+from linkwise.cli.options import FOLDER, POSITIVE, grouped, header_line, pairs, typed
+from linkwise.cli.reading_options import records_argument
 from linkwise.display import align_columns
 from linkwise.files import guesses as columns
 from linkwise.files import read_table
@@ -76,6 +78,8 @@ class StartOptions:
         The header line of a text file, if it is not found: its number, or text that it contains.
     yes : bool
         Take what is guessed without asking; what cannot be guessed is an error that names the option.
+    output : Path | None
+        Folder for all that is written.  [default: the record's name]
     """
 
     records: tuple[Path, ...]
@@ -87,22 +91,12 @@ class StartOptions:
     rate: float | None = typed("HZ", type=POSITIVE)
     header: str | int | None = typed("LINE", callback=header_line)
     yes: bool = typed(is_flag=True)
+    output: Path | None = typed("DIR", "-o", "--output", type=FOLDER)
 
 
 @click.command()
-@grouped(
-    StartOptions,
-    "options",
-    click.argument("records", metavar="RECORD...", nargs=-1, required=True, type=FILE),
-)
-@click.option(
-    "-o",
-    "--output",
-    metavar="DIR",
-    type=FOLDER,
-    help="Folder for all that is written.  [default: the record's name]",
-)
-def start(options: StartOptions, output: Path | None) -> int:
+@grouped(StartOptions, "options", records_argument)
+def start(options: StartOptions) -> int:
     """Get from the files of a test to a first answer: what do the columns hold, what is known, which laws follow?
 
     Shows what each column of the first RECORD may hold, asks what is missing, writes sensors.toml and structure.toml into
@@ -118,20 +112,18 @@ def start(options: StartOptions, output: Path | None) -> int:
         --link "nes: sink - frame: alpha*d + beta*d**3 + c*v" --yes -o answer
       linkwise start log.csv --mass m1=1.2 --channel "a:m1[g]=AI 3" --channel "force:m1[N]=AI 4" --rate 2048 --yes
     """
-    folder = output or Path(options.records[0].stem)
-    masses = {
-        name: mass_value(name, text) for name, text in pairs(options.mass, "--mass", "frame=1.8").items()
-    }
+    folder = options.output or Path(options.records[0].stem)
+    given = pairs(options.mass, "--mass", "frame=1.8")
+    masses = {name: mass_value(name, text) for name, text in given.items()}
     test = _Test(options, masses, read_table(options.records[0], options.header))
     test = test.with_masses().with_columns().with_rate().with_forces()
     links = test.links()
     sensors, structure = folder / "sensors.toml", folder / "structure.toml"
     _refuse_overwriting(sensors, structure)
     if options.known and not links:
-        raise click.UsageError("--known states coefficients of links, and no --link is given.")
-    known = {
-        name: _number_or_text(text) for name, text in pairs(options.known, "--known", "leaf.c=1.6").items()
-    }
+        raise UsageError("--known states coefficients of links, and no --link is given.")
+    values = pairs(options.known, "--known", "leaf.c=1.6")
+    known = {name: _number_or_text(text) for name, text in values.items()}
     built = lw.rig(test.masses, links, known, name=folder.name) if links else None
     check_result_folder(folder / "answer")
     _write(sensors, columns.mapping_text(str(options.records[0]), test.guesses, test.mapping))
@@ -189,9 +181,8 @@ class _Test:
         if not moving and not doubtful:
             doubtful = [guess for guess in self.guesses if not guess.name]
             if not doubtful:
-                raise self.table.error(
-                    f"no column of numbers is the motion of a mass; {columns.not_numbers(self.table)}"
-                )
+                message = f"no column of numbers is the motion of a mass; {columns.not_numbers(self.table)}"
+                raise self.table.error(message)
         if doubtful:
             self._require_person(_of_doubts(doubtful, self.masses))
             return self._answered(doubtful[0]).with_columns()
@@ -200,7 +191,7 @@ class _Test:
                 "What is guessed above is not confirmed: give --yes to take it, or state columns by --channel."
             )
             if _ask("Is that so? y or n", "y", str).lower().startswith("n"):
-                return self._corrected()
+                return reduce(_Test._answered, self.guesses, self)
         return self
 
     def _require_masses(self, channels: Sequence[Channel]) -> None:
@@ -210,22 +201,17 @@ class _Test:
         foreign = [place for place in places if place not in (*self.masses, BASE)]
         if foreign:
             options = " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in dict.fromkeys(foreign))
-            raise click.UsageError(
+            raise UsageError(
                 f"The record has channels of {quoted(dict.fromkeys(foreign))}, and the masses are {quoted(self.masses)}: "
                 f"give {options}, or --leave-out the columns."
             )
 
     def _show(self) -> bool:
         """Print what the columns hold; whether any of it is guessed."""
-        rows = [
-            (
-                str(guess.label),
-                guess.name or "not used",
-                *_quantity(guess),
-                " ".join(guess.doubts) or (guess.why and f"by its {guess.why}"),
-            )
-            for guess in self.guesses
-        ]
+        rows = []
+        for guess in self.guesses:
+            why = " ".join(guess.doubts) or (guess.why and f"by its {guess.why}")
+            rows.append((str(guess.label), guess.name or "not used", *_quantity(guess), why))
         tell("\n".join(align_columns([("column", "holds", "quantity", "unit", "guessed"), *rows])))
         return any(guess.why for guess in self.guesses)
 
@@ -244,12 +230,6 @@ class _Test:
             return test if test.guesses else self  # raises RecordError for what is no channel
 
         return _ask(question, default, read)
-
-    def _corrected(self) -> _Test:
-        test = self
-        for guess in self.guesses:
-            test = test._answered(guess)
-        return test
 
     def with_rate(self) -> _Test:
         """The test with its sampling rate, where no column is the time and the file does not state it."""
@@ -272,8 +252,8 @@ class _Test:
         if mass is None:
             self._require_person(_of_doubts([guess], self.masses))
             return self._answered(guess).with_forces()
-        tell(
-            f"note: {guess.label} acts on {mass}: where the force is large, its acceleration times its mass is the force."
+        note(
+            f"{guess.label} acts on {mass}: where the force is large, its acceleration times its mass is the force."
         )
         channel = _key(replace(guess, name=Channel("force", mass)))
         return replace(self, answered={**self.answered, channel: str(guess.label)}).with_forces()
@@ -286,27 +266,20 @@ class _Test:
         self._require_person(
             'No link is given: give each by --link "NAME: A - B: LAW", or --yes to discover them.'
         )
-        end = (
-            BASE
-            if any(guess.name and guess.name.partition(":")[2] == BASE for guess in self.guesses)
-            else GROUND
-        )
-        ends = [end, *self.masses]
-        chain = [
-            f"{mass}_link: {mass} - {ends[number]}: k*d + c*v" for number, mass in enumerate(self.masses)
-        ]
+        on_base = any(guess.name.partition(":")[2] == BASE for guess in self.guesses)
+        end = BASE if on_base else GROUND
+        chain = zip(self.masses, [end, *self.masses], strict=False)
         tell("Which links are known to be there? For example, as a chain:")
-        tell("\n".join(f"  {line}" for line in chain))
-        while said := _ask(
-            "NAME: A - B: LAW, or nothing to go on (without any, links are discovered)", "", _checked
-        ):
+        tell("\n".join(f"  {mass}_link: {mass} - {other}: k*d + c*v" for mass, other in chain))
+        question = "NAME: A - B: LAW, or nothing to go on (without any, links are discovered)"
+        while said := _ask(question, "", _checked):
             links |= said
         return links
 
     def _require_person(self, otherwise: str) -> None:
         """UsageError `otherwise`, which names the option, where nobody can be asked."""
         if self.options.yes or not _is_attended():
-            raise click.UsageError(otherwise)
+            raise UsageError(otherwise)
 
 
 def _is_attended() -> bool:
@@ -329,22 +302,16 @@ def _quantity(guess: columns.ColumnGuess) -> tuple[str, str]:
 
 def _of_doubts(doubtful: Sequence[columns.ColumnGuess], masses: Mapping[str, float | str]) -> str:
     """What is in doubt, and the options that settle it."""
-    said = [
-        f"{guess.label} ({'; '.join([_quantity(guess)[0] or 'no guess', *guess.doubts])})"
-        for guess in doubtful
-    ]
-    examples = [guess for guess in doubtful if guess.name] or doubtful[:1]
-    options = " ".join(
-        f"--channel {shlex.quote(f'{_key(guess) or _example(masses)}={guess.label}')}" for guess in examples
-    )
+    doubts = {one.label: "; ".join([_quantity(one)[0] or "no guess", *one.doubts]) for one in doubtful}
+    said = [f"{label} ({text})" for label, text in doubts.items()]
+    example = f"x:{next(iter(masses))}[mm]"
+    named = [guess for guess in doubtful if guess.name] or doubtful[:1]
+    stated = (shlex.quote(f"{_key(guess) or example}={guess.label}") for guess in named)
+    options = " ".join(f"--channel {text}" for text in stated)
     return (
         f"What columns hold is in doubt: {', '.join(said)}. State it, for example by {options} (x, v, a or force; masses are "
         f"{quoted(masses)}), or --leave-out {shlex.quote(str(doubtful[-1].label))}."
     )
-
-
-def _example(masses: Mapping[str, float | str]) -> str:
-    return f"x:{next(iter(masses))}[mm]"
 
 
 def _key(guess: columns.ColumnGuess) -> str:
@@ -364,17 +331,16 @@ def _ask(question: str, default: str | None, read: Callable[[str], R]) -> R:
                 return read(said.strip())
         except EOFError as error:  # Ctrl-D
             raise click.Abort from error
-        except (click.UsageError, lw.LinkwiseError, ValueError) as error:
-            tell(error.format_message() if isinstance(error, click.UsageError) else str(error))
+        except (UsageError, lw.LinkwiseError, ValueError) as error:
+            tell(error.format_message() if isinstance(error, UsageError) else str(error))
 
 
 def _named(text: str) -> tuple[str, str]:
     """The name of a link and the rest of what is typed."""
     name, colon, rest = (part.strip() for part in text.partition(":"))
     if not (name and colon and rest):
-        raise click.UsageError(
-            f'--link {text!r} is not NAME: A - B: LAW, as in --link "leaf: frame - ground: k*d + c*v".'
-        )
+        message = f'--link {text!r} is not NAME: A - B: LAW, as in --link "leaf: frame - ground: k*d + c*v".'
+        raise UsageError(message)
     return name, rest
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver_structure, tell
+from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE
 from linkwise.output import to_json
@@ -82,7 +82,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
     subject = lw.read_structure(file)
     if shapes is not None:
         for path in lw.plot.save(estimates.shapes_figure(subject), _without_suffix(shapes)):
-            tell(f"note: {path} is written")
+            note(f"{path} is written")
     why = _why_no_rests(subject)
     rests = None
     if why is None:
@@ -261,9 +261,8 @@ def _rest_lines(rests: dict[str, Any], subject: lw.Structure) -> str:
         f"  equilibria: {rests['stable']} stable, {rests['unstable']} unstable. {rests['note']}".rstrip()
     ]
     for rest in rests["first"]:
-        places = ", ".join(
-            f"{name} = {x:.4g} {'rad' if name in subject.rotations else 'm'}" for name, x in rest["x"].items()
-        )
+        units = {name: "rad" if name in subject.rotations else "m" for name in rest["x"]}
+        places = ", ".join(f"{name} = {x:.4g} {units[name]}" for name, x in rest["x"].items())
         pairs = zip(rest["frequencies"], rest["damping"], strict=True)
         tones = ", ".join(f"{frequency:.4g} Hz ({100 * ratio:.2g} %)" for frequency, ratio in pairs)
         lines += [f"    {places}; energy {rest['energy']:.4g} J", f"      modes (damping): {tones}"]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import progress, tell
@@ -61,9 +62,8 @@ def study(name: str, options: RunOptions, as_json: bool) -> int:
       linkwise study mine.toml --shard 3/16 --workers 1 -o results/mine
     """
     if options.workers is not None and options.scheduler is not None:
-        raise click.UsageError(
-            "--workers runs the study on this machine, --scheduler on a cluster; give only one of them."
-        )
+        message = "--workers runs the study on this machine, --scheduler on a cluster; give only one of them."
+        raise UsageError(message)
     definition = lw.study.read_study(name)
     definition = definition.quickly() if options.quick else definition
     if options.export:
@@ -88,13 +88,11 @@ def _require_stored(study: lw.study.Study, output: Path) -> None:
     """UsageError where what is to be exported is not what the folder holds."""
     stored = lw.study.stored_study(output)
     if stored.name != study.name:
-        raise click.UsageError(
-            f'{output} holds the study "{stored.name}", not "{study.name}"; give that name, or another folder.'
-        )
+        message = f'{output} holds the study "{stored.name}", not "{study.name}"; give that name, or another folder.'
+        raise UsageError(message)
     if not lw.study.read_rows(output):
-        raise lw.LinkwiseError(
-            f"{output}: no case of the study has been run yet, so there is nothing to export"
-        )
+        message = f"{output}: no case of the study has been run yet, so there is nothing to export"
+        raise lw.LinkwiseError(message)
 
 
 def _run(study: lw.study.Study, options: RunOptions) -> None:

@@ -2,37 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress, tell
-from linkwise.cli.options import POSITIVE, folder_option, json_option
+from linkwise.cli.console import deliver, note, progress
+from linkwise.cli.options import POSITIVE, folder_option, grouped, json_option, typed
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.identification.validation import answer as answers
 from linkwise.output import VALIDATION
 
 
+@dataclass(frozen=True)
+class ScoringOptions:
+    """What of a record is scored, and what is estimated again.
+
+    Parameters
+    ----------
+    burn : float | None
+        Time at the start of the record from which the initial state is estimated; it is not scored (default 5 % of
+        the record, 50 to 300 samples).
+    refit : bool
+        Also estimate the coefficients of the answer again, from RECORD alone, and compare; it takes as long as
+        identify.
+    """
+
+    burn: float | None = typed("S", type=POSITIVE)
+    refit: bool = typed(is_flag=True)
+
+
 @click.command()
 @record_options
 @click.argument("answer", type=click.Path(path_type=Path))
-@click.option(
-    "--burn",
-    metavar="S",
-    type=POSITIVE,
-    help="Time at the start of the record from which the initial state is estimated; it is not scored (default 5 % of "
-    "the record, 50 to 300 samples).",
-)
-@click.option(
-    "--refit",
-    is_flag=True,
-    help="Also estimate the coefficients of the answer again, from RECORD alone, and compare; it takes as long as identify.",
-)
+@grouped(ScoringOptions, "scoring")
 @folder_option(VALIDATION)
 @json_option("validation.json")
 def validate(
-    source: RecordOptions, answer: Path, burn: float | None, refit: bool, output: Path | None, as_json: bool
+    source: RecordOptions, answer: Path, scoring: ScoringOptions, output: Path | None, as_json: bool
 ) -> int:
     """Predict RECORD with an identified structure, and report where and by how much the prediction is wrong.
 
@@ -60,11 +68,10 @@ def validate(
     source.refuse_unknown_errors()
     subject = answers.ValidatedAnswer.of(answer)
     if subject.warning and not answer.is_dir():  # that of a folder is a finding
-        tell(f"note: {answer}: {subject.warning}")
-    for remark in source.masses_beside(subject.structure):
-        tell(f"note: {remark}")
+        note(f"{answer}: {subject.warning}")
+    note(*source.masses_beside(subject.structure))
     with progress("reading") as step:
         record = source.read_motion_of(subject.structure)
         corrected = source.removed_errors(record)
-        validation = lw.validate(record, answer, burn=burn, corrected=corrected, refit=refit, progress=step)
+        validation = lw.validate(record, answer, corrected=corrected, progress=step, **vars(scoring))
     return deliver(validation, output, as_json=as_json)

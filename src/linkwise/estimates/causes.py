@@ -115,12 +115,7 @@ class Cause:
     @property
     def description(self) -> str:
         """In words, with its size."""
-        size = abs(self.size)
-        larger, later, above, faster = (
-            ("larger", "later", "above", "fast")
-            if self.size > 0.0
-            else ("smaller", "earlier", "below", "slow")
-        )
+        size, number = abs(self.size), 0 if self.size > 0.0 else 1
         return CAUSE_KINDS.lookup(self.kind).text.format(
             self,
             size=size,
@@ -130,10 +125,10 @@ class Cause:
             size_ms=1e3 * size,
             plural="" if self.size == 1.0 else "s",
             remark=f" ({self.remark})" if self.remark else "",
-            larger=larger,
-            later=later,
-            above=above,
-            faster=faster,
+            larger=("larger", "smaller")[number],
+            later=("later", "earlier")[number],
+            above=("above", "below")[number],
+            faster=("fast", "slow")[number],
         )
 
     @property
@@ -347,11 +342,8 @@ class UnseenTerm:
 
 def unseen_remark(terms: Sequence[UnseenTerm]) -> tuple[str, ...]:
     """What is told of `unseen_terms`: a sentence on terms, and one on masses; nothing without any."""
-    masses = [term for term in terms if term.is_mass]
-    return (
-        *_remark([term for term in terms if not term.is_mass], "laws", "terms", _OF_TERMS),
-        *_remark(masses, "masses", "masses", _OF_MASSES),
-    )
+    masses, laws = ([term for term in terms if term.is_mass is which] for which in (True, False))
+    return (*_remark(laws, "laws", "terms", _OF_TERMS), *_remark(masses, "masses", "masses", _OF_MASSES))
 
 
 def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) -> tuple[str, ...]:
@@ -498,9 +490,8 @@ class RandomForceEstimate:
         unit = f"{self.unit}/sqrt(Hz)" if self.ambient else self.unit
         limit = "" if self.upper_limit is None else f"is below {self.upper_limit:.2g} {unit} (95 %)"
         if limit and self.deviation == 0.0:
-            return (
-                f"No {'ambient force on' if self.ambient else 'noise of'} {self.where} was found: it {limit}."
-            )
+            kind = "ambient force on" if self.ambient else "noise of"
+            return f"No {kind} {self.where} was found: it {limit}."
         size = self.spectral_density if self.ambient else self.deviation
         kind = "An ambient force on" if self.ambient else "Noise of"
         chance = f"; it may be chance, and {limit}" if limit else ""
@@ -594,9 +585,7 @@ class NoiseEstimate:
         NoiseEstimate
             The noise.
         """
-        motion = power - sigma**2
-        if sigma > 0.0:
-            return cls(
-                float(sigma), unit, float(10.0 * np.log10(motion / sigma**2)) if motion > 0.0 else -np.inf
-            )
-        return cls(float(sigma), unit, np.inf)
+        motion = max(0.0, power - sigma**2)
+        with np.errstate(divide="ignore"):  # of noise alone
+            ratio = float(10.0 * np.log10(motion / sigma**2)) if sigma > 0.0 else np.inf
+        return cls(float(sigma), unit, ratio)

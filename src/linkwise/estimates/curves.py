@@ -224,9 +224,8 @@ def force_loop(estimate: Estimate, name: str) -> ForceLoop:
     elif link.law.is_plain:
         force = link.force(d, v)
     else:
-        raise StructureError(
-            "the force of a link with states or signals is not known without these", f'link "{name}"'
-        )
+        message = "the force of a link with states or signals is not known without these"
+        raise StructureError(message, f'link "{name}"')
     measured = None if motion.measured_force is None else motion.measured_force[:count, index]
     return ForceLoop(d, v, np.asarray(force), measured, estimate.record.step)
 
@@ -244,10 +243,9 @@ def fitted_channels(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
     """
     motion, record = estimate.motion, estimate.record
     if motion.residuals:
-        left = {
-            name: estimate.noise[name].sigma * one[: len(record)] for name, one in motion.residuals.items()
-        }
-        return {name: (record.channel(name), record.channel(name) - one) for name, one in left.items()}
+        scaled = ((name, estimate.noise[name].sigma * one) for name, one in motion.residuals.items())
+        left = ((record.channel(name), name, one[: len(record)]) for name, one in scaled)
+        return {name: (samples, samples - one) for samples, name, one in left}
     if motion.measured_force is None or motion.identified_force is None:
         return {}
     names = [f"f:{link.name}" for link in motion.structure.links]
@@ -346,15 +344,13 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     phase = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
     d, v = np.outer(a, np.sin(phase)), omega * np.outer(a, np.cos(phase))
     partials = link.link.law.partials(d, v, link.link.values)
-    slopes = [np.broadcast_to(partials.by_coefficient[name], d.shape) for name in link.free]
+    slopes = np.array([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in link.free])
+    slopes = slopes.reshape(-1, *d.shape)
     results = []
     for harmonic, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
         weight = 2.0 * harmonic / _POINTS
         value = partials.force @ weight / unit
-        gradient = (
-            np.stack([slope @ weight / unit for slope in slopes], axis=1) if slopes else np.zeros((len(a), 0))
-        )
-        results += [value, _band(value, gradient, link)]
+        results += [value, _band(value, (slopes @ weight / unit).T, link)]
     return Equivalent(a, *results)
 
 

@@ -63,23 +63,17 @@ else:  # not a requirement
 
 def coefficient_document(coefficient: CoefficientEstimate) -> dict[str, Any]:
     """A coefficient as plain data: value, unit and, of unknown ones, standard error and interval."""
-    document: dict[str, Any] = {
-        "value": coefficient.value,
-        "unit": coefficient.unit,
-        "known": coefficient.known,
-    }
-    if not coefficient.known:
-        document["standard_error"] = coefficient.standard_error
-        document["interval"] = None if coefficient.interval is None else list(coefficient.interval)
-    return document
+    document = {"value": coefficient.value, "unit": coefficient.unit, "known": coefficient.known}
+    found = {"standard_error": coefficient.standard_error, "interval": _ends(coefficient.interval)}
+    return document if coefficient.known else document | found
+
+
+def _ends(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
 
 
 def _derived(quantity: DerivedQuantity) -> dict[str, Any]:
-    return {
-        "value": quantity.value,
-        "unit": quantity.unit,
-        "interval": None if quantity.interval is None else list(quantity.interval),
-    }
+    return {"value": quantity.value, "unit": quantity.unit, "interval": _ends(quantity.interval)}
 
 
 def link_document(link: LinkEstimate) -> dict[str, Any]:
@@ -94,13 +88,11 @@ def link_document(link: LinkEstimate) -> dict[str, Any]:
         "range": {"d": list(link.d_range), "v": list(link.v_range)},
     }
     if link.link.law.states:
-        units = link.link.law.state_units
-        document["states"] = {
-            rate.name: {"rate": rate.text, "unit": units[rate.name].replace("?", "")}
-            for rate in link.link.law.rates
-        }
+        units = {name: unit.replace("?", "") for name, unit in link.link.law.state_units.items()}
+        rates = link.link.law.rates
+        document["states"] = {rate.name: {"rate": rate.text, "unit": units[rate.name]} for rate in rates}
     if link.wells:
-        document["wells"] = [{"d": well.value, "interval": _derived(well)["interval"]} for well in link.wells]
+        document["wells"] = [{"d": well.value, "interval": _ends(well.interval)} for well in link.wells]
         document["in_well_frequencies"] = [_derived(frequency) for frequency in link.frequencies]
     if link.barrier is not None:
         document["barrier"] = _derived(link.barrier)
@@ -112,12 +104,9 @@ def mode_document(mode: LinkEstimate, shapes: Sequence[CoefficientEstimate] = ()
     point.
     """
     coefficients = {c.name.key: coefficient_document(c) for c in mode.coefficients}
-    own = {
-        c.name.key.removeprefix(SHAPE): coefficient_document(c)
-        for c in shapes
-        if c.name.owner == mode.link.name
-    }
-    return {"name": mode.link.name, **coefficients, **({"shape": own} if own else {})}
+    own = [c for c in shapes if c.name.owner == mode.link.name]
+    shape = {c.name.key.removeprefix(SHAPE): coefficient_document(c) for c in own}
+    return {"name": mode.link.name, **coefficients, **({"shape": shape} if shape else {})}
 
 
 _REFUSED = "No interval is given."
@@ -273,11 +262,8 @@ class Estimate(JudgedView):
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts on the fit and on the identified laws."""
-        laws = (
-            (Verdict.COVARIANCE_NOT_POSITIVE, self._has_negative_variance),
-            (Verdict.ENERGY_FED, bool(self.supplies)),
-        )
-        return (*self.fit_verdicts, *(verdict for verdict, holds in laws if holds))
+        negative = (Verdict.COVARIANCE_NOT_POSITIVE,) if self._has_negative_variance else ()
+        return (*self.fit_verdicts, *negative, *((Verdict.ENERGY_FED,) if self.supplies else ()))
 
     @property
     def _has_negative_variance(self) -> bool:
@@ -292,13 +278,12 @@ class Estimate(JudgedView):
         """Mean power in W of links that supply energy to the motion, by name; empty without trusted intervals."""
         if not (self.intervals and admit_intervals(self.fit_verdicts)):
             return {}
-        powers = {
-            link.name: supplied_power(
-                link, *self._free_coefficients(index), self.motion.d[:, index], self.motion.v[:, index]
-            )
-            for index, link in self._judged
-            if self._free_coefficients(index)[0] and link.law.is_plain
-        }
+        powers = {}
+        for index, link in self._judged:
+            free, covariance = self._free_coefficients(index)
+            if free and link.law.is_plain:
+                d, v = self.motion.d[:, index], self.motion.v[:, index]
+                powers[link.name] = supplied_power(link, free, covariance, d, v)
         return {name: power for name, power in powers.items() if power is not None}
 
     @cached_property
@@ -312,11 +297,9 @@ class Estimate(JudgedView):
     def explanation(self) -> str:
         """`message`, the advice of verdicts on the identified laws, and what intervals are beside more than noise."""
         advice = (verdict.value for verdict in self.verdicts if verdict not in self.fit_verdicts)
-        consequence = {
-            Grade.REFUSED: (_REFUSED,),
-            Grade.APPROXIMATE: (_APPROXIMATE,) if self.approximate else (),
-        }
-        return " ".join([self.message, *advice, *consequence.get(self.grade, ())])
+        of_approximate = _APPROXIMATE if self.approximate else ""
+        consequence = {Grade.REFUSED: _REFUSED, Grade.APPROXIMATE: of_approximate}.get(self.grade, "")
+        return " ".join(filter(None, [self.message, *advice, consequence]))
 
     @property
     def status(self) -> str:
@@ -383,9 +366,8 @@ class Estimate(JudgedView):
         if not self.added:
             return ()
         causes = " and ".join(cause.description for cause in self.added)
-        return (
-            f"Laws as stated leave more than noise; beside {causes}, which was taken into the model, they leave noise alone.",
-        )
+        beside = f"beside {causes}, which was taken into the model, they leave noise alone"
+        return (f"Laws as stated leave more than noise; {beside}.",)
 
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
@@ -521,16 +503,11 @@ class Estimate(JudgedView):
         if other is None:
             return "", [], []
         laws = self._laws_of(other)
-        asked = [
-            f"{link.name} ({' - '.join(link.between)}): {laws[link.name]}"
-            for link in other.given_structure.links
-            if link.name in laws
-        ]
-        asked += [
-            f"{cause.where}, {cause.remark.rpartition(': each is taken as ')[2] or 'unknown'}"
-            for cause in other.added
-            if cause.is_instrument
-        ]
+        links = [link for link in other.given_structure.links if link.name in laws]
+        asked = [f"{link.name} ({' - '.join(link.between)}): {laws[link.name]}" for link in links]
+        for cause in (cause for cause in other.added if cause.is_instrument):
+            known = cause.remark.rpartition(": each is taken as ")[2]
+            asked.append(f"{cause.where}, {known}" if known else f"{cause.where} unknown")
         unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
         told = [cause.label for cause in other.added if not cause.remark]
         open_ = [replace(cause, remark="").label for cause in other.added if cause.remark and cause.size]
@@ -604,48 +581,40 @@ class Estimate(JudgedView):
 
     @cached_property
     def _coefficients(self) -> dict[str, CoefficientEstimate]:
-        return {
-            coefficient.name: coefficient
-            for coefficient in (
-                *(c for link in self._every_link for c in link.coefficients),
-                *self.masses,
-                *self.shapes,
-            )
-        }
+        of_links = (c for link in self._every_link for c in link.coefficients)
+        return {c.name: c for c in (*of_links, *self.masses, *self.shapes)}
 
     @cached_property
     def _parameter_index(self) -> dict[tuple[int, str], int]:
-        return {
-            member: number for number, parameter in enumerate(self.parameters) for member in parameter.members
-        }
+        return {member: number for number, one in enumerate(self.parameters) for member in one.members}
 
     def _coefficient(self, name: Name, index: int, unit: str, value: float) -> CoefficientEstimate:
         number = self._parameter_index.get((index, name.key))
         if number is None:
             return CoefficientEstimate(name, value, unit, known=True)
         told = self.grade is not Grade.REFUSED and self.free[number]
-        identified = told and name.owner not in self.links_in_doubt
-        if not identified:
+        if not told or name.owner in self.links_in_doubt:
             return CoefficientEstimate(name, value, unit, known=False)
         error = float(np.sqrt(max(self.covariance[number, number], 0.0)))
-        if not self.intervals:
-            return CoefficientEstimate(name, value, unit, False, error)
         half = NORMAL_95 * error
-        return CoefficientEstimate(name, value, unit, False, error, (value - half, value + half))
+        interval = (value - half, value + half) if self.intervals else None
+        return CoefficientEstimate(name, value, unit, False, error, interval)
 
     def _link(self, index: int) -> LinkEstimate:
         link = self.structure.links[index]
         free, covariance = self._free_coefficients(index)
         told = self.grade is not Grade.REFUSED and self.intervals
         has_intervals = told and link.name not in self.links_in_doubt
+        units, values, v = link.law.units, link.values, self.motion.v[:, index]
+        coefficients = (
+            self._coefficient(Name(link.name, key), index, units[key], values[key])
+            for key in link.coefficients
+        )
         return LinkEstimate(
             link=link,
-            coefficients=tuple(
-                self._coefficient(Name(link.name, name), index, link.law.units[name], link.values[name])
-                for name in link.coefficients
-            ),
+            coefficients=tuple(coefficients),
             d_range=(float(self.motion.d_range[index, 0]), float(self.motion.d_range[index, 1])),
-            v_range=(float(np.nanmin(self.motion.v[:, index])), float(np.nanmax(self.motion.v[:, index]))),
+            v_range=(float(np.nanmin(v)), float(np.nanmax(v))),
             free=free,
             covariance=covariance if has_intervals else None,
             moving_mass=moving_mass(self.structure, index),
@@ -653,14 +622,11 @@ class Estimate(JudgedView):
 
     def _free_coefficients(self, index: int) -> tuple[tuple[str, ...], Floats]:
         """Unknown coefficients of a link (q,) and their covariance (q, q)."""
-        numbers = {
-            name: self._parameter_index[index, name]
-            for name in self.given_structure.links[index].coefficients
-            if (index, name) in self._parameter_index
-        }
-        which = np.array(list(numbers.values()), dtype=int)
+        names = self.given_structure.links[index].coefficients
+        free = tuple(name for name in names if (index, name) in self._parameter_index)
+        which = np.array([self._parameter_index[index, name] for name in free], dtype=int)
         block = self.covariance[np.ix_(which, which)] if len(which) else np.zeros((0, 0))
-        return tuple(numbers), np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
+        return free, np.asarray(block if isinstance(block, np.ndarray) else block.toarray())
 
 
 class Estimator(ABC):
@@ -726,9 +692,8 @@ class Estimator(ABC):
             If there are several.
         """
         if len(records) > 1:
-            raise IdentificationError(
-                f'several records are for method "ml", not for "{self.method}", which takes one; got {len(records)}'
-            )
+            message = f'several records are for method "ml", not for "{self.method}", which takes one; got {len(records)}'
+            raise IdentificationError(message)
         return records[0]
 
 
@@ -750,22 +715,17 @@ def _verdict(estimate: Estimate) -> str:
 def _shapes(estimate: Estimate) -> str:
     """The shapes that moved farthest from what was known of them, in its standard deviations."""
     known = {p.name: (p.start or 0.0, p.sigma) for p in estimate.parameters}
-    moved = sorted(
-        (
-            (abs(shape.value - known[shape.name][0]) / known[shape.name][1], shape)
-            for shape in estimate.shapes
-        ),
-        key=lambda pair: -pair[0],
-    )
-    lines = [
-        "shapes",
-        *align_columns(
-            [COEFFICIENT_HEAD, *(coefficient_row(shape, shape.name) for _, shape in moved[:_SHAPES])]
-        ),
-    ]
-    if len(moved) > _SHAPES:
+
+    def moved(shape: CoefficientEstimate) -> float:
+        start, sigma = known[shape.name]
+        return abs(shape.value - start) / sigma
+
+    shapes = sorted(estimate.shapes, key=moved, reverse=True)
+    rows = (coefficient_row(shape, shape.name) for shape in shapes[:_SHAPES])
+    lines = ["shapes", *align_columns([COEFFICIENT_HEAD, *rows])]
+    if len(shapes) > _SHAPES:
         lines.append(
-            f"  ... and {len(moved) - _SHAPES} more, which moved by {moved[_SHAPES][0]:.2g} of their standard deviation "
+            f"  ... and {len(shapes) - _SHAPES} more, which moved by {moved(shapes[_SHAPES]):.2g} of their standard deviation "
             "beforehand or less; the result folder lists all of them"
         )
     return "\n".join(lines)
@@ -792,15 +752,11 @@ def _profiles(estimate: Estimate) -> str:
 
 def _noise(estimate: Estimate) -> str:
     channels = list(estimate.noise.items())
-    rows = [
-        (
-            name,
-            f"{noise.sigma:.3g} {noise.unit}",
-            f"{noise.snr_db:.1f} dB" if isfinite(noise.snr_db) else "no noise",
-        )
-        for name, noise in channels[:_MANY]
-    ]
-    lines = align_columns([("noise", "deviation", "signal/noise"), *rows])
+    rows = [("noise", "deviation", "signal/noise")]
+    for name, noise in channels[:_MANY]:
+        ratio = f"{noise.snr_db:.1f} dB" if isfinite(noise.snr_db) else "no noise"
+        rows.append((name, f"{noise.sigma:.3g} {noise.unit}", ratio))
+    lines = align_columns(rows)
     if len(channels) > _MANY:
         lines.append(f"... and {len(channels) - _MANY} more channels")
     return "\n".join(lines)

@@ -63,10 +63,8 @@ def _dissipated(link: Link, free: Sequence[str], d: Floats, v: Floats) -> tuple[
     """The power (R,) that a link dissipates, and its derivatives (q, R) by the `free` coefficients."""
     moving, resting = (link.law.partials(d, rate, link.values) for rate in (v, np.zeros_like(v)))
     power = np.broadcast_to((moving.force - resting.force) * v, v.shape)
-    slopes = [
-        np.broadcast_to((moving.by_coefficient[name] - resting.by_coefficient[name]) * v, v.shape)
-        for name in free
-    ]
+    differences = (moving.by_coefficient[name] - resting.by_coefficient[name] for name in free)
+    slopes = [np.broadcast_to(difference * v, v.shape) for difference in differences]
     finite = np.isfinite(power) & np.isfinite(slopes).all(axis=0)
     return power[finite], np.array(slopes)[:, finite]
 
@@ -82,11 +80,9 @@ def bound_findings(parameters: Sequence[Parameter], free: Bools, structure: Stru
         if not is_free:
             named = [named_law_of(structure.links[index].law) for index, _ in parameter.members if index >= 0]
             wider = next((law.wider for law in named if law is not None and law.wider), "")
-            advice = (
-                f'the law "{wider}" has no such bound, and takes loops that this one cannot have'
-                if wider
-                else "widen the bound if it is not physical"
-            )
+            advice = "widen the bound if it is not physical"
+            if wider:
+                advice = f'the law "{wider}" has no such bound, and takes loops that this one cannot have'
             yield f"{parameter.name} was stopped by its bound and has no interval; {advice}."
 
 
@@ -134,25 +130,21 @@ def _extrapolated(link: LinkEstimate) -> Iterator[str]:
     if not link.wells or not link.free:
         return
     (low, high), unit = link.d_range, link.link.law.motion_units[0]
-    inside = [well.value for well in link.wells if low <= well.value <= high]
+    name, visited = link.link.name, f"(d from {low:.4g} to {high:.4g} {unit})"
+    positions = [well.value for well in link.wells]
+    inside = [position for position in positions if low <= position <= high]
     if len(inside) == 1:
         yield (
-            f"{link.link.name} never left the well at {inside[0]:+.4g} {unit} (d from {low:.4g} to {high:.4g} {unit}): its "
-            "barrier and its other wells are extrapolated. Use a stronger excitation."
-        )
-    elif 1 < len(inside) < len(link.wells):
-        missed = ", ".join(
-            f"{well.value:+.4g} {unit}" for well in link.wells if not low <= well.value <= high
-        )
-        yield (
-            f"{link.link.name} never reached the well at {missed} (d from {low:.4g} to {high:.4g} {unit}), which is "
-            "extrapolated."
+            f"{name} never left the well at {inside[0]:+.4g} {unit} {visited}: its barrier and its other wells are "
+            "extrapolated. Use a stronger excitation."
         )
     elif not inside:
         yield (
-            f"{link.link.name} reached none of its wells (d from {low:.4g} to {high:.4g} {unit}): they are extrapolated. "
-            "Record until it comes to rest, or start it from a well."
+            f"{name} reached none of its wells {visited}: they are extrapolated. Record until it comes to rest, or start it "
+            "from a well."
         )
+    elif missed := ", ".join(f"{position:+.4g} {unit}" for position in positions if position not in inside):
+        yield f"{name} never reached the well at {missed} {visited}, which is extrapolated."
 
 
 def _correlated(link: LinkEstimate) -> Iterator[str]:

@@ -162,9 +162,7 @@ class LinkEstimate(NotebookView):
         rows += [_derived_row(well, f"well {i}") for i, well in enumerate(self.wells, start=1)]
         if self.barrier is not None:
             rows.append(_derived_row(self.barrier, "barrier"))
-        rows += [
-            _derived_row(frequency, f"frequency {i}") for i, frequency in enumerate(self.frequencies, start=1)
-        ]
+        rows += [_derived_row(one, f"frequency {i}") for i, one in enumerate(self.frequencies, start=1)]
         head = f"{self.link.name} ({' - '.join(self.link.between)}): {self.link.law.text}"
         d_low, d_high, v_low, v_high = (f"{end:.4g}" for end in (*self.d_range, *self.v_range))
         of_d, of_v = self.link.law.motion_units
@@ -209,23 +207,16 @@ class LinkEstimate(NotebookView):
     @cached_property
     def wells(self) -> tuple[DerivedQuantity, ...]:
         """Stable equilibria in m of a law with two wells or more; empty for others."""
-        positions = self._searched(wells)
-        if positions is None or len(positions) < 2:
-            return ()
-        return tuple(
-            self._derived("well", self.link.law.motion_units[0], value, partial(_well_near, value))
-            for value in positions
-        )
+        positions, unit = self._searched(wells) or (), self.link.law.motion_units[0]
+        found = (self._derived("well", unit, value, partial(_well_near, value)) for value in positions)
+        return tuple(found) if len(positions) > 1 else ()
 
     @cached_property
     def barrier(self) -> DerivedQuantity | None:
         """Energy in J to leave the deepest well; None with fewer than two wells."""
         ends = self._searched(lowest_escape)
-        if ends is None:
-            return None
-        return self._derived(
-            "barrier", "J", _energy_difference(ends, self.link), partial(_energy_difference, ends)
-        )
+        of = partial(_energy_difference, ends or (0.0, 0.0))
+        return self._derived("barrier", "J", of(self.link), of) if ends else None
 
     @cached_property
     def frequencies(self) -> tuple[DerivedQuantity, ...]:
@@ -233,9 +224,7 @@ class LinkEstimate(NotebookView):
         if not np.isfinite(self.moving_mass):
             return ()
         frequencies = [partial(_frequency_near, well.value, self.moving_mass) for well in self.wells]
-        return tuple(
-            self._derived("frequency", "Hz", frequency(self.link), frequency) for frequency in frequencies
-        )
+        return tuple(self._derived("frequency", "Hz", of(self.link), of) for of in frequencies)
 
     @property
     def _reach(self) -> tuple[float, float]:
@@ -271,12 +260,8 @@ class LinkEstimate(NotebookView):
 
 def _well_near(position: float, link: Link) -> float:
     """The well near `position` after a small change of the coefficients: one Newton step."""
-    stiffness = float(link.stiffness(position))
-    return (
-        position - float(link.force(position, 0.0, link.zero_states)) / stiffness
-        if stiffness > 0.0
-        else np.nan
-    )
+    stiffness, force = float(link.stiffness(position)), float(link.force(position, 0.0, link.zero_states))
+    return position - force / stiffness if stiffness > 0.0 else np.nan
 
 
 def _frequency_near(position: float, mass: float, link: Link) -> float:
@@ -365,11 +350,8 @@ class LinkMotion:
             return None
         incidence = self.structure.incidence
         share = np.full(self.d.shape, np.nan)
-        if (
-            self.structure.size <= _DENSE
-            and not np.isnan(residual).any()
-            and _determines_forces(incidence.toarray())
-        ):
+        solved_for = self.structure.size <= _DENSE and not np.isnan(residual).any()
+        if solved_for and _determines_forces(incidence.toarray()):
             share = np.linalg.lstsq(incidence.toarray(), residual.T)[0].T
         else:
             rows = incidence.tocsr()

@@ -97,17 +97,13 @@ class Posterior:
             )
         dense = estimate.covariance
         covariance = dense if isinstance(dense, np.ndarray) else dense.toarray()
-        members = [
-            (number, _name(estimate.structure, slot))
-            for number, (parameter, free) in enumerate(zip(estimate.parameters, estimate.free, strict=True))
-            if free
-            for slot in parameter.members
-        ]
+        free = np.flatnonzero(estimate.free).tolist()
+        members = [(number, slot) for number in free for slot in estimate.parameters[number].members]
         which = np.array([number for number, _ in members], dtype=int)
         dropped = estimate.for_dropped_terms
         return cls(
             estimate.structure,
-            tuple(name for _, name in members),
+            tuple(_name(estimate.structure, slot) for _, slot in members),
             np.ascontiguousarray(covariance[np.ix_(which, which)]),
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),
@@ -158,17 +154,15 @@ class Posterior:
         values, vectors = np.linalg.eigh(self.covariance / np.outer(unit, unit))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         rng = np.random.default_rng(seed)
-        accepted, inside = np.empty((0, len(self.names))), 0
+        accepted = np.empty((0, len(self.names)))
         for _ in range(_TRIES):
             proposed = self.values + (rng.standard_normal((count, len(self.names))) @ root.T) * unit
-            accepted = np.vstack(
-                [accepted, proposed[np.all((proposed >= self.lower) & (proposed <= self.upper), axis=1)]]
-            )
-            inside = len(accepted)
-            if inside >= count:
+            inside = np.all((proposed >= self.lower) & (proposed <= self.upper), axis=1)
+            accepted = np.vstack([accepted, proposed[inside]])
+            if len(accepted) >= count:
                 return accepted[:count]
         raise IdentificationError(
-            f"of {_TRIES * count} draws only {inside} lie within the bounds of the coefficients: the estimate is too "
+            f"of {_TRIES * count} draws only {len(accepted)} lie within the bounds of the coefficients: the estimate is too "
             "uncertain for draws; use a longer record, or one with less noise"
         )
 
@@ -286,11 +280,8 @@ def _require_unedited(folder: Path, structure: Structure) -> None:
         written = {f"the mass of {name}": mass["value"] for name, mass in result["masses"].items()}
         written |= {f"the law of {name}": str(link["law"]) for name, link in links.items()}
         written |= {f"between of {name}": tuple(link["between"]) for name, link in links.items()}
-        written |= {
-            f"{name}.{key}": coefficient["value"]
-            for name, link in links.items()
-            for key, coefficient in link["coefficients"].items()
-        }
+        for name, link in links.items():
+            written |= {f"{name}.{key}": value["value"] for key, value in link["coefficients"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return  # a covariance that was written without a result
     stated: dict[str, object] = {f"the mass of {mass.name}": mass.mass.value for mass in structure.masses}
@@ -323,10 +314,8 @@ def _entry(path: Path, number: int, line: list[str]) -> tuple[Name, Name, float,
         row, column = (Name.parse(from_csv_cell(cell)) for cell in (first, second))
         return row, column, float(value), float(dropped)
     except ValueError:
-        text = ",".join(line)
-        raise RecordError(
-            f"{text!r} is not two coefficients and a number ({','.join(_HEADER)})", path, number
-        ) from None
+        message = f"{','.join(line)!r} is not two coefficients and a number ({','.join(_HEADER)})"
+        raise RecordError(message, path, number) from None
 
 
 def _missing(folder: Path) -> str:
@@ -339,18 +328,12 @@ def _missing(folder: Path) -> str:
         return "there is no such file, and no result of identify either; give a structure file or a folder that identify wrote"
     if status != Verdict.CONVERGED.status:
         reason = f" ({status})" if status in STATUSES else ""
-        return (
-            f"there is no covariance, since the estimate is not to be trusted{reason}; identify again, or give its "
-            "structure.toml"
-        )
-    if without_intervals:
-        return (
-            'there is no covariance, since the method gives none; identify with method "ml" or "weak", or give its '
-            "structure.toml"
-        )
-    return (
-        "there is no covariance in this folder; identify again with this version, or give its structure.toml"
-    )
+        why = f", since the estimate is not to be trusted{reason}; identify again"
+    elif without_intervals:
+        why = ', since the method gives none; identify with method "ml" or "weak"'
+    else:
+        why = " in this folder; identify again with this version"
+    return f"there is no covariance{why}, or give its structure.toml"
 
 
 def _name(structure: Structure, slot: tuple[int, str]) -> Name:

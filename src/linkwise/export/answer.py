@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from pkgutil import resolve_name
+from typing import Literal
 
 import numpy as np
 
@@ -61,11 +62,9 @@ class ExportedAnswer:
             notes.append("It has no standard errors, since the answer gives none.")
         if any(host.damping for host in given.structure.hosts):
             notes.append("An end HOST.-modeN moves as minus mode N of the host: damping between modes.")
-        if rotations := given.structure.rotations:
-            notes.append(
-                f"Rotations in rad: {', '.join(rotations)}; masses there are moments of inertia in kg m^2, and links "
-                "moments in N m."
-            )
+        if turning := ", ".join(given.structure.rotations):
+            what = "masses there are moments of inertia in kg m^2, and links moments in N m"
+            notes.append(f"Rotations in rad: {turning}; {what}.")
         note = " ".join(notes)
         return cls(given.structure, names, covariance, note, version("linkwise"), given.grade, given.warning)
 
@@ -87,10 +86,10 @@ class ExportedAnswer:
     @property
     def points(self) -> dict[str, dict[str, float]]:
         """For each point of a host the shapes of its modes there."""
-        return {
-            point: {name: part for name, part in zip(self.structure.mass_names, row, strict=True) if part}
-            for point, row in zip(self.structure.points, self.shapes.tolist(), strict=True)
-        }
+        modes = self.structure.mass_names
+        shapes = [dict(zip(modes, row, strict=True)) for row in self.shapes.tolist()]
+        moving = [{mode: part for mode, part in shape.items() if part} for shape in shapes]
+        return dict(zip(self.structure.points, moving, strict=True))
 
     @property
     def coefficients(self) -> tuple[ExportedCoefficient, ...]:
@@ -98,11 +97,8 @@ class ExportedAnswer:
         deviations = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         errors = dict(zip(self.names, deviations.tolist(), strict=True))
         rows = [(mass.name, "mass", mass.mass.value, mass.mass_unit) for mass in self.structure.masses]
-        rows += [
-            (link.name, name, value, link.law.units[name])
-            for link in self.structure.links
-            for name, value in link.values.items()
-        ]
+        for link in self.structure.links:
+            rows += [(link.name, name, value, link.law.units[name]) for name, value in link.values.items()]
         return tuple(
             ExportedCoefficient(owner, name, value, unit, errors.get(f"{owner}.{name}"))
             for owner, name, value, unit in rows
@@ -145,13 +141,24 @@ def export_answer(answer: Structure | Estimate | Posterior | str | Path, path: s
     ...     [line for line in path.read_text().splitlines() if line.startswith("def ")]
     ['def force_spring1(d, v, *, k=30000.0, c=1.0):', 'def force_nes1(d, v, *, alpha=-100.0, beta=1000000.0, c=0.02):']
     """
-    expect("export_answer(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
-    expect("export_answer(answer, path): path", path, str, Path)
+    return written(answer, path, EXPORTS, "answer", lambda content: content)
+
+
+def written(
+    answer: Structure | Estimate | Posterior | str | Path,
+    path: str | Path,
+    formats: Mapping[str, ExportFormat],
+    what: Literal["answer", "equations"],
+    content: Callable[[ExportedAnswer], object],
+) -> Path:
+    """Write what `content` makes of an answer to a file, in the format of its suffix, for the function ``export_WHAT``."""
+    expect(f"export_{what}(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
+    expect(f"export_{what}(answer, path): path", path, str, Path)
     path = Path(path)
-    write = format_writer(path, EXPORTS, "answers")
-    content = ExportedAnswer.of(answer)
+    write = format_writer(path, formats, "answers" if what == "answer" else what)
+    exported = content(ExportedAnswer.of(answer))
     with atomic_file(path) as partial:
-        write(content, partial, path.stem)
+        write(exported, partial, path.stem)
     return path
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from linkwise.errors import expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.export.answer import ExportedAnswer, ExportFormat, format_writer, identifiers
+from linkwise.export.answer import ExportedAnswer, ExportFormat, identifiers, written
 from linkwise.expression import (
     Expression,
     Number,
@@ -31,7 +30,6 @@ from linkwise.model.law import as_link_states
 from linkwise.model.link import BASE, Link
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.model.topology import Weights
-from linkwise.output import atomic_file
 
 COMMON = "common:"
 """What the names of common subexpressions begin with; no name of a law does."""
@@ -184,20 +182,15 @@ class EquationsOfMotion:
     @cached_property
     def initial(self) -> list[float]:
         """The states (D,) at which a simulation begins without a release."""
-        links = self.structure.links
-        inside = [
-            as_link_states(links[number].states)[name].initial or 0.0
-            for number, name in self.structure.topology.states
-        ]
+        states = [as_link_states(link.states) for link in self.structure.links]
+        inside = [states[number][name].initial or 0.0 for number, name in self.structure.topology.states]
         return [0.0] * (2 * self.structure.size) + inside
 
     @cached_property
     def inputs(self) -> dict[str, str]:
         """The SI unit of each input (U,), by name."""
-        structure = self.structure
-        units = {
-            f"force:{place}": "N m" if place in structure.rotations else "N" for place in structure.places
-        }
+        structure, turning = self.structure, self.structure.rotations
+        units = {f"force:{place}": "N m" if place in turning else "N" for place in structure.places}
         units |= {f"x:{BASE}": "m", f"v:{BASE}": "m/s"} if structure.base_incidence.any() else {}
         return units | {f"signal:{name}": unit for name, unit in structure.signals.items()}
 
@@ -217,11 +210,8 @@ class EquationsOfMotion:
     @cached_property
     def shown(self) -> dict[str, Expression]:
         """Displacement and velocity of each mass and point (Y,), by name, in states."""
-        topology = self.structure.topology
-        weights = {place: topology.weights(topology.index[place]) for place in self.structure.places}
-        return {
-            f"{kind}:{place}": self._moved(kind, parts) for kind in "xv" for place, parts in weights.items()
-        }
+        places = [(name.removeprefix("force:"), weights) for name, weights in self._driven.items()]
+        return {f"{kind}:{place}": self._moved(kind, parts) for kind in "xv" for place, parts in places}
 
     @cached_property
     def rates(self) -> Assignments:
@@ -232,9 +222,8 @@ class EquationsOfMotion:
             for mass, part in parts:
                 forces[mass].append(multiply(Number(part), Symbol(name)))
         rates: list[Expression] = [Symbol(f"v:{mass}") for mass in structure.mass_names]
-        rates += [
-            multiply(add(*parts), power(mass, -1)) for parts, mass in zip(forces, self._masses, strict=True)
-        ]
+        onto = zip(forces, self._masses, strict=True)
+        rates += [multiply(add(*parts), power(mass, -1)) for parts, mass in onto]
         rates += [Symbol(f"rate of {name}") for name in list(self.states)[2 * structure.size :]]
         return Assignments.of(self._values, {(row,): rate for row, rate in enumerate(rates)}, self._notes)
 
@@ -277,11 +266,9 @@ class EquationsOfMotion:
         return self._summed(entries)
 
     def _summed(self, entries: Mapping[Place, Sequence[Expression]]) -> Assignments:
-        sums = {place: add(*parts) for place, parts in sorted(entries.items())}
+        sums = ((place, add(*parts)) for place, parts in sorted(entries.items()))
         values = self._values | {name: slope for name, slope in self._slopes.items() if slope != ZERO}
-        return Assignments.of(
-            values, {place: tree for place, tree in sums.items() if tree != ZERO}, self._notes
-        )
+        return Assignments.of(values, {place: tree for place, tree in sums if tree != ZERO}, self._notes)
 
     @property
     def _modes(self) -> frozenset[str]:
@@ -291,11 +278,8 @@ class EquationsOfMotion:
     def _sharing(self) -> dict[str, str]:
         """The coefficient that one is equal to, by name."""
         own = {f"{mass.name}.{MASS}": mass.mass for mass in self.structure.masses}
-        own |= {
-            f"{link.name}.{key}": value
-            for link in self.structure.links
-            for key, value in link.coefficients.items()
-        }
+        for link in self.structure.links:
+            own |= {f"{link.name}.{key}": value for key, value in link.coefficients.items()}
         return {name: value.same_as for name, value in own.items() if value.same_as is not None}
 
     def _leader(self, name: str) -> str:
@@ -332,17 +316,14 @@ class EquationsOfMotion:
     @cached_property
     def _slopes(self) -> dict[str, Expression]:
         """The derivatives of forces and rates of each link by its elongation, rate, states and signals, by name."""
-        return {
-            f"slope:{by}:{of}": substitute(differentiate(tree, variable), self._renamed(link))
-            for link in self.structure.links
-            for of, tree in _laws(link).items()
-            for by, variable in (
-                ("d", "d"),
-                ("v", "v"),
-                *((f"state:{link.name}.{state}", state) for state in link.law.states),
-                *((f"signal:{signal}", signal) for signal in link.law.signals),
-            )
-        }
+        slopes = {}
+        for link in self.structure.links:
+            variables = {"d": "d", "v": "v", **_inner(link)}
+            for of, tree in _laws(link).items():
+                for variable, by in variables.items():
+                    slope = substitute(differentiate(tree, variable), self._renamed(link))
+                    slopes[f"slope:{by}:{of}"] = slope
+        return slopes
 
     def _slope(self, of: str, by: str) -> Expression:
         name = f"slope:{by}:{of}"
@@ -373,9 +354,7 @@ class EquationsOfMotion:
 
     def _renamed(self, link: Link) -> dict[str, Expression]:
         """What the symbols of the laws of a link are called in those of the structure."""
-        names = {"d": f"d:{link.name}", "v": f"dv:{link.name}"}
-        names |= {state: f"state:{link.name}.{state}" for state in link.law.states}
-        names |= {signal: f"signal:{signal}" for signal in link.law.signals}
+        names = {"d": f"d:{link.name}", "v": f"dv:{link.name}", **_inner(link)}
         names |= {key: self._leader(f"{link.name}.{key}") for key in link.law.coefficients}
         return {key: Symbol(name) for key, name in names.items()}
 
@@ -406,14 +385,17 @@ class EquationsOfMotion:
         """A name for every symbol, in a language with these reserved words."""
         blocks = (self.rates, self.jacobian, self.input_jacobian)
         # a kind in front of every name, so that none is that of a macro or function of some library
-        kinds = {
-            name: f"{kind}_{name}"
-            for kind, names in (("p", self.parameters), ("u", self.inputs))
-            for name in names
-        }
-        values = dict.fromkeys(name for block in blocks for name in block.values)
-        chosen = identifiers([kinds.get(name, name) for name in (*self.states, *kinds, *values)], reserved)
-        return {name: chosen[kinds.get(name, name)] for name in (*self.states, *kinds, *values)}
+        kinds = {name: name for name in self.states}
+        kinds |= {name: f"p_{name}" for name in self.parameters} | {name: f"u_{name}" for name in self.inputs}
+        kinds |= {name: kinds.get(name, name) for block in blocks for name in block.values}
+        chosen = identifiers(kinds.values(), reserved)
+        return {name: chosen[kind] for name, kind in kinds.items()}
+
+
+def _inner(link: Link) -> dict[str, str]:
+    """The states and signals in the laws of a link, and what they are called in those of the structure."""
+    names = {state: f"state:{link.name}.{state}" for state in link.law.states}
+    return names | {signal: f"signal:{signal}" for signal in link.law.signals}
 
 
 def _laws(link: Link) -> dict[str, Expression]:
@@ -516,11 +498,4 @@ def export_equations(answer: Structure | Estimate | Posterior | str | Path, path
     >>> module["rhs"](0.0, [0.001, 0.0, 0.0, 0.0], [2.0, 0.0]).tolist()
     [0.0, 0.0, -27.901, -9.9]
     """
-    expect("export_equations(answer, path): answer", answer, Structure, Estimate, Posterior, str, Path)
-    expect("export_equations(answer, path): path", path, str, Path)
-    path = Path(path)
-    write = format_writer(path, EQUATIONS, "equations")
-    equations = EquationsOfMotion(ExportedAnswer.of(answer))
-    with atomic_file(path) as partial:
-        write(equations, partial, path.stem)
-    return path
+    return written(answer, path, EQUATIONS, "equations", EquationsOfMotion)

@@ -41,11 +41,8 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
     """Write the unit, which has the `name` of its file. OutputError where the compiler of the machine refuses the sources."""
     (model,) = identifiers([name], KEYWORDS).values()
     content = CoSimulationUnit.of(equations)
-    code = content.source()
-    contents = {
-        "modelDescription.xml": content.description(model),
-        f"sources/{model}.c": code.encode("ascii"),
-    }
+    code, description = content.source(), content.description(model)
+    contents = {"modelDescription.xml": description, f"sources/{model}.c": code.encode("ascii")}
     platform, suffix = _PLATFORMS.get(sys.platform, _PLATFORMS["linux"])
     binary = _compiled(code, suffix)
     if binary is not None:
@@ -110,10 +107,8 @@ class CoSimulationUnit:
             for (name, unit), start in zip(equations.states.items(), equations.initial, strict=True)
         ]
         variables += [_Variable(name, unit, "input", 0.0) for name, unit in equations.inputs.items()]
-        variables += [
-            _Variable(name, equations.units[name], "parameter", value)
-            for name, value in equations.parameters.items()
-        ]
+        units, values = equations.units, equations.parameters.items()
+        variables += [_Variable(name, units[name], "parameter", value) for name, value in values]
         longest = "longest step of the integration by a Runge-Kutta method of order 4"
         variables.append(_Variable("step", "s", "parameter", step, longest))
         rotations = equations.structure.rotations
@@ -139,21 +134,14 @@ class CoSimulationUnit:
         """The C sources."""
         names = self.equations.identifiers(KEYWORDS)
         used = {name for point in self.points for name in symbols(self.equations.shown[point])}
-        lines = [
-            f"    const double {names[name]} = z[{number}];"
-            for number, name in enumerate(self.equations.states)
-            if name in used
-        ]
-        lines += [
-            f"    y[{number}] = {to_code(self.equations.shown[point], C, names)};"
-            for number, point in enumerate(self.points)
-        ]
+        states = [(number, name) for number, name in enumerate(self.equations.states) if name in used]
+        lines = [f"    const double {names[name]} = z[{number}];" for number, name in states]
+        codes = [to_code(self.equations.shown[point], C, names) for point in self.points]
+        lines += [f"    y[{number}] = {code};" for number, code in enumerate(codes)]
         head = f"#define GUID {literal(self.guid)}\n#define POINTS {len(self.points)}\n#define LONGEST_STEP {self.step!r}"
-        shown = "\n".join(
-            ["static void shown(const double *z, double *y)", "{", "    (void)z, (void)y;", *lines, "}"]
-        )
+        shown = ["static void shown(const double *z, double *y)", "{", "    (void)z, (void)y;", *lines, "}"]
         unit = files("linkwise.export").joinpath("fmi2.c").read_text(encoding="ascii")
-        return "\n".join([source(self.equations), head, "", shown, "", unit])
+        return "\n".join([source(self.equations), head, "", *shown, "", unit])
 
     def description(self, model: str) -> bytes:
         """The description of the unit in XML."""
@@ -163,9 +151,8 @@ class CoSimulationUnit:
             guid=self.guid, generationTool=f"linkwise {equations.answer.version}", variableNamingConvention="flat",
             description=on_one_line(" ".join(["Equations of motion.", *equations.notes])),
         )  # fmt: skip
-        unit = SubElement(
-            root, "CoSimulation", {"modelIdentifier": model, **dict.fromkeys(_CAPABILITIES, "true")}
-        )
+        capabilities = dict.fromkeys(_CAPABILITIES, "true")
+        unit = SubElement(root, "CoSimulation", {"modelIdentifier": model, **capabilities})
         SubElement(SubElement(unit, "SourceFiles"), "File", name=f"{model}.c")
         units = SubElement(root, "UnitDefinitions")
         for name in dict.fromkeys(variable.unit for variable in self.variables if variable.unit):
@@ -175,10 +162,9 @@ class CoSimulationUnit:
         for number, variable in enumerate(self.variables):
             _described(listed, number, variable)
         structure = SubElement(root, "ModelStructure")
-        outputs = [
-            number for number, variable in enumerate(self.variables, 1) if variable.causality == "output"
-        ]
-        calculated = [number for number, variable in enumerate(self.variables, 1) if variable.start is None]
+        numbered = list(enumerate(self.variables, 1))
+        outputs = [number for number, variable in numbered if variable.causality == "output"]
+        calculated = [number for number, variable in numbered if variable.start is None]
         for name, numbers in (("Outputs", outputs), ("InitialUnknowns", calculated)):
             if numbers:
                 parts = SubElement(structure, name)

@@ -79,9 +79,7 @@ def _case(link: Link) -> str:
     names = identifiers((*law.variables[2:], *law.coefficients), reserved) | {"d": "d", "v": "v"}
     lines = [f"    case {_text(link.name)}", f"        % {to_text(law.expression)}"]
     lines += [f"        {names[key]} = {values[key]!r};" for key in law.coefficients]
-    lines += [
-        f"        {names[key]} = states{{{number}}};" for number, key in enumerate(law.variables[2:], start=1)
-    ]
+    lines += [f"        {names[key]} = states{{{n}}};" for n, key in enumerate(law.variables[2:], start=1)]
     lines.append(f"        force = {to_code(law.expression, MATLAB, names)} + 0.0.*d.*v;")
     if law.states:
         rates = ", ".join(to_code(rate.expression, MATLAB, names) for rate in law.rates)
@@ -135,9 +133,7 @@ def write_mat(answer: ExportedAnswer, path: Path, name: str) -> None:
         "names": _cells([f"{coefficient.owner}.{coefficient.name}" for coefficient in every]),
         "values": np.array([[coefficient.value] for coefficient in every]),
         "units": _cells([coefficient.unit for coefficient in every]),
-        "standard_errors": np.array(
-            [[np.nan if coefficient.error is None else coefficient.error] for coefficient in every]
-        ),
+        "standard_errors": np.array([[coefficient.error] for coefficient in every], dtype=float),
         "covariance_names": _cells(list(answer.names)),
         "covariance": answer.covariance,
         "links": links,
@@ -220,19 +216,17 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
         parameters=_column(map(repr, equations.parameters.values())),
     )
     functions = [
-        _equations_function(equations, names, own, assignments, shape)
-        for own, assignments, shape in (
-            ("rates_of", equations.rates, (size, 1)),
-            ("jacobian_of", equations.jacobian, (size, size)),
-            ("input_jacobian_of", equations.input_jacobian, (size, len(equations.inputs))),
-        )
+        _function(equations, names, "rates_of", equations.rates, (size, 1)),
+        _function(equations, names, "jacobian_of", equations.jacobian, (size, size)),
+        _function(
+            equations, names, "input_jacobian_of", equations.input_jacobian, (size, len(equations.inputs))
+        ),
     ]
-    path.write_text(
-        "\n".join([head, *functions, _information(equations)]) + _REAL, encoding="utf-8", newline="\n"
-    )
+    text = "\n".join([head, *functions, _information(equations)])
+    path.write_text(text + _REAL, encoding="utf-8", newline="\n")
 
 
-def _equations_function(
+def _function(
     equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, shape: Place
 ) -> str:
     arrays = {"z": list(equations.states), "u": list(equations.inputs), "p": list(equations.parameters)}

@@ -38,34 +38,25 @@ COVARIANCE = np.array({covariance}, dtype=float).reshape(len(COVARIANCE_NAMES), 
 
 def write(answer: ExportedAnswer, path: Path, name: str) -> None:
     """Write the module; `name` is not needed in it."""
-    functions = identifiers((link.name for link in answer.structure.links), ())
-    every = answer.coefficients
+    links, every = answer.structure.links, answer.coefficients
+    functions = identifiers((link.name for link in links), ())
+    errors = {f"{one.owner}.{one.name}": one.error for one in every if one.error is not None}
     note = f"\n\n{answer.note}" if answer.note else ""
     head = _HEAD.format(
         docstring=_docstring(_DOCSTRING.format(version=answer.version, note=note, **answer.quantities)),
         name=ascii(answer.structure.name),
-        masses=ascii(
-            {coefficient.owner: coefficient.value for coefficient in every if coefficient.name == "mass"}
-        ),
+        masses=ascii({one.owner: one.value for one in every if one.name == "mass"}),
         points=ascii(answer.points),
-        between=ascii({link.name: link.between for link in answer.structure.links}),
-        coefficients=ascii({link.name: link.values for link in answer.structure.links}),
-        units=ascii(
-            {link.name: {key: link.law.units[key] for key in link.values} for link in answer.structure.links}
-        ),
-        errors=ascii(
-            {
-                f"{coefficient.owner}.{coefficient.name}": coefficient.error
-                for coefficient in every
-                if coefficient.error is not None
-            }
-        ),
+        between=ascii({link.name: link.between for link in links}),
+        coefficients=ascii({link.name: link.values for link in links}),
+        units=ascii({link.name: {key: link.law.units[key] for key in link.values} for link in links}),
+        errors=ascii(errors),
         names=ascii(list(answer.names)),
         covariance=ascii(answer.covariance.tolist()),
     )
-    texts = [_functions(link, functions[link.name]) for link in answer.structure.links]
+    texts = [_functions(link, functions[link.name]) for link in links]
     tables = [f"FORCES = {_table('force', functions)}\n"]
-    moving = {link.name: functions[link.name] for link in answer.structure.links if link.law.states}
+    moving = {link.name: functions[link.name] for link in links if link.law.states}
     if moving:
         tables.append(f"RATES = {_table('rates', moving)}\n")
     path.write_text("\n\n".join([head, *texts, "".join(tables)]), encoding="utf-8", newline="\n")
@@ -101,10 +92,8 @@ def _functions(link: Link, own: str) -> str:
 def _docstring(text: str) -> str:
     """The docstring that reads as `text`, whatever that holds."""
     escaped = text.replace("\\", r"\\").replace('"', r"\"")
-    seen = "".join(
-        letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in escaped
-    )
-    return f'"""{seen}"""'
+    seen = (char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in escaped)
+    return f'"""{"".join(seen)}"""'
 
 
 _EQUATIONS = """Equations of motion z' = f(t, z, u; p) of a structure, exported by linkwise {version}.
@@ -150,13 +139,11 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
         initial=equations.initial,
         parameters=ascii(equations.parameters),
     )
-    size = len(equations.states)
+    size, inputs = len(equations.states), len(equations.inputs)
     functions = [
         _function(equations, names, "rhs", equations.rates, (size,)),
         _function(equations, names, "jacobian", equations.jacobian, (size, size)),
-        _function(
-            equations, names, "input_jacobian", equations.input_jacobian, (size, len(equations.inputs))
-        ),
+        _function(equations, names, "input_jacobian", equations.input_jacobian, (size, inputs)),
     ]
     path.write_text("\n\n".join([head, *functions]), encoding="utf-8", newline="\n")
 
@@ -172,18 +159,14 @@ _NOTATION = Notation(
 def _function(
     equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, shape: Place
 ) -> str:
-    parameters = [
-        f"    {names[key]} = p[{key!a}]" for key in equations.parameters if key in assignments.inputs
-    ]
+    needed = (key for key in equations.parameters if key in assignments.inputs)
     arrays = {"z": list(equations.states), "u": list(equations.inputs)}
-    statements = _NOTATION.lines(assignments, arrays, names, "    result")
-    return "\n".join(
-        [
-            f'@np.errstate(all="ignore")\ndef {own}(t, z, u=None, p=PARAMETERS):',
-            "    z, u = np.asarray(z, dtype=float), _inputs(t, u)",
-            f"    result = np.zeros({shape} + z.shape[1:])",
-            *parameters,
-            *statements,
-            "    return result\n",
-        ]
-    )
+    lines = [
+        f'@np.errstate(all="ignore")\ndef {own}(t, z, u=None, p=PARAMETERS):',
+        "    z, u = np.asarray(z, dtype=float), _inputs(t, u)",
+        f"    result = np.zeros({shape} + z.shape[1:])",
+        *(f"    {names[key]} = p[{key!a}]" for key in needed),
+        *_NOTATION.lines(assignments, arrays, names, "    result"),
+        "    return result\n",
+    ]
+    return "\n".join(lines)

@@ -135,9 +135,8 @@ def antiderivative(expression: Expression, name: str) -> Expression | None:
     terms = polynomial(expression, (name,))
     variable = Symbol(name)
     if terms is not None:
-        return add(
-            *(multiply(Number(1.0 / (n + 1)), value, power(variable, n + 1)) for (n,), value in terms.items())
-        )
+        raised = ((n + 1, value) for (n,), value in terms.items())
+        return add(*(multiply(Number(1.0 / n), value, power(variable, n)) for n, value in raised))
     if isinstance(expression, Sum):
         pieces = [antiderivative(part, name) for part in expression.parts]
         return None if any(piece is None for piece in pieces) else add(*(p for p in pieces if p is not None))

@@ -73,13 +73,8 @@ class Dimension:
         share = self.ampere / electrical.ampere
         rest = self / electrical**share
         newton = rest.kilogram  # N = kg m / s^2
-        exponents = {
-            "N": newton,
-            "m": rest.metre - newton,
-            "rad": rest.radian,
-            "s": rest.second + 2 * newton,
-            name: share,
-        }
+        exponents = {"N": newton, "m": rest.metre - newton, "rad": rest.radian, "s": rest.second + 2 * newton}
+        exponents[name] = share
         over = [_raised(unit, exponent) for unit, exponent in exponents.items() if exponent > 0]
         under = [_raised(unit, -exponent) for unit, exponent in exponents.items() if exponent < 0]
         if not under:
@@ -143,9 +138,8 @@ def infer(
     equation 0 is the expression, those of the rates follow.
     """
     constraints = _Constraints(variables)
-    constraints.equate(
-        constraints.term(expression), _Monomial({}, whole), expression, f"the force must be in {whole}"
-    )
+    requirement = f"the force must be in {whole}"
+    constraints.equate(constraints.term(expression), _Monomial({}, whole), expression, requirement)
     for name, dimension in (known or {}).items():
         requirement = f"{name} is in {str(dimension) or '1'}"
         constraints.equate(constraints.coefficient(name), _Monomial({}, dimension), Symbol(name), requirement)
@@ -158,11 +152,8 @@ def infer(
         constraints.system.add(_Monomial({unknown: Fraction(1)}, NONE))
     trees = (expression, *(rates or {}).values())
     names = dict.fromkeys([*(name for tree in trees for name in symbols(tree)), *(rates or {})])
-    return {
-        name: constraints.system.resolve(constraints.coefficient(name))
-        for name in names
-        if name not in variables
-    }
+    asked = [name for name in names if name not in variables]
+    return {name: constraints.system.resolve(constraints.coefficient(name)) for name in asked}
 
 
 class _Monomial(NamedTuple):
@@ -175,9 +166,8 @@ class _Monomial(NamedTuple):
         total = dict(self.unknowns)
         for unknown, share in factor.unknowns.items():
             total[unknown] = total.get(unknown, Fraction(0)) + exponent * share
-        return _Monomial(
-            {u: share for u, share in total.items() if share}, self.known * factor.known**exponent
-        )
+        unknowns = {u: share for u, share in total.items() if share}
+        return _Monomial(unknowns, self.known * factor.known**exponent)
 
 
 _DIMENSIONLESS = _Monomial({}, NONE)
@@ -191,10 +181,8 @@ class _LinearEquations:
 
     def reduce(self, form: _Monomial) -> _Monomial:
         for unknown in [u for u in form.unknowns if u in self.solved]:
-            share = form.unknowns[unknown]
-            form = form.times(_Monomial({unknown: Fraction(1)}, NONE), -share).times(
-                self.solved[unknown], share
-            )
+            share, alone = form.unknowns[unknown], _Monomial({unknown: Fraction(1)}, NONE)
+            form = form.times(alone, -share).times(self.solved[unknown], share)
         return form
 
     def add(self, form: _Monomial) -> Dimension:
@@ -236,11 +224,8 @@ class _Constraints:
     def equate(self, form: _Monomial, expected: _Monomial, part: Expression, requirement: str) -> None:
         excess = self.system.add(form.times(expected, Fraction(-1)))
         if excess != NONE:
-            raise UnitConflict(
-                f"No units of the coefficients are consistent: {requirement}, but differs by {excess}.",
-                part,
-                self.equation,
-            )
+            message = f"No units of the coefficients are consistent: {requirement}, but differs by {excess}."
+            raise UnitConflict(message, part, self.equation)
 
     def term(self, expression: Expression) -> _Monomial:
         """The dimension of a term, which may have an implicit factor of 1 with a unit."""
@@ -248,9 +233,8 @@ class _Constraints:
             return self.new(_TERM if expression.value else None)
         form = self.read(expression)
         factors = expression.factors if isinstance(expression, Product) else (expression,)
-        if any(isinstance(factor, Number) and factor != MINUS_ONE for factor in factors) or self.carries(
-            expression
-        ):
+        scaled = any(isinstance(factor, Number) and factor != MINUS_ONE for factor in factors)
+        if scaled or self.carries(expression):
             return form
         return form.times(self.new(_IMPLICIT))
 
@@ -269,9 +253,8 @@ class _Constraints:
             case Number():
                 return self.new(_FACTOR)
             case Symbol(name):
-                return (
-                    _Monomial({}, self.variables[name]) if name in self.variables else self.coefficient(name)
-                )
+                known = self.variables.get(name)
+                return self.coefficient(name) if known is None else _Monomial({}, known)
             case Sum(parts):
                 return self.equal(parts)
             case Product(factors):

@@ -64,9 +64,8 @@ class Program:
 
     def __call__(self, *arrays: ArrayLike) -> tuple[Floats, ...]:
         if len(arrays) != len(self.inputs):
-            raise ValueError(
-                f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
-            )
+            message = f"expected {len(self.inputs)} arrays ({', '.join(self.inputs)}), got {len(arrays)}"
+            raise ValueError(message)
         slots: list[Any] = [np.asarray(array, dtype=np.float64) for array in arrays]
         shape = _common_shape(*[array.shape for array in slots])
         slots += self._slots
@@ -77,16 +76,14 @@ class Program:
         with np.errstate(all="ignore"):
             for ufunc, first, second, to, wide in self._tape:
                 target = (np.empty(shape) if slots[to] is None else slots[to]) if wide else None
-                slots[to] = (
-                    ufunc(slots[first], out=target)
-                    if second < 0
-                    else ufunc(slots[first], slots[second], out=target)
-                )
+                if second < 0:
+                    slots[to] = ufunc(slots[first], out=target)
+                else:
+                    slots[to] = ufunc(slots[first], slots[second], out=target)
         for index in self._large:
             slots[index].flags.writeable = False
-        return tuple(
-            np.broadcast_to(slots[i], shape) if i not in self._large else slots[i] for i in self._outputs
-        )
+        outputs = ((slots[index], index in self._large) for index in self._outputs)
+        return tuple(array if large else np.broadcast_to(array, shape) for array, large in outputs)
 
     def into(self, arrays: Sequence[Floats], out: Sequence[Floats]) -> list[Operation]:
         """The operations that evaluate the program again and again, to be called in this order where floating-point
@@ -185,12 +182,10 @@ class _ValueNumbering:
                 return self.sum(parts)
             case Product(factors):
                 return self.product(factors)
-            case Power(base, int() as exponent) if abs(exponent) <= _LARGEST_PRODUCT:
-                return (
-                    self.product((expression,))
-                    if exponent < 0
-                    else self.integer_power(self.write(base), exponent)
-                )
+            case Power(_, int() as exponent) if -_LARGEST_PRODUCT <= exponent < 0:
+                return self.product((expression,))
+            case Power(base, int() as exponent) if 0 <= exponent <= _LARGEST_PRODUCT:
+                return self.integer_power(self.write(base), exponent)
             case Power(base, exponent):
                 return self.apply("**", self.write(base), self.write(as_expression(exponent)))
             case Call(function, arguments):
@@ -295,14 +290,11 @@ def integral_from_zero(program: Program, upper: ArrayLike, parameters: Sequence[
     ends = columns[0].ravel()
     result = np.full(ends.shape, np.nan)
     if all(np.size(value) == 1 for value in parameters):
-        sets, which = (
-            np.array([[float(np.ravel(value)[0]) for value in parameters]]),
-            np.zeros(ends.shape, dtype=np.intp),
-        )
+        sets = np.array([[float(np.ravel(value)[0]) for value in parameters]])
+        which = np.zeros(ends.shape, dtype=np.intp)
     else:
-        sets, which = np.unique(
-            np.stack([column.ravel() for column in columns[1:]], axis=1), axis=0, return_inverse=True
-        )
+        rows = np.stack([column.ravel() for column in columns[1:]], axis=1)
+        sets, which = np.unique(rows, axis=0, return_inverse=True)
     for index, values in enumerate(sets):
         chosen = (which.ravel() == index) & np.isfinite(ends)
         if chosen.any():

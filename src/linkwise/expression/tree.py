@@ -81,12 +81,7 @@ FUNCTIONS = {
         branch="s*x",
     ),
     "sign": LawFunction(
-        value=np.sign,
-        derivatives=("0",),
-        antiderivative="abs(x)",
-        degree=Fraction(0),
-        kink="x",
-        branch="s",
+        value=np.sign, derivatives=("0",), antiderivative="abs(x)", degree=Fraction(0), kink="x", branch="s"
     ),
     "sqrt": LawFunction(
         value=np.sqrt, derivatives=("0.5/sqrt(x)",), antiderivative="2/3*x*sqrt(x)", degree=Fraction(1, 2)
@@ -370,34 +365,27 @@ def to_text(expression: Expression) -> str:
 
 
 def _product_text(factors: tuple[Expression, ...]) -> str:
-    over = [
-        f for f in factors if not (isinstance(f, Power) and isinstance(f.exponent, int) and f.exponent < 0)
-    ]
-    under = [f for f in factors if f not in over]
-    sign = ""
-    if over and over[0] == MINUS_ONE and len(over) > 1:
-        sign, over = "-", over[1:]
-    text = (
-        sign + "*".join(f"({to_text(f)})" if isinstance(f, Sum) else to_text(f) for f in over)
-        if over
-        else "1"
-    )
-    for divisor in under:
-        assert isinstance(divisor, Power) and isinstance(divisor.exponent, int)
-        base, exponent = _atom(divisor.base), -divisor.exponent
-        if exponent == 1:
-            text += f"/{base}"
-        else:  # a constant that did not fold would fold as 0**2 and would not come back
-            text += f"*{base}**-{exponent}" if isinstance(divisor.base, Number) else f"/{base}**{exponent}"
-    return text
+    over, under = [], ""
+    for factor in factors:
+        match factor:
+            case Power(base, int() as exponent) if exponent < 0:
+                if exponent == -1:
+                    under += f"/{_atom(base)}"
+                elif isinstance(base, Number):  # did not fold, would fold as 0**2 and would not come back
+                    under += f"*{_atom(base)}**{exponent}"
+                else:
+                    under += f"/{_atom(base)}**{-exponent}"
+            case _:
+                over.append(f"({to_text(factor)})" if isinstance(factor, Sum) else to_text(factor))
+    if factors[0] == MINUS_ONE and len(over) > 1:
+        over[:2] = [f"-{over[1]}"]
+    return ("*".join(over) or "1") + under
 
 
 def _atom(expression: Expression) -> str:
-    text = to_text(expression)
-    needs_no_parentheses = isinstance(expression, Symbol | Call) or (
-        isinstance(expression, Number) and expression.value >= 0
-    )
-    return text if needs_no_parentheses else f"({text})"
+    positive = isinstance(expression, Number) and expression.value >= 0
+    needs_none = positive or isinstance(expression, Symbol | Call)
+    return to_text(expression) if needs_none else f"({to_text(expression)})"
 
 
 _MAY_BE_COMPLEX = ("sqrt", "log")
@@ -455,10 +443,8 @@ def _product(factors: tuple[Expression, ...], style: CodeStyle, names: Mapping[s
     for factor in factors[negative:]:
         match factor:
             case Power(base, int() as exponent) if exponent < 0:
-                divisor = to_code(base, style, names)
-                under.append(
-                    style.integer_power.format(divisor, -exponent) if exponent < -1 else f"({divisor})"
-                )
+                divisor, raised = to_code(base, style, names), style.integer_power
+                under.append(raised.format(divisor, -exponent) if exponent < -1 else f"({divisor})")
             case _:
                 over.append(to_code(factor, style, names))
     text = style.times.join(over) if over else "1.0"

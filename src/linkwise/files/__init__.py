@@ -45,9 +45,7 @@ FORMATS = {
     **dict.fromkeys((".txt", ".dat", ".tsv"), Format("linkwise.files.text:read_text", header=True)),
     ".mat": Format("linkwise.files.mat:read_table", "linkwise.files.mat:write"),
     **dict.fromkeys((".h5", ".hdf5"), Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write")),
-    ".parquet": Format(
-        "linkwise.files.parquet:read_table", "linkwise.files.parquet:write", library="pyarrow"
-    ),
+    ".parquet": Format("linkwise.files.parquet:read_table", "linkwise.files.parquet:write", "pyarrow"),
     **dict.fromkeys((".uff", ".unv"), Format("linkwise.files.uff:read_table", library="pyuff")),
     **dict.fromkeys((".npy", ".npz"), Format("linkwise.files.arrays:read_numpy")),
     ".json": Format("linkwise.files.arrays:read_json"),
@@ -159,9 +157,8 @@ def write_first_mapping(record: Path, path: Path, header: str | int | None = Non
     """
     text, guesses = first_mapping(read_table(record, header))
     if path.exists():
-        raise RecordError(
-            "is there already, and what was written into it by hand would be lost; give another name", path
-        )
+        message = "is there already, and what was written into it by hand would be lost; give another name"
+        raise RecordError(message, path)
     with _refused(path), atomic_file(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
     return guesses
@@ -172,11 +169,8 @@ def read_table(path: Path, header: str | int | None) -> Table:
     _check_exists(path)
     format_ = _format(path)
     if header is not None and not format_.header:
-        raise RecordError(
-            f"a header line is of text files and sheets; a {path.suffix} file states its names itself",
-            path,
-            arguments=("header",),
-        )
+        message = f"a header line is of text files and sheets; a {path.suffix} file states its names itself"
+        raise RecordError(message, path, arguments=("header",))
     options = {} if header is None else {"header": header}
     try:
         with warnings.catch_warnings(record=True, action="always") as caught:  # of libraries
@@ -250,10 +244,8 @@ def _writer(path: Path) -> str:
     """Full name of the function that writes a file of this suffix; RecordError for one that is not written."""
     writers = {suffix: entry.writer for suffix, entry in FORMATS.items() if entry.writer is not None}
     if path.suffix.lower() not in writers:
-        raise RecordError(
-            f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writers)}",
-            path,
-        )
+        message = f"records cannot be written as {path.suffix or 'a file without suffix'}; use one of {', '.join(writers)}"
+        raise RecordError(message, path)
     _format(path)
     return writers[path.suffix.lower()]
 

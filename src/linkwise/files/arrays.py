@@ -122,16 +122,13 @@ def with_joined_periods(arrays: Mapping[str, Any]) -> tuple[dict[str, Any], tupl
         If channels have different numbers of periods.
     """
     channels = {name: channel for name in arrays if (channel := _channel(name)) is not None}
-    stacked = [
-        name
-        for name in channels
-        if isinstance(arrays[name], np.ndarray) and np.squeeze(arrays[name]).ndim in (2, 3)
-    ]
+    own = {name: np.squeeze(arrays[name]) for name in channels if isinstance(arrays[name], np.ndarray)}
+    stacked = [name for name, array in own.items() if array.ndim in (2, 3)]
     if not stacked:
         return dict(arrays), ()
     time = next((name for name in arrays if ColumnHeader.parse(name).is_time), None)
     samples = None if time is None else int(np.size(arrays[time]))
-    periods = {name: _periods(np.squeeze(arrays[name]), samples) for name in stacked}
+    periods = {name: _periods(own[name], samples) for name in stacked}
     counts = {value.shape[1:] for value in periods.values()}
     if len(counts) > 1:
         shapes = ", ".join(f"{name} has {' x '.join(map(str, np.shape(arrays[name])))}" for name in stacked)
@@ -169,10 +166,8 @@ def _periods(array: np.ndarray[Any, Any], samples: int | None) -> np.ndarray[Any
     if samples is None or samples == prod(shape[-2:]):  # the last of the longest
         samples = max(shape)
     if samples not in shape:
-        sides = " x ".join(map(str, shape))
-        raise RecordError(
-            f"time has {samples} samples, and an array of a channel is {sides}: no side is as long"
-        )
+        sides = f"an array of a channel is {' x '.join(map(str, shape))}"
+        raise RecordError(f"time has {samples} samples, and {sides}: no side is as long")
     axis = max(number for number, side in enumerate(shape) if side == samples)
     last = np.moveaxis(array, axis, -1)
     return last if last.ndim == 3 else last[np.newaxis]
@@ -207,20 +202,15 @@ def _by_key(rows: list[Any]) -> dict[str, Any]:
     A key that an object lacks is a missing sample.
     """
     objects = [row if isinstance(row, dict) else {} for row in rows]
-    lists = {
-        str(row.get("name")): row[key]
-        for row in objects
-        for key in _SAMPLES
-        if isinstance(row.get(key), list)
-    }
+    listed = ((row, key) for row in objects for key in _SAMPLES if isinstance(row.get(key), list))
+    lists = {str(row.get("name")): row[key] for row, key in listed}
     if len(lists) == len(objects):
         return lists
     if all(isinstance(row.get("sensor"), str) for row in objects):
         of_sensors: dict[str, list[Any]] = {}
         for row in objects:
-            of_sensors.setdefault(row["sensor"], []).append(
-                {name: value for name, value in row.items() if name != "sensor"}
-            )
+            members = {name: value for name, value in row.items() if name != "sensor"}
+            of_sensors.setdefault(row["sensor"], []).append(members)
         return {sensor: _by_key(own) for sensor, own in of_sensors.items()}
     names = dict.fromkeys(name for row in objects for name in row)
     return {name: [row.get(name) for row in objects] for name in names}
@@ -280,10 +270,8 @@ def read_numpy(path: Path) -> Table:
         return Table(tuple(spelled_as_channel(column) for column in columns_of(named)))
     array = np.squeeze(content)
     if array.ndim not in (1, 2) or not array.size:
-        raise RecordError(
-            f"holds an array of {' x '.join(map(str, content.shape))} numbers: expected one of samples by channels",
-            path,
-        )
+        message = f"holds an array of {' x '.join(map(str, content.shape))} numbers: expected one of samples by channels"
+        raise RecordError(message, path)
     upright = np.atleast_2d(array.T).T if array.ndim == 1 else max(array, array.T, key=len)
     columns = tuple(Column.of(str(i + 1), upright[:, i]) for i in range(upright.shape[1]))
     return Table(columns, named=False, opening=" ".join(map(str, upright[0])))

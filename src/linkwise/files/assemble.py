@@ -74,25 +74,18 @@ def choose(
             continue
         near = get_close_matches(mass, masses, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise table.error(
-            f"the structure has no mass {mass!r}; {hint}it has {_list(list(masses)) or 'none'}",
-            "known_masses",
-            line=table.header_line,
-            channel=channel,
-        )
+        message = f"the structure has no mass {mass!r}; {hint}it has {_list(list(masses)) or 'none'}"
+        raise table.error(message, "known_masses", line=table.header_line, channel=channel)
     return chosen
 
 
 def ignored(table: Table, chosen: tuple[ColumnChoice, ...]) -> list[str]:
     """A note on the columns that are not used."""
     used = {choice.column for choice in chosen}
-    unused = [
-        f"{column.header} ({remark})"
-        if (remark := column.instead or _other_spelling(column))
-        else column.header
-        for i, column in enumerate(table.columns)
-        if i not in used and column.header
-    ]
+    unused = []
+    for column in (own for i, own in enumerate(table.columns) if i not in used and own.header):
+        remark = column.instead or _other_spelling(column)
+        unused.append(f"{column.header} ({remark})" if remark else column.header)
     return [f"Columns that are not channels were ignored: {_list(unused)}."] if unused else []
 
 
@@ -156,18 +149,15 @@ def find_column(table: Table, key: str, column: str | int) -> int:
         [column.path for column in table.columns],
     ):
         if (times := names.count(wanted)) > 1:
-            raise table.error(
-                f"{key} is mapped to {wanted!r}, the name of {times} columns; give the number of the column instead",
-                "channels",
-            )
+            message = f"{key} is mapped to {wanted!r}, the name of {times} columns; give the number of the column instead"
+            raise table.error(message, "channels")
         if wanted in names:
             return names.index(wanted)
     if wanted.isdecimal() and 1 <= int(wanted) <= len(table.columns):
         return int(wanted) - 1
+    message = f"{key} is mapped to column {wanted!r}, which does not exist{near_miss(wanted, table.headers)}; {listing(table)}"
     raise table.error(
-        f"{key} is mapped to column {wanted!r}, which does not exist{near_miss(wanted, table.headers)}; {listing(table)}",
-        *(("channels",) if table.lines is None else ("channels", "header")),
-        line=table.header_line,
+        message, *(("channels",) if table.lines is None else ("channels", "header")), line=table.header_line
     )
 
 
@@ -360,11 +350,8 @@ def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:
     """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
     column = table.columns[choice.column]
     if column.instead:
-        raise table.error(
-            f"is {column.instead}, not a row of real numbers; leave the channel out",
-            line=table.header_line,
-            channel=choice.name,
-        )
+        message = f"is {column.instead}, not a row of real numbers; leave the channel out"
+        raise table.error(message, line=table.header_line, channel=choice.name)
     if column.values is None:
         advice = "leave the cell of a missing sample empty"
         if choice.name == "time":

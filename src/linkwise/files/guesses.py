@@ -64,22 +64,8 @@ _NAMES = (
 _TIMES = re.compile(r"(?:time|zeit|t)\b|time", re.IGNORECASE)
 _WORDS = re.compile(r"[^\W\d_]+|\d+")
 _BASES = {BASE, "basis", "floor", "foundation", "fundament", "ground", "boden", "table", "tisch"}
-_SENSORS = {
-    "sensor",
-    "signal",
-    "channel",
-    "ch",
-    "ai",
-    "dev",
-    "mod",
-    "cdaq",
-    "untitled",
-    "of",
-    "at",
-    "x",
-    "y",
-    "z",
-}
+_SENSORS = {"sensor", "signal", "channel", "ch", "ai", "dev", "mod", "cdaq", "untitled"}
+_SENSORS |= {"of", "at", "x", "y", "z"}
 _CAMEL = re.compile(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])")
 _RATES = (5.0, 1e7)  # Hz: between which vibrations are sampled
 
@@ -95,11 +81,8 @@ def guessed_columns(
 
     Raises RecordError where no column holds numbers, or a column of `channels` does not exist.
     """
-    headers = {
-        number: ColumnHeader.parse(column.header).leaf
-        for number, column in enumerate(table.columns)
-        if column.values is not None
-    }
+    numeric = {number: own.header for number, own in enumerate(table.columns) if own.values is not None}
+    headers = {number: ColumnHeader.parse(header).leaf for number, header in numeric.items()}
     if not headers:
         raise table.error("no column holds numbers, so there is nothing to map")
     given = mapped(table, channels or {})
@@ -249,11 +232,8 @@ def proposed_masses(guesses: Iterable[ColumnGuess]) -> tuple[str, ...]:
     for guess in guesses:
         if not isinstance(guess.name, Channel) or not guess.name.is_motion or guess.name.place == BASE:
             continue
-        words = [
-            word
-            for word in _words(ColumnHeader.parse(guess.header).leaf.name)
-            if not word.isdecimal() and word not in _SENSORS and not _kind_of_name(word)
-        ]
+        words = _words(ColumnHeader.parse(guess.header).leaf.name)
+        words = [word for word in words if not (word.isdecimal() or word in _SENSORS or _kind_of_name(word))]
         names.append(words[-1] if words and guess.why else guess.name.place)
     return tuple(dict.fromkeys(names))
 
@@ -298,7 +278,7 @@ def first_mapping(table: Table) -> tuple[str, tuple[str, ...]]:
     guesses = guessed_columns(table)
     if {guess.name for guess in guesses} <= {"time", ""}:  # a mapping of nothing could not be read
         guesses = _placeholders(table, guesses)
-    return mapping_text(table.file, guesses), tuple(map(_sentence, filter(_is_guessed, guesses)))
+    return mapping_text(table.file, guesses), tuple(_sentence(guess) for guess in guesses if guess.why)
 
 
 def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnGuess, ...]:
@@ -316,10 +296,6 @@ def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnG
         else:
             placed.append(replace(guess, name=Channel("x", _free_mass(names)), why=_NOTHING))
     return tuple(placed)
-
-
-def _is_guessed(guess: ColumnGuess) -> bool:
-    return bool(guess.why)
 
 
 def _sentence(guess: ColumnGuess) -> str:

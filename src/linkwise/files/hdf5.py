@@ -40,10 +40,8 @@ def read_table(path: Path) -> Table:
     with open_file(path) as file:
         if file.attrs.get("format") == FORMAT and int(file.attrs.get("version", 0)) > VERSION:
             version = file.attrs["version"]
-            raise RecordError(
-                f"was written by a later version of linkwise (layout {version}; this version reads up to {VERSION})",
-                path,
-            )
+            message = f"was written by a later version of linkwise (layout {version}; this version reads up to {VERSION})"
+            raise RecordError(message, path)
         tree: dict[str, Any] = {}
         stored: dict[str, dict[str, Any]] = {kind: {} for kind in STORED}
         attributes: dict[str, dict[str, object]] = {}
@@ -81,9 +79,8 @@ def open_file(path: Path) -> h5py.File:
             while position + _ENTRY.size <= end:
                 index, size = _ENTRY.unpack_from(content, position)
                 if index == size == 0:
-                    raise ValueError(
-                        f"the texts that begin at byte {heap.start()} have no end; the file is damaged"
-                    )
+                    where = f"the texts that begin at byte {heap.start()}"
+                    raise ValueError(f"{where} have no end; the file is damaged")
                 position += _ENTRY.size + -(-size // 8) * 8 if index else size
     return h5py.File(path, "r")
 

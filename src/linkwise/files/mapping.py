@@ -28,7 +28,7 @@ What record files state of their sensors: attributes of columns, or a text of JS
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -144,12 +144,9 @@ class RecordMapping:
         sensors = dict(other.sensors)
         for name, stated in self.sensors.items():
             sensors[name] = stated.over(sensors.get(name, SensorStatement()))
-        settings = {
-            member.name: getattr(self, member.name)
-            for member in fields(self)
-            if member.name not in ("channels", "sensors") and getattr(self, member.name) not in (None, {}, "")
-        }
-        return replace(other, channels={**added_channels, **self.channels}, sensors=sensors, **settings)
+        settings = {name: value for name, value in vars(self).items() if value not in (None, {}, "")}
+        together = {"channels": {**added_channels, **self.channels}, "sensors": sensors}
+        return replace(other, **{**settings, **together})
 
 
 def _channel(key: str) -> str:
@@ -308,13 +305,9 @@ def with_attributes(
     columns: tuple[Column, ...], attributes: Mapping[str, Mapping[str, object]]
 ) -> tuple[Column, ...]:
     """The columns with the `attributes` of the arrays that they are from, by the name of the array without its unit."""
-    if not any(attributes.values()):
-        return columns
-    annotated = []
-    for column in columns:
-        name = ColumnHeader.parse(column.header.partition("(:,")[0]).name
-        annotated.append(replace(column, attributes=attributes.get(name, {})))
-    return tuple(annotated)
+    names = [ColumnHeader.parse(column.header.partition("(:,")[0]).name for column in columns]
+    named = zip(columns, names, strict=True)
+    return tuple(replace(column, attributes=attributes.get(name, {})) for column, name in named)
 
 
 def as_statements(stated: object, file: Path) -> dict[str, dict[str, object]]:
@@ -328,10 +321,8 @@ def as_statements(stated: object, file: Path) -> dict[str, dict[str, object]]:
     try:
         return msgspec.json.decode(text, type=dict[str, dict[str, object]])
     except msgspec.MsgspecError as error:
-        raise RecordError(
-            f'`sensors` is not what is known of sensors by channel, as in {{"x:m1": {{"calibration": "1 %"}}}}: {error}',
-            file,
-        ) from error
+        message = f'`sensors` is not what is known of sensors by channel, as in {{"x:m1": {{"calibration": "1 %"}}}}: {error}'
+        raise RecordError(message, file) from error
 
 
 def sensors_of(record: Record) -> dict[str, dict[str, str]]:

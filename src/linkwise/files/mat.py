@@ -136,11 +136,8 @@ def _by_channel(value: Any, kind: str, channels: Iterable[str]) -> dict[str, Any
         values: Iterable[float | str] = _texts(value)
     else:
         values = map(float, np.atleast_1d(() if value is None else value))
-    return {
-        name: stored
-        for name, stored in zip(channels, values, strict=False)
-        if not STORED[kind].is_absent(stored)
-    }
+    pairs = zip(channels, values, strict=False)
+    return {name: stored for name, stored in pairs if not STORED[kind].is_absent(stored)}
 
 
 def _identifiers(channels: tuple[str, ...]) -> tuple[str, ...]:

@@ -43,22 +43,13 @@ def read_table(path: Path) -> Table:
         replace(Column.of(field.name, _values(content.column(i))), attributes=_stated_in(field))
         for i, field in enumerate(content.schema)
     )
-    return Table(
-        columns,
-        start=stated.start,
-        rate=stated.rate,
-        notes=stated.notes,
-        source=stated.source,
-        stored=stored,
-        sensors=stated.sensors,
-    )
+    return Table(columns, stored=stored, **msgspec.structs.asdict(stated))
 
 
 def _stated_in(column: pyarrow.Field) -> dict[str, object]:
     """What the metadata of a column state of its sensor."""
-    return stated_in(
-        {key.decode("utf-8", "replace"): value for key, value in (column.metadata or {}).items()}
-    )
+    metadata = (column.metadata or {}).items()
+    return stated_in({key.decode("utf-8", "replace"): value for key, value in metadata})
 
 
 class _Stated(msgspec.Struct):
@@ -91,7 +82,6 @@ def write(record: Record, path: Path) -> None:
     }
     names = ("time", *headers(record))
     arrays = [pyarrow.array(record.time), *(pyarrow.array(record.channel(name)) for name in record.channels)]
-    schema = pyarrow.schema(
-        [(name, pyarrow.float64()) for name in names], metadata={_KEY: json.dumps(stated).encode()}
-    )
+    metadata = {_KEY: json.dumps(stated).encode()}
+    schema = pyarrow.schema([(name, pyarrow.float64()) for name in names], metadata=metadata)
     parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=schema), path)

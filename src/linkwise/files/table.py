@@ -161,6 +161,5 @@ def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str
 
 def headers(record: Record) -> tuple[str, ...]:
     """The headers under which a file holds the channels in SI units: those of places that turn state their unit."""
-    return tuple(
-        name if record.unit(name) == name.unit else f"{name}[{record.unit(name)}]" for name in record.channels
-    )
+    units = zip(record.channels, map(record.unit, record.channels), strict=True)
+    return tuple(name if unit == name.unit else f"{name}[{unit}]" for name, unit in units)

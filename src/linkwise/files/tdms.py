@@ -40,9 +40,8 @@ def read_table(path: Path) -> Table:
         content = nptdms.TdmsFile.read(path)
         for group in content.groups():
             for channel in group.channels():
-                notes += _check_scales(
-                    channel.name, (channel.properties, group.properties, content.properties), path
-                )
+                properties = channel.properties, group.properties, content.properties
+                notes += _check_scales(channel.name, properties, path)
                 header = f"{group.name}/{channel.name}{_unit(channel)}"
                 columns.append(Column.of(header, np.asarray(channel[:])))
                 increment = channel.properties.get("wf_increment")
@@ -123,9 +122,8 @@ def _check_segments(path: Path) -> tuple[str, ...]:
                 return ("The last segment of the file has no end: the program that wrote it has crashed.",)
             start += _LEAD_IN.size + length
     if start > size:
-        raise RecordError(
-            f"{start - size} bytes are missing at its end; the file was cut off or is damaged", path
-        )
+        lacking = f"{start - size} bytes are missing at its end"
+        raise RecordError(f"{lacking}; the file was cut off or is damaged", path)
     return ()
 
 

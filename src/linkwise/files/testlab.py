@@ -32,19 +32,15 @@ def named_signals(table: Table, variables: Mapping[str, Any]) -> Table:
     `variables` are those of the file. Signals that are not over time, such as spectra, stay as they are.
     """
     columns = [column for column in table.columns if column.values is not None or _VALUES in column.header]
-    signals = {
-        number: signal
-        for number, column in enumerate(columns)
-        if (signal := _signal(column.header, variables)) is not None
-    }
+    found = [_signal(column.header, variables) for column in columns]
+    signals = {number: signal for number, signal in enumerate(found) if signal is not None}
     if not signals:
         return table
     for number, signal in signals.items():
         unit = f"[{signal.unit}]" if signal.unit else ""
         path = columns[number].header
-        columns[number] = replace(
-            columns[number], header=f"{_unique(signal, signals) or path}{unit}", path=path
-        )
+        header = f"{_unique(signal, signals) or path}{unit}"
+        columns[number] = replace(columns[number], header=header, path=path)
     named = replace(table, columns=tuple(columns), notes=(*table.notes, *_notes(columns, signals)))
     axes = {signal.axis for signal in signals.values()}
     if len(axes) > 1:

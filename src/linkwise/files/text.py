@@ -192,9 +192,8 @@ def table_of(
     `files.read_record`.
     """
     header, first = _header(lines) if named_header is None else _named(lines, named_header, path)
-    data_lines = np.array(
-        [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])], dtype=np.int64
-    )
+    below = [i for i in range(first, len(lines)) if not _is_blank_or_comment(lines[i])]
+    data_lines = np.array(below, dtype=np.int64)
     if not len(data_lines):
         line = None if header is None else header + 1 + lines_before
         raise RecordError("there are no data below the header", path, line)
@@ -229,11 +228,8 @@ def table_of(
 
 def _units(cells: list[str], headers: list[str]) -> list[str] | None:
     """The headers with the units that a line of `cells` below them states; None where it states none."""
-    if (
-        len(cells) != len(headers)
-        or not any(cells)
-        or any(parse_number(cell) is not None for cell in cells if cell)
-    ):
+    numbers = any(parse_number(cell) is not None for cell in cells if cell)
+    if numbers or len(cells) != len(headers) or not any(cells):
         return None
     bare = [cell.strip("[]()") for cell in cells]
     if not all(is_unit(unit) for unit in bare if unit not in _NO_UNIT):
@@ -303,11 +299,8 @@ def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
     """Index of the header line that is named by its number or a text in it, and of the next one."""
     if isinstance(header, int):
         if not 1 <= header < len(lines):
-            raise RecordError(
-                f"line {header} cannot be the header: the file has {len(lines)} lines, and data follow the header",
-                path,
-                arguments=("header",),
-            )
+            message = f"line {header} cannot be the header: the file has {len(lines)} lines, and data follow the header"
+            raise RecordError(message, path, arguments=("header",))
         return header - 1, header
     index = next((number for number, line in enumerate(lines) if header in line), None)
     if index is None:
@@ -318,9 +311,8 @@ def _named(lines: list[str], header: str | int, path: Path) -> tuple[int, int]:
 def _names_columns(cells: list[str]) -> bool:
     """Whether cells are a header that names the time or a channel; `Time;13:55:01` above a header states when it was."""
     headers = [ColumnHeader.parse(cell) for cell in cells if cell]
-    return any(header.is_time or header.channel is not None for header in headers) and not any(
-        header.name[:1].isdigit() for header in headers
-    )
+    named = any(header.is_time or header.channel is not None for header in headers)
+    return named and not any(header.name[:1].isdigit() for header in headers)
 
 
 def write_csv(record: Record, path: Path) -> None:
@@ -393,8 +385,7 @@ def _require_one_clock(lines: list[str], separator: str, path: Path, line: int) 
     for number, cells in enumerate((row.split(separator) for row in lines), start=line):
         times = {cell.strip() for cell in cells[0:-1:2] if cell.strip()}
         if len(times) > 1:
-            raise RecordError(
-                "the channels have clocks of their own: export them on one clock, or as files of their own",
-                path,
-                number,
+            message = (
+                "the channels have clocks of their own: export them on one clock, or as files of their own"
             )
+            raise RecordError(message, path, number)

@@ -34,9 +34,8 @@ def read_table(path: Path) -> Table:
     file = pyuff.UFF(str(path))
     unreadable = [str(k + 1) for k, kind in enumerate(file.get_set_types()) if kind == 0]
     if unreadable:
-        raise RecordError(
-            f"the type of data set {', '.join(unreadable)} cannot be read; the file is damaged", path
-        )
+        damaged = f"data set {', '.join(unreadable)}"
+        raise RecordError(f"the type of {damaged} cannot be read; the file is damaged", path)
     sets = file.read_sets()
     sets = [data for data in (sets if isinstance(sets, list) else [sets]) if data.get("type") == 58]
     others = [_column(data).header for data in sets if data["func_type"] != _TIME_RESPONSE]
@@ -48,15 +47,11 @@ def read_table(path: Path) -> Table:
     first = sets[0]
     for data, column in zip(sets, columns, strict=True):
         if len(data["data"]) != data["num_pts"]:
-            raise RecordError(
-                f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged",
-                path,
-                channel=column.header,
-            )
+            message = f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged"
+            raise RecordError(message, path, channel=column.header)
         if data["abscissa_spacing"] != first["abscissa_spacing"] or not np.array_equal(data["x"], first["x"]):
-            raise RecordError(
-                f"has a different time axis than {columns[0].header}", path, channel=column.header
-            )
+            other = f"has a different time axis than {columns[0].header}"
+            raise RecordError(other, path, channel=column.header)
     if first["abscissa_spacing"] != _EVEN:
         return Table((Column("time", np.asarray(first["x"])), *columns), notes=notes)
     rate = _rate(float(first["abscissa_inc"]))

@@ -17,9 +17,8 @@ def read_table(path: Path, header: str | int | None = None) -> Table:
     """The columns of a sheet; see `files.read_record`. A note names sheets with numbers that were not read."""
     book = openpyxl.load_workbook(path, read_only=True, data_only=True)
     try:
-        sheets = {
-            name: [list(row) for row in book[name].iter_rows(values_only=True)] for name in book.sheetnames
-        }
+        names = book.sheetnames
+        sheets = {name: list(map(list, book[name].iter_rows(values_only=True))) for name in names}
     finally:
         book.close()
     filled = [name for name, rows in sheets.items() if any(_is_number(cell) for row in rows for cell in row)]

@@ -22,9 +22,8 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.simulation.simulate import simulate
 from linkwise.verdict import Verdict
 
-_PERIODS = (
-    4.0  # of the lowest mode: segments of this length compare tests, and not how chaotic their motion is
-)
+# of the lowest mode: segments of this length compare tests, and not how chaotic their motion is
+_PERIODS = 4.0
 _MODES = 3  # of the lowest: each has a band of its own, beside the one of all
 _BESIDE = 1.5  # of its frequency, to both sides
 _LINES = 12  # of a multisine
@@ -104,17 +103,9 @@ class Plan:
             The command line.
         """
         record = self.limit.record
-        words = [
-            "linkwise",
-            "simulate",
-            file,
-            "--duration",
-            f"{record.duration:g}",
-            "--rate",
-            f"{record.rate:g}",
-        ]
-        words += ["--force", f"{self.place}={self.force}", "--sensors", ",".join(self.limit.noise)]
-        return shlex.join([*words, "-o", "test.csv"])
+        words = ["linkwise", "simulate", file, "--duration", f"{record.duration:g}"]
+        words += ["--rate", f"{record.rate:g}", "--force", f"{self.place}={self.force}"]
+        return shlex.join([*words, "--sensors", ",".join(self.limit.noise), "-o", "test.csv"])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,13 +153,10 @@ class BestTest(JudgedView):
         of_best = self.plans[0].limit.coefficient(self.coefficient)
         tests = [
             {
-                "kind": plan.kind,
-                "place": plan.place,
-                "peak": plan.peak,
+                **{key: getattr(plan, key) for key in ("kind", "place", "peak", "strokes")},
                 "band_hz": list(plan.band),
                 "sensors": list(plan.limit.noise),
                 "standard_error": plan.error_of(self.coefficient),
-                "strokes": plan.strokes,
                 "command": plan.command(self.file),
             }
             for plan in self.plans
@@ -303,15 +291,11 @@ def _check(within: Mapping[str, float], structure: Structure) -> None:
     known = ["force", "stroke", *(f"stroke:{link.name}" for link in structure.links)]
     for name, value in within.items():
         if name not in known or not 0.0 < value < np.inf:
-            raise SimulationError(
-                f"a limit of a test is a positive number in SI units of {', '.join(known)}, got {name}={value:g}",
-                arguments=("within",),
-            )
+            message = f"a limit of a test is a positive number in SI units of {', '.join(known)}, got {name}={value:g}"
+            raise SimulationError(message, arguments=("within",))
     if "force" not in within:
-        raise SimulationError(
-            "a test needs the largest force that the shaker or hammer exerts: force, in N",
-            arguments=("within",),
-        )
+        message = "a test needs the largest force that the shaker or hammer exerts: force, in N"
+        raise SimulationError(message, arguments=("within",))
 
 
 def _frequencies(true: Structure, duration: float, rate: float) -> Floats:
@@ -339,12 +323,10 @@ def _forms(
         yield "hit", (0.0, high), f"exp(-((t - {4 * width:.5g})/{width:.5g})**2)"
         yield "sweep", (low, high), f"sin(2*pi*({low:g} + {(high - low) / (2.0 * duration):.6g}*t)*t)"
         lines = np.linspace(low, high, _LINES)
-        phases = (
-            -np.pi * np.arange(_LINES) * (np.arange(_LINES) - 1) / _LINES
-        )  # Schroeder, IEEE Trans. Inf. Theory 16, 1970
-        text = " + ".join(
-            f"cos({2 * np.pi * hz:.6g}*t{phase:+.4g})" for hz, phase in zip(lines, phases, strict=True)
-        )
+        # Schroeder, IEEE Trans. Inf. Theory 16, 1970
+        phases = -np.pi * np.arange(_LINES) * (np.arange(_LINES) - 1) / _LINES
+        waves = zip(2 * np.pi * lines, phases, strict=True)
+        text = " + ".join(f"cos({omega:.6g}*t{phase:+.4g})" for omega, phase in waves)
         peak = np.abs(TimeFunction(text).value(np.arange(0.0, duration, 0.5 / rate))).max()
         yield "multisine", (low, high), f"({text})/{peak:.5g}"
 
@@ -362,19 +344,16 @@ def _sizes(
     sizes: list[tuple[float, dict[str, float]]] = []
     for halving in range(_HALVINGS):
         peak = within["force"] / 2**halving
+        forces = {place: _sampled(text, peak, *sampling)}
         try:
-            record = simulate(
-                true, duration=sampling[0], rate=sampling[1], forces={place: _sampled(text, peak, *sampling)}
-            )
+            record = simulate(true, duration=sampling[0], rate=sampling[1], forces=forces)
         except SimulationError:  # that diverges, as a softening spring beyond its range
             continue
         assert record.simulated is not None
         d = np.abs(true.elongations(record.simulated.displacement, None)).max(axis=0)
         strokes = {link.name: float(size) for link, size in zip(true.links, d, strict=True)}
-        if all(
-            size <= within.get(f"stroke:{name}", within.get("stroke", np.inf))
-            for name, size in strokes.items()
-        ):
+        most = within.get("stroke", np.inf)
+        if all(size <= within.get(f"stroke:{name}", most) for name, size in strokes.items()):
             sizes.append((peak, strokes))
         if len(sizes) == _SIZES:
             break

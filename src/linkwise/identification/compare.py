@@ -108,15 +108,12 @@ class Comparison(JudgedView):
     def rows(self) -> list[tuple[str, ...]]:
         """The table: a column a method, a row a coefficient, grade, chi-square, channel and time."""
         answers = self.answers
-        names = dict.fromkeys(c.name for answer in answers for c in _coefficients(answer))
+        found = [{c.name: c for c in _coefficients(answer)} for answer in answers]
+        units = {name: c.unit for coefficients in found for name, c in coefficients.items()}
         table: list[tuple[str, ...]] = [("", *(answer.name for answer in answers), "unit")]
-        for name in names:
-            found = [next((c for c in _coefficients(answer) if c.name == name), None) for answer in answers]
-            unit = next(c.unit for c in found if c is not None)
-            table.append((name, *map(_value, found), unit))
+        table += [(name, *(_value(of.get(name)) for of in found), unit) for name, unit in units.items()]
         shown = [answer.estimate for answer in answers]
-        grades = [_grade(one) for one in shown]
-        table.append(("grade", *grades, ""))
+        table.append(("grade", *map(_grade, shown), ""))
         squares = ["" if one is None else _number(one.chi_square_per_sample) for one in shown]
         table.append(("chi-square", *squares, "1"))
         for channel in self.record.responses:

@@ -91,17 +91,15 @@ def _forces_with_memory(true: Link, estimated: Link, record: Record) -> tuple[Fl
         start = [float(states.get(f"{true.name}.{name}", [0.0])[0]) for name in link.law.states]
         path = LinkPath.of(link.law, link.values, d, v, step, np.array(start))
         if not path.converged:
-            raise RecordError(
-                f'a state of link "{link.name}" runs away along the motion of the record, so that its force has no error'
-            )
+            message = f'a state of link "{link.name}" runs away along the motion of the record, so that its force has no error'
+            raise RecordError(message)
         forces.append(path.force()[::_SUBSTEPS])
     return forces[0], forces[1]
 
 
 def _elongation(link: Link, record: Record) -> Floats:
     """(N,) elongations of one link."""
-    ends = [_displacement(end, record) for end in link.between]
-    return np.asarray(ends[0] - ends[1])
+    return np.asarray(_displacement(link.between[0], record) - _displacement(link.between[1], record))
 
 
 def _displacement(end: str, record: Record) -> Floats:

@@ -103,9 +103,8 @@ def identify(
     recorded = records[0]
     records = [with_force_windows(in_units_of(given, structure)) for given in records]
     if not structure.parameters:
-        raise IdentificationError(
-            'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
-        )
+        message = 'there is nothing to identify, every coefficient is a number: write "unknown" for those to be found'
+        raise IdentificationError(message)
     started = perf_counter()
     estimate = estimator.estimate(records, structure, progress)
     if isinstance(estimator, WeakForm):
@@ -136,9 +135,8 @@ def _estimator(method: str | Estimator, options: dict[str, Any]) -> Estimator:
     """The estimator that a user names or gives; `options` are those of "ml" that were given beside it."""
     if isinstance(method, Estimator):
         if options:
-            raise IdentificationError(
-                f"{', '.join(options)} were given beside {type(method).__name__}(...); give options to that object"
-            )
+            message = f"{', '.join(options)} were given beside {type(method).__name__}(...); give options to that object"
+            raise IdentificationError(message)
         return method
     expect("identify(record, structure): method", method, str, Estimator)
     kind = METHODS.lookup(method)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Unpack
 
@@ -166,9 +168,8 @@ def limit(
     expect("limit(structure): structure", structure, Structure)
     true, unknown_structure = _planned(structure, tuple(unknown))
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
-    record = simulate(
-        true, duration=duration, rate=rate, sensors=sensors, progress=part(progress, 0.0, 0.2), **excitation
-    )
+    test = partial(simulate, true, sensors=sensors, **excitation)
+    record = test(duration=duration, rate=rate, progress=part(progress, 0.0, 0.2))
     sigma = _noise(record, noise)
     states = System.of(true).dimension
     least = states // max(1, len(record.responses)) + 1
@@ -177,17 +178,9 @@ def limit(
     refinement = _refinement(record, true)
     fine = record
     if refinement > 1:
-        fine = simulate(
-            true,
-            duration=record.duration,
-            rate=rate * refinement,
-            sensors=sensors,
-            progress=part(progress, 0.2, 0.5),
-            **excitation,
-        )
-    values = np.array(
-        [true.coefficient(parameter.name).value for parameter in unknown_structure.parameters], dtype=float
-    )
+        fine = test(duration=record.duration, rate=rate * refinement, progress=part(progress, 0.2, 0.5))
+    expected = [true.coefficient(parameter.name).value for parameter in unknown_structure.parameters]
+    values = np.array(expected, dtype=float)
     pieces = _pieces(_on_samples(fine, refinement), excitation.get("impulses", ()))
     if not pieces:
         raise IdentificationError(
@@ -197,9 +190,8 @@ def limit(
     progress(ProgressReport(0.5, "sensitivities"))
     system = System.of(unknown_structure, lag=LAG * record.step)
     names = [f"{true.links[index].name}.{state}" for index, state in system.states]
-    scales = Scales(
-        np.array(list(sigma.values())), _units(record, names), np.where(values == 0.0, 1.0, np.abs(values))
-    )
+    units = np.where(values == 0.0, 1.0, np.abs(values))
+    scales = Scales(np.array(list(sigma.values())), _units(record, names), units)
 
     def bound(count: int) -> Precision | None:
         return _precision(pieces, unknown_structure, system, values, scales, count * refinement)
@@ -261,20 +253,18 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
             )
         return {name: float(noise[name]) for name in record.responses}
     if not abs(noise) <= LARGEST_RATIO:
-        raise IdentificationError(
-            f"a signal-to-noise ratio must be within {LARGEST_RATIO:g} dB of zero, got {noise!r} dB"
-        )
+        message = f"a signal-to-noise ratio must be within {LARGEST_RATIO:g} dB of zero, got {noise!r} dB"
+        raise IdentificationError(message)
     power = np.mean(record.select(record.responses).values ** 2, axis=0)
-    for name, square in zip(record.responses, power, strict=True):
+    squares = dict(zip(record.responses, power.tolist(), strict=True))
+    for name, square in squares.items():
         if square == 0.0:
             raise IdentificationError(
                 f"{name} does not move in this test, so a noise level in dB is not defined for it: drive the structure, or "
                 "give the noise in SI units by channel"
             )
     ratio = 10.0 ** (-float(noise) / 20.0)
-    return {
-        name: float(np.sqrt(square) * ratio) for name, square in zip(record.responses, power, strict=True)
-    }
+    return {name: math.sqrt(square) * ratio for name, square in squares.items()}
 
 
 def _require_values(record: Record, samples: int, states: int) -> None:

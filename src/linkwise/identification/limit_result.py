@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.display import JudgedView, align_columns, enumerated, format_value, listed
 from linkwise.errors import IdentificationError
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, DerivedQuantity, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.likelihood.rigs.problem import LinkPath
 from linkwise.model.coefficient import Name
@@ -132,12 +132,8 @@ class Limit(JudgedView):
     @property
     def coefficients(self) -> tuple[CoefficientEstimate, ...]:
         """The unknowns with their expected values and, where they are identifiable, the intervals at the bound."""
-        return tuple(
-            _coefficient(parameter.name, parameter.unit, float(value), float(error))
-            for parameter, value, error in zip(
-                self.parameters, self.values, self.standard_errors, strict=True
-            )
-        )
+        numbers = zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True)
+        return tuple(_coefficient(unknown.name, unknown.unit, *sizes) for unknown, *sizes in numbers)
 
     def coefficient(self, name: str) -> CoefficientEstimate:
         """One unknown with its expected value and, where it is identifiable, its interval at the bound.
@@ -157,14 +153,11 @@ class Limit(JudgedView):
         IdentificationError
             If there is no such unknown; the message lists them.
         """
-        coefficients: dict[str, CoefficientEstimate] = {
-            coefficient.name: coefficient for coefficient in self.coefficients
-        }
-        if name not in coefficients:
-            raise IdentificationError(
-                f'"{name}" is not an unknown of this test; choose from {", ".join(coefficients)}'
-            )
-        return coefficients[name]
+        named: dict[str, CoefficientEstimate] = {one.name: one for one in self.coefficients}
+        if name not in named:
+            message = f'"{name}" is not an unknown of this test; choose from {", ".join(named)}'
+            raise IdentificationError(message)
+        return named[name]
 
     def force_deviation(self, name: str, d: ArrayLike) -> Floats:
         """The standard deviation of the force of a link at rest (v = 0); with memory, at states of 0.
@@ -226,9 +219,8 @@ class Limit(JudgedView):
         """
         links = {link.name: link for link in self.links}
         if name not in links:
-            raise IdentificationError(
-                f'nothing is unknown in a link "{name}" of this test; choose from {", ".join(links)}'
-            )
+            message = f'nothing is unknown in a link "{name}" of this test; choose from {", ".join(links)}'
+            raise IdentificationError(message)
         return links[name]
 
     @cached_property
@@ -243,12 +235,12 @@ class Limit(JudgedView):
         sentences = []
         for group in self.precision.confounded:
             names = [self.parameters[i].name for i in group]
-            sentences.append(
-                f"{names[0]} has no effect on these sensors: this test cannot identify it."
-                if len(names) == 1
-                else f"{enumerated(names)} are confounded: these sensors identify a combination of them "
+            sentence = (
+                f"{enumerated(names)} are confounded: these sensors identify a combination of them "
                 "only. Give one of them as known, or add a sensor or a force that moves them differently."
             )
+            alone = f"{names[0]} has no effect on these sensors: this test cannot identify it."
+            sentences.append(alone if len(names) == 1 else sentence)
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
@@ -271,9 +263,7 @@ class Limit(JudgedView):
                     "force_error": link.force_error,
                     "detectable": link.detectable,
                     "wells": [list(well.interval or (well.value,) * 2) for well in link.estimate.wells],
-                    "barrier": None
-                    if link.estimate.barrier is None
-                    else list(link.estimate.barrier.interval or ()),
+                    "barrier": None if (top := link.estimate.barrier) is None else list(top.interval or ()),
                 }
                 for link in self.links
             },
@@ -322,24 +312,17 @@ class Limit(JudgedView):
         link, truth = self.structure.links[index], self.record.simulated
         assert truth is not None
         rate = np.gradient(d, self.record.step)
-        columns = {
-            key: column
-            for column, parameter in enumerate(self.parameters)
-            for member, key in parameter.members
-            if member == index
-        }
+        members = [(p.members, column) for column, p in enumerate(self.parameters)]
+        columns = {key: column for own, column in members for member, key in own if member == index}
         free = tuple(key for key in link.coefficients if key in columns)
         selected = [columns[key] for key in free]
-        covariance = self.covariance[np.ix_(selected, selected)]
-        errors = self.standard_errors
+        covariance, errors = self.covariance[np.ix_(selected, selected)], self.standard_errors[selected]
         masses, column = self.structure.mass_values, self.structure.topology.columns[index]
         return LinkEstimate(
             link=link,
             coefficients=tuple(
-                _coefficient(
-                    Name(link.name, key), link.law.units[key], link.values[key], float(errors[columns[key]])
-                )
-                for key in free
+                _coefficient(Name(link.name, key), link.law.units[key], link.values[key], error)
+                for key, error in zip(free, errors.tolist(), strict=True)
             ),
             d_range=(float(d.min()), float(d.max())),
             v_range=(float(rate.min()), float(rate.max())),
@@ -432,9 +415,5 @@ def _well_rows(link: LinkLimit) -> Rows:
     estimate = link.estimate
     named = [(f"{link.name} well {number}", well) for number, well in enumerate(estimate.wells, start=1)]
     named += [(f"{link.name} barrier", estimate.barrier)] if estimate.barrier is not None else []
-    return [_derived_row(label, quantity) for label, quantity in named]
-
-
-def _derived_row(label: str, quantity: DerivedQuantity) -> tuple[str, ...]:
-    value, interval = quantity.texts
-    return label, value, interval or "not identifiable", quantity.unit
+    texts = [(label, *quantity.texts, quantity.unit) for label, quantity in named]
+    return [(label, value, interval or "not identifiable", unit) for label, value, interval, unit in texts]

@@ -101,12 +101,12 @@ class HostEstimate(JudgedView):
             remarks.
         """
         names = self.host.coordinates
+
+        def known(one: Coefficient) -> dict[str, Any]:
+            return {"value": one.value, "standard_error": one.sigma}
+
         between = [
-            {
-                "modes": [names[first - 1], names[second - 1]],
-                "value": entry.value,
-                "standard_error": entry.sigma,
-            }
+            {"modes": [names[first - 1], names[second - 1]], **known(entry)}
             for (first, second), entry in self.host.entries.items()
         ]
         return {
@@ -120,14 +120,14 @@ class HostEstimate(JudgedView):
                 {
                     "name": name,
                     "faint": name in self.faint,
-                    "frequency": {"value": mode.frequency.value, "standard_error": mode.frequency.sigma},
-                    "damping": {"value": mode.damping.value, "standard_error": mode.damping.sigma},
+                    "frequency": known(mode.frequency),
+                    "damping": known(mode.damping),
                     "shape": {
                         point: {"value": size, "standard_error": mode.shape_sigma.get(point, 0.0)}
                         for point, size in mode.shape.items()
                     },
                 }
-                for name, mode in zip(self.host.coordinates, self.host.modes, strict=True)
+                for name, mode in zip(names, self.host.modes, strict=True)
             ],
             **({"damping": between} if between else {}),
             "remarks": list(self.remarks),
@@ -135,24 +135,20 @@ class HostEstimate(JudgedView):
 
     def __str__(self) -> str:
         host = self.host
-        trust = self.grade.trust
         status = " ".join(verdict.value for verdict in self.verdicts)
-        head = f"{host.name}: {len(host.modes)} modes at {len(host.points)} points, {trust}"
+        head = f"{host.name}: {len(host.modes)} modes at {len(host.points)} points, {self.grade.trust}"
         numbers = f"{self.samples} samples, chi-square {self.chi_square_per_sample:.3f}"
         summary = f"{status} ({numbers}, {format_duration(self.seconds)})"
         points = tuple(host.modes[0].shape)[:_POINTS]
-        rows: list[tuple[str, ...]] = [
-            ("", "frequency [Hz]", "std. error", "damping [%]", "std. error", *points, "std. error")
-        ]
+        title = ("", "frequency [Hz]", "std. error", "damping [%]", "std. error", *points, "std. error")
+        rows: list[tuple[str, ...]] = [title]
         for name, mode in zip(host.coordinates, host.modes, strict=True):
             frequency, damping = mode.frequency, mode.damping
             errors = [mode.shape_sigma[point] for point in points]
-            sizes = (
-                *format_both(frequency.value or 0.0, frequency.sigma),
-                *format_both(100.0 * (damping.value or 0.0), 100.0 * damping.sigma),
-            )
+            hz = format_both(frequency.value or 0.0, frequency.sigma)
+            percent = format_both(100.0 * (damping.value or 0.0), 100.0 * damping.sigma)
             shape = (format_value(mode.shape[point], mode.shape_sigma[point]) for point in points)
-            rows.append((name, *sizes, *shape, f"up to {format_error(max(errors))}"))
+            rows.append((name, *hz, *percent, *shape, f"up to {format_error(max(errors))}"))
         between = [
             (name, *format_both(entry.value or 0.0, entry.sigma))
             for name, entry in zip(host.damping_links.values(), host.entries.values(), strict=True)
@@ -160,11 +156,9 @@ class HostEstimate(JudgedView):
         ]
         blocks = [f"{head}\n{paragraph(summary)}", "\n".join(align_columns(rows))]
         if host.damping:
-            title = (
-                f"damping between modes: {len(host.damping)} pairs are free, {len(between)} of them stand out"
-            )
+            counts = f"{len(host.damping)} pairs are free, {len(between)} of them stand out"
             table = align_columns([("", "damping [N s/m]", "std. error"), *between]) if between else []
-            blocks.append("\n".join([title, *table]))
+            blocks.append("\n".join([f"damping between modes: {counts}", *table]))
         blocks += [remark_lines(remark) for remark in self.remarks]
         return "\n\n".join(blocks)
 
@@ -259,9 +253,9 @@ def identify_host(
             )
         progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
         fit = modal_fit(measured, pursued)
-        while (
-            modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None
-        ):
+        while modes is None:
+            if (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is None:
+                break
             fit = modal_fit(measured, _without(double, measured, fit))
         faint = _powers(measured, fit) < _FAINT
         while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
@@ -273,9 +267,8 @@ def identify_host(
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     unscaled = _unscaled(fit, errors, faint)
     if inexact:
-        errors = np.maximum(
-            errors * fit.block_ratios, _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
-        )
+        moved = _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
+        errors = np.maximum(errors * fit.block_ratios, moved)
     of_pairs = errors[len(errors) - len(fit.pairs) :]
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
@@ -294,13 +287,11 @@ def identify_host(
 def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
     """Units of the points whose channels state one. Raises RecordError for a point that is said to turn and to move."""
     units: dict[str, str] = {}
-    stated = (
-        (channel, record) for record in records for channel in record.channels if channel in record.units
-    )
-    for channel, record in stated:
+    stated = [(c, record.units[c]) for record in records for c in record.channels if c in record.units]
+    for channel, unit in stated:
         if not channel.angular_unit or channel.place == BASE:
             continue
-        unit, point = record.units[channel], channel.place.removeprefix(f"{host.name}.")
+        point = channel.place.removeprefix(f"{host.name}.")
         turns = ANGLE if unit == channel.angular_unit else LENGTH
         if units.setdefault(point, turns) != turns:
             raise RecordError(

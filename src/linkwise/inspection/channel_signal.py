@@ -265,10 +265,8 @@ class ChannelSignal:
         some = some[some != 0.0]
         roundings = _ROUNDED * np.spacing(np.abs(some))
         for digits in range(1, _PRINTED):
-            if all(
-                abs(float(f"{value:.{digits - 1}e}") - value) <= rounding
-                for value, rounding in zip(some.tolist(), roundings.tolist(), strict=True)
-            ):
+            pairs = zip(some.tolist(), roundings.tolist(), strict=True)
+            if all(abs(float(f"{value:.{digits - 1}e}") - value) <= least for value, least in pairs):
                 return digits
         return 17
 
@@ -429,13 +427,12 @@ def _solved(
     right = np.array([columns[rows].T @ target[rows] for rows in blocks])
     for gram, rows in zip(grams, blocks, strict=True):
         gram[[0, 1], [0, 1]] -= len(rows) * np.nan_to_num(noise)
-    scale = 1.0 / np.sqrt(np.abs(np.diagonal(grams.sum(axis=0))))
-    if not np.all(np.isfinite(scale)) or grams.sum(axis=0)[0, 0] <= 0.5 * float(
-        columns[:, 0] @ columns[:, 0]
-    ):
+    total, of_right = grams.sum(axis=0), right.sum(axis=0)
+    scale = 1.0 / np.sqrt(np.abs(np.diagonal(total)))
+    if not np.all(np.isfinite(scale)) or total[0, 0] <= 0.5 * float(columns[:, 0] @ columns[:, 0]):
         return None
 
-    left_out = grams.sum(axis=0) - grams  # one block each
+    left_out = total - grams  # one block each
     if np.linalg.cond(left_out * np.outer(scale, scale)).max() > _SINGULAR:
         return None
 
@@ -444,13 +441,11 @@ def _solved(
         with np.errstate(divide="ignore", invalid="ignore"):  # of a gain of 0
             return np.array([solution[0], solution[1] / solution[0], solution[2], solution[3]])
 
-    whole = solve(grams.sum(axis=0), right.sum(axis=0))
-    without = np.array([solve(g, right.sum(axis=0) - r) for g, r in zip(left_out, right, strict=True)])
+    whole = solve(total, of_right)
+    without = np.array([solve(g, of_right - r) for g, r in zip(left_out, right, strict=True)])
     if not np.isfinite(whole).all() or not np.isfinite(without).all():
         return None
-    spread = np.sqrt(
-        (_JACKKNIFE_BLOCKS - 1) / _JACKKNIFE_BLOCKS * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
-    )
+    spread = np.sqrt((_JACKKNIFE_BLOCKS - 1) * np.var(without, axis=0))
     coefficients = np.array([whole[0], whole[0] * whole[1], whole[2], whole[3]])
     left = target - columns @ coefficients
     share = 1.0 - float(left @ left) / float(target @ target)
@@ -491,12 +486,9 @@ class RecordSignals:
         """The samples at an end in which a channel rests and nothing drives the structure; None where there are none."""
         if signal.rest is None:
             return None
-        driven = (
-            float(np.std(given.filled[signal.rest])) > QUIET * given.rms
-            for given in self.moving
-            if given.is_input
-        )
-        return None if any(driven) else signal.rest
+        inputs = [given for given in self.moving if given.is_input]
+        driven = any(float(np.std(given.filled[signal.rest])) > QUIET * given.rms for given in inputs)
+        return None if driven else signal.rest
 
     @cached_property
     def kinematics(self) -> tuple[KinematicFit, ...]:

@@ -178,18 +178,14 @@ def unanswered_alerts(
 
 def _marked_alone(record: Record) -> set[str]:
     """Channels that lack no more samples than were marked as missing."""
-    return {
-        channel
-        for channel, count in marked_samples(record).items()
-        if np.isnan(record.channel(channel)).sum() <= count
-    }
+    marked = marked_samples(record).items()
+    return {channel for channel, count in marked if np.isnan(record.channel(channel)).sum() <= count}
 
 
 def _is_estimated(alert: Alert, estimated: Collection[EstimatedError], near: float) -> bool:
     """Whether what an alert names is estimated, all of its lines where it is a hum, each within `near` in Hz."""
-    stated = [
-        error.frequency for error in estimated if (error.kind, error.channel) == (alert.kind, alert.channel)
-    ]
+    kind = alert.kind, alert.channel
+    stated = [error.frequency for error in estimated if (error.kind, error.channel) == kind]
     return bool(stated) and all(
         any(frequency is not None and abs(line - frequency) < near for frequency in stated)
         for line in alert.frequencies

@@ -54,15 +54,13 @@ def gain(signals: RecordSignals) -> Iterator[Alert]:
     named: list[KinematicFit] = []
     for fit in _comparable(signals):
         value, error = fit.gain
-        if abs(value - 1.0) < max(_GAIN, _CERTAIN * error) or any(
-            _accounts_for(earlier, fit) for earlier in named
-        ):
+        right = abs(value - 1.0) < max(_GAIN, _CERTAIN * error)
+        if right or any(_accounts_for(earlier, fit) for earlier in named):
             continue
         named.append(fit)
         lower, upper = fit.lower.channel, fit.upper.channel
-        known = next(
-            (text for factor, text in _FACTORS.items() if isclose(value, factor, rel_tol=_NEAR)), None
-        )
+        factors = (text for factor, text in _FACTORS.items() if isclose(value, factor, rel_tol=_NEAR))
+        known = next(factors, None)
         if known is not None or not 0.3 < value < 3.0:
             message = (
                 f"is {value:.4g} times what {lower} says, a factor of {known or 'no plausible calibration'}: the unit or the "
@@ -102,13 +100,8 @@ def drift(signals: RecordSignals) -> Iterator[Alert]:
             f"drifts by {over:.3g} {fit.upper.unit} over the record, as {fit.lower.channel} shows: a drift acts like a "
             "slow force, and biases stiffness; let the sensor warm up, subtract the trend, or use shorter pieces"
         )
-        yield Alert(
-            "drift",
-            fit.upper.channel,
-            message,
-            0.3 * abs(over) / fit.upper.rms,
-            arguments=("earliest", "latest"),
-        )
+        size = 0.3 * abs(over) / fit.upper.rms
+        yield Alert("drift", fit.upper.channel, message, size, arguments=("earliest", "latest"))
 
 
 def _accounts_for(earlier: KinematicFit, fit: KinematicFit) -> bool:
@@ -169,13 +162,8 @@ def drift_at_rest(signals: RecordSignals) -> Iterator[Alert]:
             f"{over:.3g} {signal.unit} over the record: it acts like a slow force, and biases stiffness; let the "
             "sensor warm up, subtract the trend, or use shorter pieces"
         )
-        yield Alert(
-            "drift",
-            signal.channel,
-            message,
-            0.3 * abs(over) / signal.rms,
-            arguments=("drifts", "earliest", "latest"),
-        )
+        size = 0.3 * abs(over) / signal.rms
+        yield Alert("drift", signal.channel, message, size, arguments=("drifts", "earliest", "latest"))
 
 
 def _when(signal: ChannelSignal, rest: slice) -> str:

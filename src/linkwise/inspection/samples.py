@@ -160,12 +160,9 @@ def rails(signal: ChannelSignal) -> tuple[tuple[float, float], ...]:
 
 def _clipped_ends(signal: ChannelSignal) -> list[tuple[int, float]]:
     """The ends of the range at which samples are clipped, each with their number."""
-    ends = [(count, value) for value in _ends(signal) if (count := _at_end(signal, value))]
+    range_ = float(signal.levels[0]), float(signal.levels[-1])
+    ends = [(count, value) for value in range_ if (count := _at_end(signal, value))]
     return ends if sum(count for count, _ in ends) <= _FLAT * len(signal.observed) else []
-
-
-def _ends(signal: ChannelSignal) -> tuple[float, float]:
-    return float(signal.levels[0]), float(signal.levels[-1])
 
 
 def _at_end(signal: ChannelSignal, value: float) -> int:
@@ -227,10 +224,8 @@ def spikes(signals: RecordSignals) -> Iterator[Alert]:
 
 def _deviations(values: Floats) -> Floats:
     """How far each sample (N,) is from what its neighbours say; 0 at both ends."""
-    deviations = np.zeros(len(values))
-    deviations[_HALF_WINDOW:-_HALF_WINDOW] = values[_HALF_WINDOW:-_HALF_WINDOW] - np.convolve(
-        values, _NEIGHBOURS, "valid"
-    )
+    deviations, inner = np.zeros(len(values)), slice(_HALF_WINDOW, -_HALF_WINDOW)
+    deviations[inner] = values[inner] - np.convolve(values, _NEIGHBOURS, "valid")
     return deviations
 
 
@@ -353,18 +348,15 @@ def doubled(signals: RecordSignals) -> Iterator[Alert]:
             continue
         first = signal.start + int(np.argmax(repeats & ~ends)) / signal.rate
         held_share = count / max(int(known.sum()), 1)
-        finding = (
-            f"about every sample is held for {1.0 / (1.0 - held_share):.2g} samples"
-            if held_share > 0.3
-            else f"{count} sample{'s repeat' if count > 1 else ' repeats'} the one before, the first at {first:g} s"
-        )
+        finding = f"{count} sample{'s repeat' if count > 1 else ' repeats'} the one before, the first at {first:g} s"
+        if held_share > 0.3:
+            finding = f"about every sample is held for {1.0 / (1.0 - held_share):.2g} samples"
         message = (
             f"{finding}: if the logger wrote samples twice, everything after them comes late, and stiffness and damping are "
             "wrong by many standard errors; cut the record to a piece without them, or mark them as missing"
         )
-        yield Alert(
-            "doubled", signal.channel, message, float(held_share**0.5), arguments=("earliest", "latest")
-        )
+        size = float(held_share**0.5)
+        yield Alert("doubled", signal.channel, message, size, arguments=("earliest", "latest"))
 
 
 def _natural(steps: Floats, grain: Floats) -> float:
@@ -386,10 +378,9 @@ def _in_rows(steps: Floats, signal: ChannelSignal) -> Bools:
     for as long as it rests.
     """
     grain = max(float(np.median(signal.grain)), signal.step)
-    if not np.nan_to_num(signal.sigma) > max(_FINER * grain, _NOISY * signal.rms):
-        return np.zeros(len(steps), dtype=bool)
+    noisy = np.nan_to_num(signal.sigma) > max(_FINER * grain, _NOISY * signal.rms)
     moving = np.flatnonzero(steps > 0.0)
-    if not len(moving):
+    if not (noisy and len(moving)):
         return np.zeros(len(steps), dtype=bool)
     after = np.searchsorted(moving, np.arange(len(steps)))
     inside = (after > 0) & (after < len(moving))

@@ -87,9 +87,7 @@ def _is_harmonic(frequency: float, driven: _Driven, duration: float) -> bool:
     near = resolution + _OFF
     most = driven.harmonics if of > _SPACED * near else min(driven.harmonics, _INPUT)
     multiples = [frequency * part / max(of, resolution) for part in (1, 2, 3)]
-    return any(
-        round(multiple) <= most and abs(multiple - round(multiple)) * of < near for multiple in multiples
-    )
+    return any(round(times) <= most and abs(times - round(times)) * of < near for times in multiples)
 
 
 def _steady_line(signal: ChannelSignal, frequency: float) -> tuple[float, float]:
@@ -112,10 +110,8 @@ def _steady_line(signal: ChannelSignal, frequency: float) -> tuple[float, float]
     left = pieces * np.exp(-2j * np.pi * offsets[best] * middles) - sums[best]
     scatter = float(np.sqrt(np.mean(np.abs(left) ** 2)))
     noise = float(np.nan_to_num(signal.sigma)) * 2.0 * float(np.sqrt(np.sum(window**2)) / window.sum())
-    steady = (
-        scatter < _SPREAD * amplitude + 1.5 * noise
-        and amplitude > _ABOVE * max(noise, scatter) / _QUIETEST**0.5
-    )
+    audible = amplitude > _ABOVE * max(noise, scatter) / _QUIETEST**0.5
+    steady = audible and scatter < _SPREAD * amplitude + 1.5 * noise
     at = frequency + float(offsets[best])
     return at, amplitude if steady and _is_line(signal, at) else 0.0
 
@@ -248,12 +244,9 @@ STRONGEST = 1e5  # m/s^2: only microscopic structures are accelerated so strongl
 
 def unit(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of responses whose velocity or acceleration is beyond anything that vibrates."""
-    for signal in signals.moving:
-        if (
-            not signal.channel.is_motion
-            or signal.unit == signal.channel.angular_unit
-            or signal.highest <= 0.0
-        ):
+    motions = [signal for signal in signals.moving if signal.channel.is_motion]
+    for signal in motions:
+        if signal.unit == signal.channel.angular_unit or signal.highest <= 0.0:
             continue
         spectrum = signal.spectrogram
         inside = (spectrum.frequency > 0.0) & (spectrum.frequency <= signal.highest)

@@ -115,12 +115,9 @@ def _signals(poles: Complex, run: MeasuredRun, *, derivatives: bool) -> tuple[Co
     signals = np.concatenate([forced, decays], axis=1)
     if not derivatives:
         return signals, np.empty_like(signals[:, :0])
-    by_pole = np.array(
-        [
-            [force.derivative_by_pole(pole, z) for force, z in zip(run.forces, own, strict=True)]
-            for pole, own in zip(poles.tolist(), forced, strict=True)
-        ]
-    )
+    by_pole = np.empty_like(forced)
+    for mode, force in np.ndindex(forced.shape[:2]):
+        by_pole[mode, force] = run.forces[force].derivative_by_pole(complex(poles[mode]), forced[mode, force])
     return signals, np.concatenate([by_pole, time * decays], axis=1)
 
 

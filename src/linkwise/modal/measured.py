@@ -105,23 +105,15 @@ class ModalMeasurement:
 
 def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> MeasuredRun:
     """One record, its responses and its forces."""
-    return MeasuredRun(
-        record.select(responses).values.T.copy(),
-        _deviations(record, responses),
-        tuple(SampledForce(record.channel(channel), record.step) for channel in forces),
-        record.step,
-    )
+    noise = channel_noise(record)
+    deviations = np.array([noise[name] for name in responses])
+    sampled = tuple(SampledForce(record.channel(channel), record.step) for channel in forces)
+    return MeasuredRun(record.select(responses).values.T.copy(), deviations, sampled, record.step)
 
 
 def _kinds(responses: Sequence[Channel]) -> Indices:
     """(C,) orders of the derivatives of the displacement."""
     return np.array([channel.order for channel in responses])
-
-
-def _deviations(record: Record, responses: Sequence[str]) -> Floats:
-    """(C,) standard deviations of the noise of responses."""
-    noise = channel_noise(record)
-    return np.array([noise[name] for name in responses])
 
 
 def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:
@@ -131,9 +123,8 @@ def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> N
             f"a:beam.tip, got {', '.join(record.channels)}"
         )
     if len(record) < _SHORTEST:
-        raise IdentificationError(
-            f"the record has {len(record)} samples, too few to determine modes; a modal test needs at least {_SHORTEST}"
-        )
+        message = f"the record has {len(record)} samples, too few to determine modes; a modal test needs at least {_SHORTEST}"
+        raise IdentificationError(message)
     for name in forces:
         require_complete(name, record.channel(name), record.start, record.rate)
     if not any(record.channel(name).any() for name in forces):

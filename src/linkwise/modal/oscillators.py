@@ -61,12 +61,8 @@ class SampledForce:
         by_pole = self.derivative_by_pole(s, z)
         motion = np.array([z, s * z, s * s * z])
         slopes = np.array([by_pole, z + s * by_pole, s * (2.0 * z + s * by_pole)])
-        return np.array(
-            [
-                (slopes * change).imag / s.imag - motion.imag * (change.imag / s.imag**2)
-                for change in _pole_changes(frequency, damping)
-            ]
-        )
+        changes = np.array(_pole_changes(frequency, damping))[:, None, None]
+        return np.asarray((slopes * changes).imag / s.imag - motion.imag * (changes.imag / s.imag**2))
 
     def recursion(self, s: complex) -> NDArray[np.complex128]:
         """The complex mode z (N,) from rest with z' = s z + the force, by its pole s in 1/s."""

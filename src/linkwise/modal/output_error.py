@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -80,9 +80,6 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
     numbers = np.arange(by_mode.size).reshape(by_mode.shape)[order].ravel()
     numbers = np.concatenate([numbers, np.arange(by_mode.size, problem.own)])
     place = np.argsort(order).tolist()
-    residuals = tuple(
-        run.responses - problem.response(theta, number) for number, run in enumerate(measured.runs)
-    )
     return ModalFit(
         frequencies=by_mode[order, 0],
         damping=by_mode[order, 1],
@@ -94,7 +91,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         block_ratios=ratios[numbers],
         sensitivities=sensitivities[numbers],
         noise=noise,
-        residuals=residuals,
+        residuals=tuple(problem.left(theta)),
         converged=converged,
     )
 
@@ -110,11 +107,8 @@ def _searched_in_rounds(problem: _OutputError, theta: Floats) -> tuple[Floats, F
 
 def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_OutputError, Floats]:
     """The problem with damping between pairs of modes, and where to start from, if one of them gains enough."""
-    pairs = tuple(
-        (first, second)
-        for first, second in combinations(range(problem.modes), 2)
-        if problem.modes <= _EVERY_PAIR or second - first <= _NEIGHBOURS
-    )
+    far = problem.modes if problem.modes <= _EVERY_PAIR else _NEIGHBOURS
+    pairs = tuple(pair for pair in combinations(range(problem.modes), 2) if pair[1] - pair[0] <= far)
     own = problem.by_mode(theta)
     damping = 4.0 * np.pi * own[:, 0] * own[:, 1]
     sizes = np.array([np.sqrt(damping[first] * damping[second]) for first, second in pairs])
@@ -236,11 +230,15 @@ class _OutputError:
         offsets = theta[first : first + len(self.measured.kinds)]
         return self._coupled(theta, run).of(self.measured.runs[run]) + offsets[:, None]
 
+    def left(self, theta: Floats) -> Iterator[Floats]:
+        """(C, N) residuals of each record."""
+        for number, run in enumerate(self.measured.runs):
+            yield run.responses - self.response(theta, number)
+
     def levels(self, theta: Floats) -> Floats:
         """(C,) root mean squares of the residuals."""
         power, count = np.zeros(len(self.measured.kinds)), np.zeros(len(self.measured.kinds))
-        for number, run in enumerate(self.measured.runs):
-            left = run.responses - self.response(theta, number)
+        for left in self.left(theta):
             power += np.nansum(left**2, axis=1)
             count += np.isfinite(left).sum(axis=1)
         return np.asarray(np.sqrt(np.maximum(power / np.maximum(count, 1.0), np.finfo(float).tiny)))
@@ -249,9 +247,7 @@ class _OutputError:
         """The sum of squares in units of the noise."""
         total = float(np.sum((self.between(theta) / self.sizes) ** 2))
         try:
-            for number, run in enumerate(self.measured.runs):
-                left = (run.responses - self.response(theta, number)) / noise[:, None]
-                total += float(np.nansum(left**2))
+            total += sum(float(np.nansum((left / noise[:, None]) ** 2)) for left in self.left(theta))
         except np.linalg.LinAlgError:  # a mode does not vibrate
             return np.inf
         return total if np.isfinite(total) else np.inf
@@ -296,19 +292,15 @@ class _OutputError:
         numbers = [*own[:, :2].ravel(), *range(own.size, self.own), *own[:, 2:].ravel()]
         numbers += range(first, first + 2 * self.modes)
         for channel, rows in enumerate(self._coupled(theta, run).derivatives(record)):
-            yield (
-                np.concatenate([rows, np.ones((1, record.count))]),
-                [*map(int, numbers), first + 2 * self.modes + channel],
-            )
+            of_offset = np.ones((1, record.count))
+            yield np.concatenate([rows, of_offset]), [*map(int, numbers), first + 2 * self.modes + channel]
 
 
 def _shape(measured: ModalMeasurement, residues: Floats) -> Floats:
     """(m,) shape from the residues (C, P) of a mode: scaled where a response was measured at a force."""
     sensed, forced = measured.sensed.tolist(), measured.forced.tolist()
-    driven = [
-        (abs(residues[c, p]), c, p) for c, at in enumerate(sensed) for p, by in enumerate(forced) if at == by
-    ]
-    size, _, force = max(driven)
+    pairs = product(enumerate(sensed), enumerate(forced))
+    size, _, force = max((abs(residues[c, p]), c, p) for (c, at), (p, by) in pairs if at == by)
     scale = float(np.sqrt(max(size, np.finfo(float).tiny)))
     shape = np.zeros(len(measured.points))
     for p, by in enumerate(forced):

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -85,10 +86,10 @@ class Projection:
     @property
     def left(self) -> list[Floats]:
         """(C, N) of each record that the modes leave, NaN where a sample is missing."""
-        return [
-            np.where(np.isfinite(run.responses), [fit.left for fit in fits], np.nan)
-            for run, fits in zip(self.measured.runs, self._fits, strict=True)
-        ]
+        runs = (
+            (run.responses, [fit.left for fit in self._fits[n]]) for n, run in enumerate(self.measured.runs)
+        )
+        return [np.where(np.isfinite(responses), left, np.nan) for responses, left in runs]
 
     @property
     def levels(self) -> Floats:
@@ -109,20 +110,18 @@ class Projection:
 
     def residues(self, run: int) -> Floats:
         """(n, C, P) residues that a record gives."""
+        return np.asarray(self._weights(run)[:, :, :-2].transpose(1, 0, 2))
+
+    def _weights(self, run: int) -> Floats:
+        """(C, n, P + 2) sizes of the motions of each mode, those under each force first, in the channels of a record."""
         weights = np.array([(fit.weights / fit.basis.norms)[:-1] for fit in self._fits[run]])
-        forces = len(self.measured.forced)
-        of_modes = weights.reshape(len(weights), len(self.logs), forces + 2)
-        return np.asarray(of_modes[:, :, :forces].transpose(1, 0, 2))
+        return weights.reshape(len(weights), len(self.logs), len(self.measured.forced) + 2)
 
     def free_amplitudes(self, run: int) -> Floats:
         """(n, C) amplitudes of the free motion of each mode at the start of a record, in the unit of each response."""
-        forces = len(self.measured.forced)
         speed = 2.0 * np.pi * np.exp(self.logs[:, 0])  # rad/s
-        columns = []
-        for kind, fit in zip(self.measured.kinds.tolist(), self._fits[run], strict=True):
-            weights = (fit.weights / fit.basis.norms)[:-1].reshape(len(self.logs), forces + 2)
-            columns.append(np.hypot(*weights[:, forces:].T) * speed ** (kind - 2))
-        return np.array(columns).T
+        sizes = np.hypot(*self._weights(run)[:, :, -2:].T)
+        return np.asarray(sizes * speed[:, None] ** (self.measured.kinds - 2.0))
 
     def equations(self, levels: Floats) -> LinearProblem:
         """The sum of squares about `logs`, in units of `levels` (C,)."""
@@ -138,15 +137,11 @@ class Projection:
         """Of each channel of a record, derivatives (2 n, N) of the response by `logs`, and what is left (N,), over levels."""
         record = self.measured.runs[run]
         changes = [record.motion_derivatives(*np.exp(of_mode)) for of_mode in self.logs]
-        width = len(self.measured.forced) + 2
-        known = np.isfinite(record.responses)
+        known, weights = np.isfinite(record.responses), self._weights(run)
         for channel, (fit, kind) in enumerate(zip(self._fits[run], self.measured.kinds, strict=True)):
-            weights = (fit.weights / fit.basis.norms)[:-1].reshape(len(self.logs), width)
+            of_modes = zip(weights[channel], changes, strict=True)
             rows = np.concatenate(
-                [
-                    np.einsum("p,jpt->jt", of_mode, change[:, :, kind])
-                    for of_mode, change in zip(weights, changes, strict=True)
-                ]
+                [np.einsum("p,jpt->jt", own, change[:, :, kind]) for own, change in of_modes]
             )
             rows = np.where(known[channel], rows, 0.0)
             products = scipy.linalg.cho_solve(fit.basis.factor, fit.basis.columns @ rows.T)
@@ -183,18 +178,14 @@ def pursued_modes(
     measured: ModalMeasurement, count: int | None, progress: Progress, *, most: int = _MOST
 ) -> PursuedModes:
     """The modes of a test: `count` of them, or as many as the criterion asks for, `most` at most."""
-    runs = tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS])
-    part = replace(measured, runs=runs)
+    part = replace(measured, runs=tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS]))
     modes = Projection(part, np.empty((0, 2)))
     most = most if count is None else count
     while len(modes.logs) < most:
         progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
         added = _refined(part, np.concatenate([modes.logs, _best_addition(modes)]))
-        if count is None and not (
-            _criterion(added) < _criterion(modes)
-            and _gains_in_bands(modes, added)
-            and _stands_out(modes, added)
-        ):
+        gains = count is not None or (_criterion(added) < _criterion(modes) and _gains_in_bands(modes, added))
+        if not gains or (count is None and not _stands_out(modes, added)):
             break
         modes = added
     if count is None:
@@ -345,31 +336,21 @@ def _samples(measured: ModalMeasurement) -> Floats:
 
 def _residues(modes: Projection) -> Floats:
     """(n, C, P) means over the records, each weighted by the size of its forces."""
-    total: Floats = np.zeros(1)
-    weight: Floats = np.zeros(1)
-    for number, run in enumerate(modes.measured.runs):
-        power = np.array([float(np.sum(force.samples**2)) for force in run.forces])
-        total = total + modes.residues(number) * power
-        weight = weight + power
+    runs = modes.measured.runs
+    powers = np.array([[float(np.sum(force.samples**2)) for force in run.forces] for run in runs])
+    total = sum(modes.residues(number) * power for number, power in enumerate(powers))
+    weight = powers.sum(axis=0)
     return np.asarray(total / np.where(weight > 0.0, weight, 1.0))
 
 
 def _best_addition(modes: Projection) -> Floats:
     """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave."""
     levels = modes.levels
-    remaining = replace(
-        modes.measured,
-        runs=tuple(
-            replace(run, responses=left) for left, run in zip(modes.left, modes.measured.runs, strict=True)
-        ),
-    )
-    trials = (
-        Projection(remaining, np.log([[frequency, damping]]))
-        for frequency in _tried(remaining, levels)
-        for damping in _DAMPING
-    )
-    best = min(((trial.cost(levels), trial.logs) for trial in trials), key=lambda pair: pair[0])
-    return _refined(remaining, best[1], levels).logs
+    left = zip(modes.left, modes.measured.runs, strict=True)
+    remaining = replace(modes.measured, runs=tuple(replace(run, responses=one) for one, run in left))
+    trials = np.log(list(product(_tried(remaining, levels), _DAMPING)))[:, None]
+    best = min(trials, key=lambda logs: Projection(remaining, logs).cost(levels))
+    return _refined(remaining, best, levels).logs
 
 
 def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:

@@ -77,9 +77,8 @@ def bnes_chain(
     if n > LARGEST:
         raise StructureError(f"the number of masses must be at most {LARGEST}")
     if n < 2 or n % 2:
-        raise StructureError(
-            f"the number of masses must be even and at least 2, since each cell has a primary mass and a sink; got {n}"
-        )
+        message = f"the number of masses must be even and at least 2, since each cell has a primary mass and a sink; got {n}"
+        raise StructureError(message)
     given = {
         "primary_mass": primary_mass, "sink_mass": sink_mass, "k": k, "c": c, "sink_c": sink_c, "alpha": alpha, "beta": beta,
     }  # fmt: skip
@@ -92,14 +91,10 @@ def bnes_chain(
         primary, attached = f"m{2 * cell + 1}", f"m{2 * cell + 2}"
         below = f"m{2 * cell - 1}" if cell else GROUND
         masses += [Mass(primary, numbers["primary_mass"]), Mass(attached, numbers["sink_mass"])]
+        of_sink = {"alpha": numbers["alpha"], "beta": numbers["beta"], "c": numbers["sink_c"]}
         links += [
             Link(f"spring{cell + 1}", (primary, below), spring, {"k": numbers["k"], "c": numbers["c"]}),
-            Link(
-                f"nes{cell + 1}",
-                (attached, primary),
-                sink,
-                {"alpha": numbers["alpha"], "beta": numbers["beta"], "c": numbers["sink_c"]},
-            ),
+            Link(f"nes{cell + 1}", (attached, primary), sink, of_sink),
         ]
     return Structure(f"bistable chain of {n} masses", tuple(masses), tuple(links))
 
@@ -112,9 +107,8 @@ def _per_cell(name: str, given: PerCell, cells: int) -> list[float]:
             raise ValueError
         return list(np.broadcast_to(numbers, cells).tolist())
     except (TypeError, ValueError):
-        raise StructureError(
-            f"expected one number, or one for each of {cells} cells, got {given!r}", name
-        ) from None
+        wanted = f"expected one number, or one for each of {cells} cells"
+        raise StructureError(f"{wanted}, got {given!r}", name) from None
 
 
 _LINK = re.compile(r"\s*(?P<first>[^:]+?)\s+-\s+(?P<second>[^:]+?)\s*:\s*(?P<law>.+?)\s*", re.DOTALL)
@@ -183,23 +177,19 @@ def rig(
     """
     for argument, mapping in {"masses": masses, "links": links, "known": known, "signals": signals}.items():
         expect(f"rig(masses, links, known): {argument}", mapping, Mapping)
-    built = tuple(
-        mass_of(MassTable(mass, given), number, "rig") for number, (mass, given) in enumerate(masses.items())
-    )
+    of_masses = enumerate(masses.items())
+    built = tuple(mass_of(MassTable(mass, given), number, "rig") for number, (mass, given) in of_masses)
     tables = {link: link_table(link, text, signals) for link, text in links.items()}
     names = [str(Name(link, key)) for link, table in tables.items() for key in table.coefficients]
     for full, value in known.items():
         if full not in names:
-            raise StructureError(
-                f"is not a coefficient of this rig{near_miss(full, names)}; they are {', '.join(names) or 'none'}",
-                f'known "{full}"',
-            )
+            message = f"is not a coefficient of this rig{near_miss(full, names)}; they are {', '.join(names) or 'none'}"
+            raise StructureError(message, f'known "{full}"')
         owner, key = Name.parse(full).owner, Name.parse(full).key
         tables[owner].coefficients[key] = dict(value) if isinstance(value, Mapping) else value
     rotations = rotations_of((), built)
-    of_links = tuple(
-        link_of(table, number, "rig", rotations, signals) for number, table in enumerate(tables.values())
-    )
+    numbered = enumerate(tables.values())
+    of_links = tuple(link_of(table, number, "rig", rotations, signals) for number, table in numbered)
     require_named(signals, of_links, "rig")
     return Structure(name, built, of_links)
 
@@ -209,10 +199,8 @@ def link_table(name: str, text: str, signals: Mapping[str, str] = MappingProxyTy
     expect(f'link "{name}"', text, str)
     said = _LINK.fullmatch(text)
     if said is None:
-        raise StructureError(
-            f'expected "FIRST - SECOND: LAW", such as "sink - frame: k*d + c*v", got {text!r}',
-            f'link "{name}"',
-        )
+        message = f'expected "FIRST - SECOND: LAW", such as "sink - frame: k*d + c*v", got {text!r}'
+        raise StructureError(message, f'link "{name}"')
     law, ends = said["law"], [said["first"], said["second"]]
     if is_law_name(law):
         named = named_law(law)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import msgspec
@@ -98,9 +98,8 @@ Value = TypeVar("Value")
 def index_of(indices: Mapping[str, Value], name: str, kind: str, kinds: str) -> Value:
     """What stands under a name; raises StructureError with all names where there is none."""
     if name not in indices:
-        raise StructureError(
-            f'unknown {kind} "{name}"{near_miss(name, indices)}; the {kinds} are {quoted(indices)}'
-        )
+        hint = near_miss(name, indices)
+        raise StructureError(f'unknown {kind} "{name}"{hint}; the {kinds} are {quoted(indices)}')
     return indices[name]
 
 
@@ -220,9 +219,8 @@ class Coefficient:
         if self.value is not None and not math.isfinite(self.value):
             raise StructureError(f"a coefficient must be a finite number, got {self.value!r}")
         if self.known and self.value is None and self.same_as is None:
-            raise StructureError(
-                'a known coefficient needs a value; write "unknown" if it is to be identified'
-            )
+            advice = 'write "unknown" if it is to be identified'
+            raise StructureError(f"a known coefficient needs a value; {advice}")
         if not self.sigma > 0.0:
             raise StructureError(
                 f"the standard deviation sigma must be positive, got {self.sigma!r}; write a number for a known coefficient"
@@ -232,14 +230,12 @@ class Coefficient:
                 "a coefficient that is known to within sigma needs a start, its most likely value, and is not a known number"
             )
         if not self.lower < self.upper:
-            raise StructureError(
-                f"the lower bound {self.lower!r} must be below the upper bound {self.upper!r}"
-            )
+            upper = f"the upper bound {self.upper!r}"
+            raise StructureError(f"the lower bound {self.lower!r} must be below {upper}")
         if self.value is not None and not self.lower <= self.value <= self.upper:
             role = "value" if self.known else "start"
-            raise StructureError(
-                f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
-            )
+            message = f"the {role} {self.value!r} is outside the bounds {self.lower!r} to {self.upper!r}; change one of them"
+            raise StructureError(message)
 
     def __repr__(self) -> str:
         if self.same_as is not None:
@@ -264,9 +260,7 @@ class Coefficient:
         Coefficient
             The coefficient, still shared.
         """
-        return Coefficient(
-            leader.value, leader.known, leader.lower, leader.upper, same_as=self.same_as, sigma=leader.sigma
-        )
+        return replace(leader, same_as=self.same_as)
 
     def freed(self) -> Coefficient:
         """This coefficient as an unknown without value, start or prior; bounds and sharing are kept.
@@ -310,9 +304,8 @@ def coefficient_of(given: object, unit: str, source: str, path: str) -> Coeffici
             numbers = {key: _si(value, unit) for key, value in given.items() if key != "sigma"}
             if (sigma := given.get("sigma")) is not None:
                 of_start = "start" in given and str(sigma).rstrip().endswith("%")
-                numbers["sigma"] = (
-                    0.01 * abs(numbers["start"]) * percentage(sigma) if of_start else _si(sigma, unit)
-                )
+                part = 0.01 * percentage(sigma) if of_start else 1.0
+                numbers["sigma"] = part * abs(numbers["start"]) if of_start else _si(sigma, unit)
             return Coefficient.unknown(**numbers)
         if isinstance(given, str):
             if given.strip() == "unknown":

@@ -174,21 +174,18 @@ class Sampled:
     def __post_init__(self) -> None:
         for name in ("start", "rate"):
             expect(f"Sampled: {name}", getattr(self, name), float)
-        if np.asarray(self.values).dtype.kind not in "biuf":
-            raise SimulationError(
-                f"the samples of an input must be numbers, got {np.asarray(self.values).dtype}"
-            )
+        kind = np.asarray(self.values).dtype
+        if kind.kind not in "biuf":
+            raise SimulationError(f"the samples of an input must be numbers, got {kind}")
         values = np.array(self.values, dtype=float)
         values.flags.writeable = False
         vars(self).update(values=values, start=float(self.start), rate=float(self.rate))
         if self.order not in ORDERS:
-            raise SimulationError(
-                f"unknown spline order {self.order!r}; choose from {', '.join(map(str, ORDERS))}"
-            )
+            listed = ", ".join(map(str, ORDERS))
+            raise SimulationError(f"unknown spline order {self.order!r}; choose from {listed}")
         if not (np.isfinite(self.start) and np.isfinite(self.rate) and self.rate > 0.0):
-            raise SimulationError(
-                f"the start of an input must be finite and its rate positive, got {self.start!r} s and {self.rate!r} Hz"
-            )
+            message = f"the start of an input must be finite and its rate positive, got {self.start!r} s and {self.rate!r} Hz"
+            raise SimulationError(message)
         if values.ndim != 1 or values.size < max(self.order + 1, 2):
             raise SimulationError(
                 f"a spline of order {self.order} needs a one-dimensional array of at least {max(self.order + 1, 2)} samples, "
@@ -493,13 +490,8 @@ class Excitation:
         )
 
     def __reduce__(self) -> tuple[type[Excitation], tuple[object, ...]]:
-        return Excitation, (
-            dict(self.release),
-            self.impulses,
-            dict(self.forces),
-            self.base,
-            dict(self.signals),
-        )
+        given = dict(self.release), self.impulses, dict(self.forces), self.base, dict(self.signals)
+        return Excitation, given
 
     def base_at(self, times: ArrayLike) -> Floats | None:
         """Displacement of the base.

@@ -15,6 +15,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -81,15 +82,13 @@ class HostMode:
         expect("HostMode: shape", shape, Mapping)
         for quantity, unit, given in (("frequency", " Hz", self.frequency), ("damping", "", self.damping)):
             if given.value is not None and not given.value >= 0.0:
-                raise StructureError(
-                    f"the {quantity} of a mode must not be negative, got {given.value!r}{unit}"
-                )
+                got = f"{given.value!r}{unit}"
+                raise StructureError(f"the {quantity} of a mode must not be negative, got {got}")
         for point, value in self.shape.items():
             expect(f"HostMode: shape[{point!r}]", value, float)
             if not math.isfinite(value):
-                raise StructureError(
-                    f'the shape of a mode at the point "{point}" must be a finite number, got {value!r}'
-                )
+                where = f'the shape of a mode at the point "{point}"'
+                raise StructureError(f"{where} must be a finite number, got {value!r}")
         for point, sigma in self.shape_sigma.items():
             if point not in self.shape or not sigma > 0.0:
                 raise StructureError(
@@ -170,9 +169,8 @@ def checked_damping(
     for pair, value in given.items():
         first, second = sorted(pair)
         if not 1 <= first <= second <= modes:
-            raise StructureError(
-                f"damping is given between the modes {pair[0]} and {pair[1]}, of modes 1 to {modes}", where
-            )
+            given_for = f"the modes {pair[0]} and {pair[1]}"
+            raise StructureError(f"damping is given between {given_for}, of modes 1 to {modes}", where)
         if (first, second) in entries:
             raise StructureError(f"the damping between the modes {first} and {second} is given twice", where)
         entry = as_coefficient(value, "the damping between modes")
@@ -324,17 +322,14 @@ class Host:
             check_name(name, "host or point")
             reserved = sorted(_RESERVED & set(name))
             if reserved:
-                raise StructureError(
-                    f"{name!r} cannot be part of the name of a channel: leave out {' '.join(reserved)}", where
-                )
+                problem = f"{name!r} cannot be part of the name of a channel"
+                raise StructureError(f"{problem}: leave out {' '.join(reserved)}", where)
             if f"{self.name}.{name}" in self.coordinates:
                 raise StructureError(f'the point "{name}" has the name of a mode; choose another', where)
         for first, second in damping:
             if first == second and self.modes[first - 1].damping.value:
-                raise StructureError(
-                    f"the damping of mode {first} is given by a ratio and by an entry of the damping matrix; give one",
-                    where,
-                )
+                message = f"the damping of mode {first} is given by a ratio and by an entry of the damping matrix; give one"
+                raise StructureError(message, where)
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -344,9 +339,8 @@ class Host:
     @property
     def rotations(self) -> tuple[str, ...]:
         """Names of those of its points in a structure whose displacement is a rotation in rad."""
-        return tuple(
-            f"{self.name}.{point}" for point in self.modes[0].shape if point in self.modes[0].rotations
-        )
+        mode = self.modes[0]
+        return tuple(f"{self.name}.{point}" for point in mode.shape if point in mode.rotations)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -356,9 +350,8 @@ class Host:
     @property
     def entries(self) -> dict[Pair, Coefficient]:
         """The entries of `damping` as coefficients, the lower mode first."""
-        return {
-            pair: as_coefficient(entry, "the damping between modes") for pair, entry in self.damping.items()
-        }
+        where = "the damping between modes"
+        return {pair: as_coefficient(entry, where) for pair, entry in self.damping.items()}
 
     @property
     def damping_links(self) -> dict[Pair, str]:
@@ -436,9 +429,8 @@ class Host:
         """
         for quantity, part in (("frequency", frequency), ("damping", damping), ("shape", shape)):
             if not 0.0 <= part < math.inf:
-                raise StructureError(
-                    f"the part to within which the {quantity} is known must not be negative, got {part!r}"
-                )
+                known = f"the part to within which the {quantity} is known"
+                raise StructureError(f"{known} must not be negative, got {part!r}")
         modes = []
         for mode in self.modes:
             largest = shape * max(map(abs, mode.shape.values()))
@@ -448,10 +440,8 @@ class Host:
             of_frequency = _to_within(mode.frequency, frequency, at_least=at_least)
             of_damping = _to_within(mode.damping, damping, at_least=at_least)
             modes.append(replace(mode, frequency=of_frequency, damping=of_damping, shape_sigma=sigma))
-        entries = {
-            pair: _to_within(entry, damping, -math.inf, at_least=at_least)
-            for pair, entry in self.entries.items()
-        }
+        of_pairs = partial(_to_within, part=damping, lower=-math.inf, at_least=at_least)
+        entries = {pair: of_pairs(entry) for pair, entry in self.entries.items()}
         return replace(self, modes=tuple(modes), damping=entries)
 
     def as_in(self, link: Callable[[str], Link]) -> Host:
@@ -467,11 +457,10 @@ class Host:
         Host
             The host.
         """
+        own = [link(name).coefficients for name in self.coordinates]
         modes = tuple(
-            replace(mode, frequency=own["frequency"], damping=own[DAMPING])
-            for own, mode in zip(
-                (link(name).coefficients for name in self.coordinates), self.modes, strict=True
-            )
+            replace(mode, frequency=given["frequency"], damping=given[DAMPING])
+            for given, mode in zip(own, self.modes, strict=True)
         )
         damping = {pair: link(name).coefficients[DAMPING] for pair, name in self.damping_links.items()}
         return replace(self, modes=modes, damping=damping)

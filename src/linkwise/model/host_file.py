@@ -45,9 +45,8 @@ def modes_of_uff(path: str | Path) -> tuple[HostMode, ...]:
     try:
         pyuff = import_module("pyuff")
     except ImportError:
-        raise StructureError(
-            "reading modes from universal files needs the library pyuff: install linkwise[files]", source
-        ) from None
+        needed = "reading modes from universal files needs the library pyuff"
+        raise StructureError(f"{needed}: install linkwise[files]", source) from None
     if not Path(path).is_file():
         raise StructureError("there is no such file", source)
     try:
@@ -55,51 +54,41 @@ def modes_of_uff(path: str | Path) -> tuple[HostMode, ...]:
     except Exception as error:  # the library raises all kinds of errors on a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
         raise StructureError(f"cannot be read as a universal file: {reason[:200]}", source) from None
-    data_sets = [
-        data_set
-        for data_set in (sets if isinstance(sets, list) else [sets])
-        if data_set.get("type") == _DATA_AT_NODES
-    ]
-    normal = [data_set for data_set in data_sets if data_set.get("analysis_type") == _NORMAL_MODE]
+    read = sets if isinstance(sets, list) else [sets]
+    data_sets = [data for data in read if data.get("type") == _DATA_AT_NODES]
+    normal = [data for data in data_sets if data.get("analysis_type") == _NORMAL_MODE]
     if not normal:
         problem = "holds no real normal modes, only other data at nodes" if data_sets else "holds no modes"
-        raise StructureError(
-            f"{problem}; write those of the test as normal modes (data set 55, analysis type 2)", source
-        )
+        advice = "write those of the test as normal modes (data set 55, analysis type 2)"
+        raise StructureError(f"{problem}; {advice}", source)
     moving = [
         (key, name)
         for key, name in _DIRECTIONS.items()
-        if any(np.any(np.asarray(data_set.get(key, 0.0)) != 0.0) for data_set in normal)
+        if any(np.any(np.asarray(data.get(key, 0.0)) != 0.0) for data in normal)
     ]
-    return tuple(
-        _mode(data_set, moving, f"{source}, mode {number}") for number, data_set in enumerate(normal, start=1)
-    )
+    return tuple(_mode(data, moving, f"{source}, mode {n}") for n, data in enumerate(normal, start=1))
 
 
 def _mode(data: dict[str, Any], moving: list[tuple[str, str]], where: str) -> HostMode:
     mass = float(data.get("modal_m", 0.0))
     if not mass > 0.0:
-        raise StructureError(
-            f"has the modal mass {mass:g}, which does not scale its shape; it must be positive", where
-        )
+        problem = f"has the modal mass {mass:g}, which does not scale its shape"
+        raise StructureError(f"{problem}; it must be positive", where)
     nodes = [int(node) for node in np.atleast_1d(data["node_nums"])]
-    shape = {
-        f"{node}{name}": float(value) / np.sqrt(mass)
-        for key, name in moving
-        for node, value in zip(
-            nodes, np.atleast_1d(np.real(data.get(key, np.zeros(len(nodes))))), strict=True
-        )
-    }
+    shape: dict[str, float] = {}
+    for key, name in moving:
+        values = np.atleast_1d(np.real(data.get(key, np.zeros(len(nodes))))) / np.sqrt(mass)
+        shape |= {f"{node}{name}": float(value) for node, value in zip(nodes, values, strict=True)}
     rotations = [point for point in shape if turns_throughout(point)]
     with located(where):
         return HostMode(float(data["freq"]), float(data["modal_damp_vis"]), shape, rotations=rotations)
 
 
 _FREQUENCY, _DAMPING = "frequency", "damping"
-_MODES = 10  # modes of matrices, where the file does not say how many
 
 
-_OF_MATRICES = ("points", "keep", "modal_damping", "rayleigh", "residual")
+_OPTIONS = ("keep", "modal_damping", "rayleigh", "residual")
+_OF_MATRICES = ("points", *_OPTIONS)
 
 
 class HostTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -138,15 +127,14 @@ def host_of(entry: HostTable, index: int, source: str) -> Host:
     if (entry.modes is None) == (entry.matrices is None):
         raise StructureError("a host has either modes or matrices", where)
     if entry.modes is None and entry.damping is not None:
-        raise StructureError(
-            'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"',
-            where,
+        message = (
+            'damping belongs to modes; a damping matrix is named in matrices, such as damping = "beam.mat:C"'
         )
+        raise StructureError(message, where)
     for key in _OF_MATRICES if entry.modes is not None else ():
         if getattr(entry, key) not in (None, {}):
-            raise StructureError(
-                f"{key} belongs to matrices; modes are taken as they are, with a shape at every point", where
-            )
+            advice = "modes are taken as they are, with a shape at every point"
+            raise StructureError(f"{key} belongs to matrices; {advice}", where)
     host = _of_matrices(entry, source, where) if entry.modes is None else _of_modes(entry, source, path)
     parts: dict[str, Any] = {
         quantity: 0.01 * percentage(text, f"{source}, {path}.{quantity}_sigma")
@@ -162,10 +150,8 @@ def _of_modes(entry: HostTable, source: str, path: str) -> Host:
     if isinstance(entry.modes, str):
         modes = read_modes(Path(source).parent / entry.modes)
     else:
-        modes = tuple(
-            _mode_of_table(given, source, f"{path}.modes[{number}]")
-            for number, given in enumerate(entry.modes or ())
-        )
+        listed = enumerate(entry.modes or ())
+        modes = tuple(_mode_of_table(given, source, f"{path}.modes[{n}]") for n, given in listed)
     if entry.damping and all(isinstance(row, list) for row in entry.damping):
         return _damped_by_matrix(entry.name, modes, entry.damping, where)
     entries: dict[Pair, Coefficient] = {}
@@ -194,17 +180,14 @@ def _damped_by_matrix(name: str, modes: tuple[HostMode, ...], rows: list[Any], w
     for number, mode in enumerate(modes, start=1):
         own = entries.get((number, number), 0.0)
         if own and (mode.damping.value or not mode.damping.known):
-            raise StructureError(
-                f"mode {number} has a damping of its own and one on the diagonal of the damping matrix; give one",
-                where,
-            )
+            message = f"mode {number} has a damping of its own and one on the diagonal of the damping matrix; give one"
+            raise StructureError(message, where)
         if own and mode.frequency.value:
             del entries[number, number]
             mode = replace(mode, damping=Coefficient.number(own / (4.0 * math.pi * mode.frequency.value)))
         damped.append(mode)
-    return Host(
-        name, tuple(damped), damping={pair: Coefficient.number(entry) for pair, entry in entries.items()}
-    )
+    between = {pair: Coefficient.number(entry) for pair, entry in entries.items()}
+    return Host(name, tuple(damped), damping=between)
 
 
 def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
@@ -217,35 +200,25 @@ def _of_matrices(entry: HostTable, source: str, where: str) -> Host:
         )
     read = read_host_matrices(**matrices, folder=Path(source).parent)
     with located(where):
-        reduced = read.reduce(
-            entry.name,
-            entry.points,
-            keep=_MODES if entry.keep is None else entry.keep,
-            modal_damping=entry.modal_damping or 0.0,
-            rayleigh=entry.rayleigh,
-            residual=entry.residual is not False,
-        )
+        how = {key: given for key in _OPTIONS if (given := getattr(entry, key)) is not None}
+        reduced = read.reduce(entry.name, entry.points, **how)
     return replace(reduced.host, notes=reduced.notes)
 
 
 def _mode_of_table(given: object, source: str, path: str) -> HostMode:
     table = decode(given, _ModeTable, source, path, StructureError)
     stated = table.frequency.values() if isinstance(table.frequency, dict) else (table.frequency,)
-    for text in (
-        value for value in stated if isinstance(value, str) and value != "unknown" and "%" not in value
-    ):
-        _require_frequency(text.lstrip("+-0123456789.eE ") or "Hz", f"{source}, {path}.frequency")
+    for text in stated:
+        if isinstance(text, str) and text != "unknown" and "%" not in text:
+            _require_frequency(text.lstrip("+-0123456789.eE ") or "Hz", f"{source}, {path}.frequency")
     frequency = coefficient_of(table.frequency, "Hz", source, f"{path}.frequency")
     damping = coefficient_of(table.damping, "", source, f"{path}.damping")
-    shape = {
-        point: coefficient_of(value, "", source, f"{path}.shape.{point}")
-        for point, value in table.shape.items()
-    }
-    for point, value in shape.items():
+    shape = {}
+    for point, given_there in table.shape.items():
+        place = f"{path}.shape.{point}"
+        shape[point] = value = coefficient_of(given_there, "", source, place)
         if value.value is None or (value.lower, value.upper) != (-math.inf, math.inf):
-            raise StructureError(
-                "expected a number, or a table of start and sigma", f"{source}, {path}.shape.{point}"
-            )
+            raise StructureError("expected a number, or a table of start and sigma", f"{source}, {place}")
     with located(f"{source}, {path}"):
         starts = {point: float(value.value or 0.0) for point, value in shape.items()}
         return HostMode(frequency, damping, starts).with_shape(shape)
@@ -295,10 +268,10 @@ def read_modes(path: str | Path) -> tuple[HostMode, ...]:
         raise StructureError(f"cannot be read as a CSV file: {error}", source) from None
     rows = [(number, cells) for number, cells in enumerate(lines, start=1) if any(c.strip() for c in cells)]
     if len(rows) < 2:
-        raise StructureError(
-            "expected a line of column names, frequency[Hz], damping and the points, and a line for each mode",
-            source,
+        message = (
+            "expected a line of column names, frequency[Hz], damping and the points, and a line for each mode"
         )
+        raise StructureError(message, source)
     (_, header), *modes = rows
     names, units = _columns([name.strip() for name in header], source)
     if delimiter != ",":  # numbers may have decimal commas
@@ -320,17 +293,15 @@ def _columns(header: list[str], source: str) -> tuple[list[str], dict[str, str]]
         problem = f"the column {repeated} is listed twice" if repeated else "there is no column frequency[Hz]"
         problem = "a column has no name" if "" in names else problem
         if _FREQUENCY not in names and any(name.startswith("force:") for name in names):
-            problem += (
-                ", and this is the record of a test: identify its modes, by `structure host` with modes auto"
-            )
+            advice = "identify its modes, by `structure host` with modes auto"
+            problem += f", and this is the record of a test: {advice}"
         raise StructureError(f"{problem}; the columns are {', '.join(names)}", where)
     _require_frequency(units.get(_FREQUENCY, "Hz"), where)
     for key, unit in units.items():
         allowed = {_DAMPING: ("", "1", "%")}.get(key, (*_OF_SHAPES, *_OF_ROTATIONS))
         if key != _FREQUENCY and unit.replace(" ", "") not in allowed:
-            raise StructureError(
-                f"the unit of {key} must be {' or '.join(filter(None, allowed))}, got {unit!r}", where
-            )
+            listed = " or ".join(filter(None, allowed))
+            raise StructureError(f"the unit of {key} must be {listed}, got {unit!r}", where)
     return names, units
 
 
@@ -341,15 +312,13 @@ _OF_ROTATIONS = ("rad", "rad/(msqrt(kg))", "rad/(m*sqrt(kg))", "rad/m/sqrt(kg)")
 def _require_frequency(unit: str, where: str) -> None:
     """Raise StructureError unless a unit is one of cycles per time, for which an angle must not be taken."""
     if any(word in unit.lower() for word in ("rad", "deg", "rpm", "rev", "turn")):
-        raise StructureError(
-            f"a frequency is given in Hz, not in {unit}: divide rad/s by 2 pi, and rpm by 60", where
-        )
+        advice = "divide rad/s by 2 pi, and rpm by 60"
+        raise StructureError(f"a frequency is given in Hz, not in {unit}: {advice}", where)
     try:
         to_si(f"1 {unit}", "Hz")
     except LinkwiseError:
-        raise StructureError(
-            f"unit of the frequency: expected Hz or what converts to it, such as kHz, got {unit}", where
-        ) from None
+        wanted = "expected Hz or what converts to it, such as kHz"
+        raise StructureError(f"unit of the frequency: {wanted}, got {unit}", where) from None
 
 
 def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], where: str) -> HostMode:
@@ -360,9 +329,8 @@ def _mode_of_line(names: list[str], units: dict[str, str], cells: list[str], whe
         try:
             numbers[name] = float(cell)
         except ValueError:
-            raise StructureError(
-                f"expected a number in the column {name}, got {cell.strip()!r}", where
-            ) from None
+            wanted = f"expected a number in the column {name}"
+            raise StructureError(f"{wanted}, got {cell.strip()!r}", where) from None
     frequency, damping = numbers.pop(_FREQUENCY), numbers.pop(_DAMPING, 0.0)
     try:
         in_hertz = float(to_si(f"{frequency!r} {units.get(_FREQUENCY, 'Hz')}", "Hz"))

@@ -75,9 +75,8 @@ def checked_expression(text: str, variables: tuple[str, ...]) -> Expression:
     others = {name: 0.1 + (index * 0.618034) % 0.9 for index, name in enumerate(names)} | rest
     if any(np.isfinite(_at_rest(parsed.expression, values)) for values in (ones, others)):
         return parsed.expression
-    expression, position = next(
-        place for place in parsed.positions if not np.isfinite(_at_rest(place[0], others))
-    )
+    infinite = (place for place in parsed.positions if not np.isfinite(_at_rest(place[0], others)))
+    expression, position = next(infinite)
     reason, advice = "No finite value", "Check the argument of this function, and the constants."
     if isinstance(expression, Power):
         reason, advice = "Division by zero", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."
@@ -178,14 +177,11 @@ class StateRate:
 def check_symbol(name: object, kind: str) -> None:
     """Raise StructureError for a name that a law cannot have for a `kind` of what it is a function of, such as a state."""
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise StructureError(
-            f"{name!r} is not a valid name of a {kind}: letters, digits and _ after a letter"
-        )
+        valid = "letters, digits and _ after a letter"
+        raise StructureError(f"{name!r} is not a valid name of a {kind}: {valid}")
     if name in _RESERVED or name in FUNCTIONS:
-        meaning = _RESERVED.get(name, "a function")
-        raise StructureError(
-            f"a {kind} cannot be named {name!r}, which is {meaning} in laws; choose another name"
-        )
+        meaning = f"{_RESERVED.get(name, 'a function')} in laws"
+        raise StructureError(f"a {kind} cannot be named {name!r}, which is {meaning}; choose another name")
 
 
 def as_link_states(given: Mapping[str, LinkState | str]) -> dict[str, LinkState]:
@@ -410,12 +406,8 @@ class Law:
         if not isinstance(other, Law):
             return NotImplemented
         if self.rates or other.rates:
-            raise LawError(
-                "A law with states cannot be added.",
-                self.text,
-                None,
-                "Write the sum and its states out in one law.",
-            )
+            advice = "Write the sum and its states out in one law."
+            raise LawError("A law with states cannot be added.", self.text, None, advice)
         for name in self.coefficients:
             if name in other.coefficients and self.units[name] != other.units[name]:
                 raise LawError(
@@ -466,11 +458,8 @@ class Law:
             if name in in_rates:
                 continue
             names = set(symbols(differentiate(self.expression, name)))
-            if (
-                name not in names
-                and not any(name in names_of_slope for names_of_slope in slopes.values())
-                and not names & set(slopes)
-            ):
+            in_others = any(name in own for own in slopes.values())
+            if name not in names and not in_others and not names & set(slopes):
                 slopes[name] = names
         return tuple(slopes)
 
@@ -554,9 +543,8 @@ class Law:
         LawError
             If a coefficient or a state has no value.
         """
-        return cached_program((self.expression,), (*VARIABLES, *self._named), wide=VARIABLES)(
-            d, v, *self._ordered(values)
-        )[0][()]
+        program = cached_program((self.expression,), (*VARIABLES, *self._named), wide=VARIABLES)
+        return program(d, v, *self._ordered(values))[0][()]
 
     def state_rates(self, d: ArrayLike, v: ArrayLike, values: Mapping[str, ArrayLike]) -> tuple[Floats, ...]:
         """Rate of each state in its unit per second.
@@ -654,10 +642,8 @@ class Law:
         if missing:
             place = parse_with_positions(self.text, self.variables).position(Symbol(missing[0]))
             given = ", ".join(values) or "none"
-            kind = next(
-                (kind for kind in ("state", "signal") if missing[0] in getattr(self, f"{kind}s")),
-                "coefficient",
-            )
+            kinds = dict.fromkeys(self.states, "state") | dict.fromkeys(self.signals, "signal")
+            kind = kinds.get(missing[0], "coefficient")
             advice = f"Values are given for: {given}."
             raise LawError(f"The {kind} {missing[0]!r} has no value.", self.text, place, advice)
         return [values[name] for name in self._named]
@@ -669,9 +655,7 @@ def _parse(
 ) -> Law:
     variables = (*VARIABLES, *(name for name, *_ in (*rates, *signals)))
     expression = checked_expression(text, variables)
-    parsed = tuple(
-        StateRate(name, rate, checked_expression(rate, variables), unit) for name, rate, unit in rates
-    )
+    parsed = tuple(StateRate(name, text, checked_expression(text, variables), u) for name, text, u in rates)
     trees = (expression, *(rate.expression for rate in parsed))
     names = dict.fromkeys(name for tree in trees for name in symbols(tree))
     coefficients = tuple(name for name in names if name not in variables)

@@ -86,9 +86,8 @@ class Mass:
             role = "mass" if self.mass.known else "start of the unknown mass"
             raise StructureError(f"the {role} must be positive, got {value!r} {self.mass_unit}", where)
         if not self.mass.upper > 0.0:
-            raise StructureError(
-                f"the upper bound must be positive, got {self.mass.upper!r} {self.mass_unit}", where
-            )
+            got = f"{self.mass.upper!r} {self.mass_unit}"
+            raise StructureError(f"the upper bound must be positive, got {got}", where)
 
     def __repr__(self) -> str:
         unit = "" if self.unit == LENGTH else f", unit={self.unit!r}"
@@ -167,9 +166,8 @@ class Link:
         missing = [name for name in self.law.coefficients if name not in self.coefficients]
         if missing:
             lines = ", ".join(f'{name} = "unknown"' for name in missing)
-            raise StructureError(
-                f"coefficients of the law {self.law.text} are missing: add {lines} (or a number)", where
-            )
+            missed = f"coefficients of the law {self.law.text} are missing"
+            raise StructureError(f"{missed}: add {lines} (or a number)", where)
         extra = [name for name in self.coefficients if name not in self.law.coefficients]
         if extra and extra[0] in self.law.signals:
             raise StructureError(f"{extra[0]} is a coefficient and a signal; rename one of the two", where)
@@ -244,10 +242,8 @@ class Link:
         """
         initial = as_link_states(self.states)[name].initial
         if initial is None:
-            raise StructureError(
-                f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}",
-                f'link "{self.name}"',
-            )
+            message = f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}"
+            raise StructureError(message, f'link "{self.name}"')
         return initial
 
     @cached_property
@@ -256,10 +252,8 @@ class Link:
         values = {}
         for name, coefficient in self.coefficients.items():
             if coefficient.value is None:
-                raise StructureError(
-                    f"coefficient {name} is unknown and has no start value; give it a number, or identify it first",
-                    f'link "{self.name}"',
-                )
+                message = f"coefficient {name} is unknown and has no start value; give it a number, or identify it first"
+                raise StructureError(message, f'link "{self.name}"')
             values[name] = coefficient.value
         return values
 
@@ -388,10 +382,8 @@ def check_name(name: object, kind: str) -> None:
             f"{name!r} is not a valid name: leading or trailing spaces, control characters and [ ] : = / \\ are not allowed",
             kind,
         )
-    if len(name.encode()) > LONGEST_NAME:
-        raise StructureError(
-            f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {len(name.encode())}", kind
-        )
+    if (size := len(name.encode())) > LONGEST_NAME:
+        raise StructureError(f"a name has at most {LONGEST_NAME} bytes, got {name[:20]}... of {size}", kind)
 
 
 COMPARISON = "the comparison with a truth"  # of terms and forces of d and v
@@ -421,10 +413,8 @@ def refuse_signals(links: Iterable[Link], feature: str, instead: str) -> None:
     """Raise StructureError if a law names a signal, which `feature` does not take, and say what to do `instead`."""
     for link in links:
         if link.law.signals:
-            raise StructureError(
-                f"the law names a signal ({', '.join(link.law.signals)}), which is not supported in {feature}; {instead}",
-                f'link "{link.name}"',
-            )
+            message = f"the law names a signal ({', '.join(link.law.signals)}), which is not supported in {feature}; {instead}"
+            raise StructureError(message, f'link "{link.name}"')
 
 
 def refuse_memory(links: Sequence[Link], feature: str, instead: str = "use a law of d and v alone") -> None:
@@ -433,7 +423,5 @@ def refuse_memory(links: Sequence[Link], feature: str, instead: str = "use a law
     for link in links:
         if link.law.states:
             states = ", ".join(link.law.states)
-            raise StructureError(
-                f"the law has memory (state {states}), which is not supported in {feature}; {instead}",
-                f'link "{link.name}"',
-            )
+            message = f"the law has memory (state {states}), which is not supported in {feature}; {instead}"
+            raise StructureError(message, f'link "{link.name}"')

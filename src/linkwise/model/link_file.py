@@ -69,15 +69,10 @@ def link_of(
         stated = _stated_units(entry, law)
         open_states = [name for name, unit in law.state_units.items() if unit == "?"] if stated else []
         if open_states:  # the units of coefficients tell them
-            inferred = law_dimensions(
-                law.text, law.expression, law.rates, {**stated, **known}, angular=angular
-            )
-            resolved = {
-                name: replace(states[name], unit=str(inferred[name]))
-                for name in open_states
-                if inferred[name]
-            }
-            states |= resolved
+            known |= stated
+            inferred = law_dimensions(law.text, law.expression, law.rates, known, angular=angular)
+            units_of = {name: str(inferred[name]) for name in open_states if inferred[name]}
+            states |= {name: replace(states[name], unit=unit) for name, unit in units_of.items()}
             law = _law(law.text, tuple(states.items()), angular, inputs)
         units = law.units
     except LinkwiseError as error:
@@ -114,10 +109,8 @@ def _states(entry: LinkTable, named: NamedLaw | None, source: str, path: str) ->
         elif isinstance(given, str):
             states[name] = LinkState(given)
         else:
-            raise StructureError(
-                f"expected a rate as text or a table of rate, initial, unit; got {given!r}",
-                f"{source}, {place}",
-            )
+            message = f"expected a rate as text or a table of rate, initial, unit; got {given!r}"
+            raise StructureError(message, f"{source}, {place}")
     return states
 
 
@@ -133,10 +126,7 @@ def _stated_units(entry: LinkTable, law: Law) -> dict[str, Dimension]:
 
 @lru_cache(maxsize=256)
 def _law(
-    text: str,
-    states: tuple[tuple[str, LinkState], ...],
-    angular: bool,
-    signals: tuple[tuple[str, str], ...],
+    text: str, states: tuple[tuple[str, LinkState], ...], angular: bool, signals: tuple[tuple[str, str], ...]
 ) -> Law:
     """The law of a text, parsed once for all links that have it."""
     law = Law.parse(text, dict(states), signals=dict(signals))

@@ -243,12 +243,9 @@ def read_host_matrices(
     if len(free) == 0:
         raise StructureError("every degree of freedom is held fixed", sources["stiffness"])
     if len(free) < len(names):
-        matrices = {
-            quantity: scipy.sparse.csc_array(matrix[free][:, free]) for quantity, matrix in matrices.items()
-        }
-    return HostMatrices(
-        matrices["mass"], matrices["stiffness"], matrices.get("damping"), tuple(names[row] for row in free)
-    )
+        matrices = {name: scipy.sparse.csc_array(matrix[free][:, free]) for name, matrix in matrices.items()}
+    own = matrices["mass"], matrices["stiffness"], matrices.get("damping")
+    return HostMatrices(*own, tuple(names[row] for row in free))
 
 
 def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
@@ -303,9 +300,7 @@ def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[st
         name = next(iter(matrices))
     if name not in matrices:
         problem = f"holds no matrix {name!r}{near_miss(name, matrices)}" if name else "holds several matrices"
-        raise StructureError(
-            f"{problem}; choose from {', '.join(matrices) or 'none'}, as in {file}:NAME", source
-        )
+        raise StructureError(f"{problem}; choose from {', '.join(matrices)}, as in {file}:NAME", source)
     chosen = matrices[str(name)]
     return str(name), FileMatrix(real_square(chosen.matrix, str(name), source), chosen.names)
 
@@ -322,6 +317,5 @@ def _spread(chosen: FileMatrix, names: list[str]) -> scipy.sparse.csc_array:
     places = np.array([numbers[name] for name in chosen.names])
     entries = scipy.sparse.coo_array(chosen.matrix)
     rows, columns = entries.coords
-    return scipy.sparse.csc_array(
-        (entries.data, (places[rows], places[columns])), shape=(len(names), len(names))
-    )
+    spread = (entries.data, (places[rows], places[columns]))
+    return scipy.sparse.csc_array(spread, shape=(len(names), len(names)))

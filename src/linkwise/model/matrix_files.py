@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.mat_file import load_mat, sound_sparse
 from linkwise.registry import lazy_module
@@ -66,11 +66,10 @@ def of_entries(rows: Floats, columns: Floats, values: Floats) -> FileMatrix:
 
     Raises ValueError for a node or a direction that is not a whole number, or an entry that is given twice.
     """
-    nodes, directions = _whole(
-        np.concatenate([rows, columns]), "a node or a direction is not a whole number"
-    ).T
+    problem = "a node or a direction is not a whole number"
+    nodes, directions = _whole(np.concatenate([rows, columns]), problem).T
     if directions.min() < 0 or directions.max() >= _CODE:
-        raise ValueError("a node or a direction is not a whole number")
+        raise ValueError(problem)
     present, numbers = np.unique(nodes * _CODE + directions, return_inverse=True)
     row, column = np.split(numbers, 2)
     names = tuple(degree_of_freedom(*divmod(int(code), _CODE)) for code in present)
@@ -90,13 +89,15 @@ def both_triangles(
         row, column = divmod(int(unique[counts > 1][0]), size)
         raise ValueError(f"the entry of row {row + 1} and column {column + 1} is given twice")
     single = ~np.isin(mirrored, unique)
-    return scipy.sparse.csc_array(
-        (
-            np.concatenate([values, values[single]]),
-            (np.concatenate([rows, columns[single]]), np.concatenate([columns, rows[single]])),
-        ),
-        shape=(size, size),
-    )
+    return scipy.sparse.csc_array(_with_mirrors(rows, columns, values, single), shape=(size, size))
+
+
+def _with_mirrors(
+    rows: NDArray[np.int64], columns: NDArray[np.int64], values: Floats, some: Bools, sign: int = 1
+) -> tuple[Floats, tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Entries and their rows and columns, with the mirror images of some, of this sign."""
+    places = np.concatenate([rows, columns[some]]), np.concatenate([columns, rows[some]])
+    return np.concatenate([values, sign * values[some]]), places
 
 
 def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
@@ -112,10 +113,8 @@ def read_matrices(path: Path) -> Mapping[str, FileMatrix]:
         raise StructureError(f"matrices are read from {', '.join(most)} and {last} files", str(path))
     read = _READERS[suffix]
     if read in _OF_NASTRAN and find_spec("pyyeti") is None:
-        raise StructureError(
-            f"reading matrices from {suffix} files needs the library pyyeti: install linkwise[nastran]",
-            str(path),
-        )
+        message = f"reading matrices from {suffix} files needs the library pyyeti: install linkwise[nastran]"
+        raise StructureError(message, str(path))
     try:
         with warnings.catch_warnings(action="ignore"):
             return read(path)
@@ -139,9 +138,8 @@ def read_dmig(path: Path) -> dict[str, FileMatrix]:
     for name, frame in nastran.rddmig(str(path), square=True, follow_includes=False).items():
         rows = [tuple(map(int, row)) for row in frame.index]
         if rows == [column if isinstance(column, tuple) else () for column in frame.columns]:
-            matrices[name.upper()] = FileMatrix(
-                np.asarray(frame), tuple(degree_of_freedom(node, direction) for node, direction in rows)
-            )
+            names = tuple(degree_of_freedom(node, direction) for node, direction in rows)
+            matrices[name.upper()] = FileMatrix(np.asarray(frame), names)
     return matrices
 
 
@@ -180,11 +178,12 @@ def read_mtx(path: Path) -> dict[str, FileMatrix]:
     table = _table(path, "," if "," in first else None)
     if columns == _OF_NODES:
         return {path.stem: of_entries(table[:, :2], table[:, 2:4], table[:, 4])}
-    places = _whole(table[:, :2], "a row or a column is not a whole number from 1")
+    problem = "a row or a column is not a whole number from 1"
+    places = _whole(table[:, :2], problem)
     if places.min() < 1:
-        raise ValueError("a row or a column is not a whole number from 1")
-    rows, columns_of_entries = (places - 1).T
-    return {path.stem: FileMatrix(both_triangles(rows, columns_of_entries, table[:, 2], int(places.max())))}
+        raise ValueError(problem)
+    row, column = (places - 1).T
+    return {path.stem: FileMatrix(both_triangles(row, column, table[:, 2], int(places.max())))}
 
 
 def _matrix_market(path: Path) -> scipy.sparse.coo_array:
@@ -212,19 +211,10 @@ def _matrix_market(path: Path) -> scipy.sparse.coo_array:
         values = entries[:, 2]
     else:  # column by column
         values = numbers
-        columns, rows = (
-            np.triu_indices(size, k=int(mirrored < 0))
-            if mirrored
-            else np.indices((width, size)).reshape(2, -1)
-        )
+        of_triangle = np.triu_indices(size, k=int(mirrored < 0))
+        columns, rows = of_triangle if mirrored else np.indices((width, size)).reshape(2, -1)
     off = (rows != columns) & (mirrored != 0)
-    return scipy.sparse.coo_array(
-        (
-            np.concatenate([values, mirrored * values[off]]),
-            (np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]])),
-        ),
-        shape=(size, width),
-    )
+    return scipy.sparse.coo_array(_with_mirrors(rows, columns, values, off, mirrored), shape=(size, width))
 
 
 def _whole(places: Floats, problem: str) -> NDArray[np.int64]:
@@ -258,9 +248,8 @@ def read_npz(path: Path) -> dict[str, FileMatrix]:
 
 def read_op4(path: Path) -> dict[str, FileMatrix]:
     """Every matrix by its name in capitals, such as "KAA"."""
-    return {
-        name.upper(): FileMatrix(matrix) for name, matrix in nastran.op4.read(str(path), sparse=None).items()
-    }
+    matrices = nastran.op4.read(str(path), sparse=None)
+    return {name.upper(): FileMatrix(matrix) for name, matrix in matrices.items()}
 
 
 _OF_NASTRAN = (read_dmig, read_op4)

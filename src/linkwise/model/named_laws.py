@@ -15,7 +15,7 @@ from typing import NamedTuple, final
 
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, as_coefficient
-from linkwise.model.law import Law, LinkState
+from linkwise.model.law import Law, LinkState, as_link_states
 from linkwise.model.link import Link
 from linkwise.registry import Registry
 
@@ -241,9 +241,7 @@ def is_law_name(text: str) -> bool:
 
 
 def _single(law: str, **rates: str | LinkState) -> LawText:
-    return LawText(
-        law, {name: LinkState(rate) if isinstance(rate, str) else rate for name, rate in rates.items()}
-    )
+    return LawText(law, as_link_states(rates))
 
 
 def _iwan(sliders: int) -> LawText:

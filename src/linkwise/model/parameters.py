@@ -103,9 +103,8 @@ def coefficient_slots(
             continue
         name = Name(mass.name, MASS)
         if name in slots:
-            raise StructureError(
-                f'"{name}" names both a mass and a coefficient of a link; rename the mass or the link'
-            )
+            both = f'"{name}" names both a mass and a coefficient of a link'
+            raise StructureError(f"{both}; rename the mass or the link")
         slots[name] = CoefficientSlot(-1 - index, name, None, mass.mass, MASS_UNITS[mass.unit])
     for index, mass in enumerate(masses if modes else ()):
         if mass.name in modes:
@@ -129,18 +128,15 @@ def resolve_sharing(slots: Mapping[str, CoefficientSlot]) -> dict[str, str]:
         chain = [name]
         while (leader := slots[chain[-1]].coefficient.same_as) is not None:
             if leader not in slots:
-                raise StructureError(
-                    f'"={leader}" refers to an unknown coefficient{near_miss(leader, slots)}', chain[-1]
-                )
+                hint = near_miss(leader, slots)
+                raise StructureError(f'"={leader}" refers to an unknown coefficient{hint}', chain[-1])
             if leader in chain:
                 circle = " = ".join([*chain[chain.index(leader) :], leader])
                 raise StructureError(f"circular sharing, {circle}: give one of them a number", name)
             chain.append(leader)
-        unit, of_leader = slot.unit, slots[chain[-1]].unit
+        unit, of_leader = slot.unit or "1", slots[chain[-1]].unit or "1"
         if unit != of_leader and _ANY_UNIT not in (unit, of_leader):
-            raise StructureError(
-                f'is in {unit or "1"} and cannot be equal to "{chain[-1]}" in {of_leader or "1"}', name
-            )
+            raise StructureError(f'is in {unit} and cannot be equal to "{chain[-1]}" in {of_leader}', name)
         leaders[name] = chain[-1]
     return leaders
 
@@ -220,13 +216,9 @@ def replace_shapes(hosts: tuple[Host, ...], changes: Mapping[str, Coefficient]) 
             by_mode.setdefault(asked.owner, {})[asked.key.removeprefix(SHAPE)] = coefficient
     if not by_mode:
         return hosts
-    return tuple(
-        replace(
-            host,
-            modes=tuple(
-                mode.with_shape(by_mode[name]) if name in by_mode else mode
-                for name, mode in zip(host.coordinates, host.modes, strict=True)
-            ),
-        )
-        for host in hosts
-    )
+    changed = []
+    for host in hosts:
+        named = zip(host.coordinates, host.modes, strict=True)
+        modes = tuple(mode.with_shape(by_mode.get(name, {})) for name, mode in named)
+        changed.append(replace(host, modes=modes))
+    return tuple(changed)

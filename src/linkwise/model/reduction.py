@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
@@ -187,9 +187,8 @@ def reduce_matrices(
     matrix a M + b K, or a damping matrix (n, n).
     """
     mass, stiffness = real_square(mass, "the mass matrix"), real_square(stiffness, "the stiffness matrix")
-    of_damping = (
-        None if isinstance(damping, (int, float, tuple)) else real_square(damping, "the damping matrix")
-    )
+    given = not isinstance(damping, (int, float, tuple))
+    of_damping = real_square(damping, "the damping matrix") if given else None
     at_points = _checked(mass, stiffness, of_damping, points, keep)
     massless = int(np.count_nonzero(mass.diagonal() == 0.0))
     keep = min(keep, max(mass.shape[0] - massless - 1, 1))
@@ -207,20 +206,15 @@ def reduce_matrices(
     elif isinstance(damping, tuple):
         omega = 2.0 * np.pi * frequencies
         if (omega == 0.0).any() and damping[0] != 0.0:
-            raise StructureError(
-                "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
-            )
+            message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+            raise StructureError(message)
         zeta = 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega)
     else:
         zeta = np.full(len(frequencies), damping)
     local = at_points.T @ shapes
     modes = tuple(
-        HostMode(
-            float(frequency),
-            float(ratio),
-            {point: float(value) for point, value in zip(points, column, strict=True)},
-        )
-        for frequency, ratio, column in zip(frequencies, zeta, local.T, strict=True)
+        HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
+        for frequency, ratio, *column in np.column_stack([frequencies, zeta, local.T]).tolist()
     )
     square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
     exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
@@ -259,13 +253,11 @@ def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_
         )
     by_columns = scipy.sparse.csc_array(matrix, dtype=float)
     entries = scipy.sparse.coo_array(by_columns)
-    worst = np.flatnonzero(~np.isfinite(entries.data))[:1]
-    for row, column, entry in zip(
-        *(numbers[worst] for numbers in (*entries.coords, entries.data)), strict=True
-    ):
+    for worst in np.flatnonzero(~np.isfinite(entries.data))[:1]:
+        row, column = (places[worst] + 1 for places in entries.coords)
         raise StructureError(
-            f"{what} holds {entry}, not a finite number, in row {row + 1} and column {column + 1}; write it again from the "
-            "program that made it",
+            f"{what} holds {entries.data[worst]}, not a finite number, in row {row} and column {column}; write it again from "
+            "the program that made it",
             where,
         )
     return by_columns
@@ -287,16 +279,14 @@ def _checked(
                 f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different models"
             )
     if not points:
-        raise StructureError(
-            "a host needs at least one point: name a row of the matrices, such as tip = 1205"
-        )
+        advice = "name a row of the matrices, such as tip = 1205"
+        raise StructureError(f"a host needs at least one point: {advice}")
     at_points = np.zeros((size, len(points)))
     for column, (point, weights) in enumerate(points.items()):
         for row, weight in weights.items():
             if not 1 <= row <= size:
-                raise StructureError(
-                    f'the point "{point}" is row {row}, but the matrices have rows 1 to {size}, counted from 1'
-                )
+                rows = f"the matrices have rows 1 to {size}, counted from 1"
+                raise StructureError(f'the point "{point}" is row {row}, but {rows}')
             at_points[row - 1, column] = weight
     if keep < 1:
         raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
@@ -347,9 +337,8 @@ def _lowest(
     shift = -_SHIFT * float(stiffness.diagonal().sum() / mass.diagonal().sum())
     try:
         if size <= _DENSE and with_mass == size:
-            squares, shapes = scipy.linalg.eigh(
-                stiffness.toarray(), mass.toarray(), subset_by_index=(0, count - 1)
-            )
+            lowest = (0, count - 1)
+            squares, shapes = scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), subset_by_index=lowest)
         elif size <= _DENSE:  # 1/(w^2 - shift) exists where the mass matrix is singular
             inverses, shapes = scipy.linalg.eigh(
                 mass.toarray(), (stiffness - shift * mass).toarray(), subset_by_index=(size - count, size - 1)
@@ -358,9 +347,8 @@ def _lowest(
         else:
             inverse = scipy.sparse.linalg.LinearOperator(mass.shape, _factor(stiffness - shift * mass).solve)
             start = np.ones(mass.shape[0])  # eigsh draws one at random otherwise
-            squares, shapes = scipy.sparse.linalg.eigsh(
-                stiffness, count, mass, sigma=shift, which="LM", v0=start, OPinv=inverse
-            )
+            how: dict[str, Any] = {"sigma": shift, "which": "LM", "v0": start, "OPinv": inverse}
+            squares, shapes = scipy.sparse.linalg.eigsh(stiffness, count, mass, **how)
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise StructureError(
             f"the modes of the matrices cannot be computed ({error}); the mass matrix must be positive definite, and "
@@ -371,25 +359,19 @@ def _lowest(
     rounding = _ROUNDING * _fastest(mass, stiffness)
     squares = np.where(np.abs(squares) < rounding, 0.0, squares)
     if (squares < 0.0).any():
-        raise StructureError(
-            "the stiffness matrix has negative eigenvalues: the structure it describes is not stable"
-        )
+        problem = "the stiffness matrix has negative eigenvalues"
+        raise StructureError(f"{problem}: the structure it describes is not stable")
     return squares, shapes / np.sqrt(np.einsum("ir,ir->r", shapes, mass @ shapes))
 
 
 def _factor(matrix: scipy.sparse.csc_array) -> scipy.sparse.linalg.SuperLU:
     """LU factors of a symmetric matrix, ordered and pivoted as one."""
+    how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.1, "options": {"SymmetricMode": True}}
     try:
-        return scipy.sparse.linalg.splu(
-            scipy.sparse.csc_array(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.1,
-            options={"SymmetricMode": True},
-        )
+        return scipy.sparse.linalg.splu(scipy.sparse.csc_array(matrix), **how)
     except RuntimeError as error:
-        raise StructureError(
-            f"the matrices cannot be factorised ({error}); a degree of freedom is not constrained"
-        ) from None
+        problem = f"the matrices cannot be factorised ({error})"
+        raise StructureError(f"{problem}; a degree of freedom is not constrained") from None
 
 
 def _residual_modes(

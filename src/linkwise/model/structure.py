@@ -69,9 +69,8 @@ def check_ends(mass_names: Sequence[str], places: Sequence[str], links: Sequence
         linked.update(link.between)
     loose = [name for name in mass_names if name not in linked]
     if loose:
-        raise StructureError(
-            "no link has it as an end; add a link or remove the mass", f"mass {quoted(loose)}"
-        )
+        problem = "no link has it as an end; add a link or remove the mass"
+        raise StructureError(problem, f"mass {quoted(loose)}")
 
 
 _MOST = 40  # masses or links that are shown
@@ -131,18 +130,15 @@ class Structure(NotebookView):
         for link in self.links:
             for name, unit in link.law.signal_units:
                 if unit != self.signals[name]:
-                    raise StructureError(
-                        f'signal {name} is in "{unit}" here, and in "{self.signals[name]}" in another link',
-                        f'link "{link.name}"',
+                    message = (
+                        f'signal {name} is in "{unit}" here, and in "{self.signals[name]}" in another link'
                     )
+                    raise StructureError(message, f'link "{link.name}"')
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
         slots = self._slots
-        leaders = resolve_sharing(slots)
-        if leaders:
-            resolved = {
-                name: slots[name].coefficient.following(slots[leader].coefficient)
-                for name, leader in leaders.items()
-            }
+        pairs = {name: (slots[name], slots[leader]) for name, leader in resolve_sharing(slots).items()}
+        if pairs:
+            resolved = {n: own.coefficient.following(lead.coefficient) for n, (own, lead) in pairs.items()}
             masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
             vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
@@ -208,10 +204,8 @@ class Structure(NotebookView):
         """Masses in kg (kg m^2), shape (n,); the start value of an unknown. Raises StructureError if there is neither."""
         for mass in self.masses:
             if mass.mass.value is None:
-                raise StructureError(
-                    "is unknown and has no start value; give it a number, or identify it first",
-                    f'mass "{mass.name}"',
-                )
+                message = "is unknown and has no start value; give it a number, or identify it first"
+                raise StructureError(message, f'mass "{mass.name}"')
         values = np.array([mass.mass.value for mass in self.masses], dtype=float)
         values.flags.writeable = False
         return values
@@ -321,10 +315,8 @@ class Structure(NotebookView):
         if on_base.size == 0:
             return d
         if base is None:
-            raise StructureError(
-                "has the base as an end, but the motion of the base is not given",
-                f'link "{self.links[on_base[0]].name}"',
-            )
+            message = "has the base as an end, but the motion of the base is not given"
+            raise StructureError(message, f'link "{self.links[on_base[0]].name}"')
         d[..., on_base] += np.asarray(base, dtype=float)[..., None] * self.base_incidence[on_base]
         return d
 
@@ -400,9 +392,8 @@ class Structure(NotebookView):
         7
         """
         if not which:
-            raise StructureError(
-                'expected at least one of "all", a link, a prefix of link names, or "mass:NAME"'
-            )
+            choices = '"all", a link, a prefix of link names, or "mass:NAME"'
+            raise StructureError(f"expected at least one of {choices}")
         chosen = {name for selector in which for name in self._chosen(selector)}
         freed = {name: self._slots[name].freed for name in {self._leaders.get(name, name) for name in chosen}}
         return self._with(freed)
@@ -433,6 +424,8 @@ class Structure(NotebookView):
         >>> lw.bnes_chain(2).with_values({"nes1.alpha": -50.0}).coefficient("nes1.alpha").value
         -50.0
         """
+        if not values:
+            return self
         changes: dict[str, Coefficient] = {}
         identified = any(not self.coefficient(name).known for name in values)
         for name, value in values.items():
@@ -480,16 +473,14 @@ class Structure(NotebookView):
 def refuse_hosts(structure: Structure, feature: str) -> None:
     """Raise StructureError if a structure has a host, which `feature` does not take."""
     if structure.hosts:
-        raise StructureError(
-            f"a host is not supported in {feature}; maximum likelihood takes it",
-            f'host "{structure.hosts[0].name}"',
-        )
+        message = f"a host is not supported in {feature}; maximum likelihood takes it"
+        raise StructureError(message, f'host "{structure.hosts[0].name}"')
 
 
 def refuse_rig(structure: Structure, feature: str) -> None:
     """Raise StructureError for a structure without a mass, which `feature` does not take."""
     if structure.on_rig:
-        raise StructureError(
-            f"there is no mass: links alone on a rig are not supported in {feature}; add the mass that moves",
-            f'link "{structure.links[0].name}"',
+        message = (
+            f"there is no mass: links alone on a rig are not supported in {feature}; add the mass that moves"
         )
+        raise StructureError(message, f'link "{structure.links[0].name}"')

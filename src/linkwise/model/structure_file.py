@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,10 +89,8 @@ class PartialStructure:
     @property
     def places(self) -> tuple[str, ...]:
         """Names of the points of hosts and of the masses: where links end and sensors sit."""
-        return (
-            *(point for host in self.hosts for point in host.points),
-            *(mass.name for mass in self.masses),
-        )
+        points = [point for host in self.hosts for point in host.points]
+        return (*points, *(mass.name for mass in self.masses))
 
 
 def read_structure(path: str | Path) -> Structure:
@@ -251,9 +249,8 @@ def _parts(table: _Table, source: str) -> tuple[tuple[Mass, ...], tuple[Link, ..
     hosts = tuple(host_of(entry, index, source) for index, entry in enumerate(table.host))
     masses = tuple(mass_of(entry, index, source) for index, entry in enumerate(table.mass))
     rotations = rotations_of(hosts, masses)
-    links = tuple(
-        link_of(entry, index, source, rotations, table.signals) for index, entry in enumerate(table.link)
-    )
+    tables, signals = enumerate(table.link), table.signals
+    links = tuple(link_of(entry, index, source, rotations, signals) for index, entry in tables)
     require_named(table.signals, links, source)
     return masses, links, hosts
 
@@ -262,10 +259,8 @@ def require_named(signals: Iterable[str], links: Sequence[Link], source: str) ->
     """Raise StructureError for a signal that the law of none of the links names."""
     for name in signals:
         if not any(name in link.law.signals for link in links):
-            raise StructureError(
-                f"no law names the signal {name}: write it in one, as in (c0 + cu*{name})*v, or take it out of `signals`",
-                f"{source}, signals.{name}",
-            )
+            message = f"no law names the signal {name}: write it in one, as in (c0 + cu*{name})*v, or take it out of `signals`"
+            raise StructureError(message, f"{source}, signals.{name}")
 
 
 def format_structure(structure: Structure) -> str:
@@ -294,15 +289,12 @@ def format_structure(structure: Structure) -> str:
         if mass.name in structure.modes:
             continue
         unit = f"unit = {toml_text(mass.unit)}\n" if mass.unit != LENGTH else ""
-        blocks.append(
-            f"[[mass]]\nname = {toml_text(mass.name)}\n{unit}mass = {_coefficient_text(mass.mass)}\n"
-        )
+        value = _coefficient_text(mass.mass)
+        blocks.append(f"[[mass]]\nname = {toml_text(mass.name)}\n{unit}mass = {value}\n")
     for link in structure.links:
         if link.name in structure.modes:
             continue
-        pairs = ", ".join(
-            f"{_key(name)} = {_coefficient_text(value)}" for name, value in link.coefficients.items()
-        )
+        pairs = _pairs_text(link.coefficients)
         ends = ", ".join(toml_text(end) for end in link.between)
         blocks.append(
             f"[[link]]\nname = {toml_text(link.name)}\nbetween = [{ends}]\n"
@@ -316,9 +308,7 @@ def _host_text(host: Host, structure: Structure) -> str:
     host = host.as_in(structure.link)
     modes = []
     for mode in host.modes:
-        shape = ", ".join(
-            f"{_key(point)} = {_coefficient_text(mode.shape_value(point))}" for point in mode.shape
-        )
+        shape = _pairs_text({point: mode.shape_value(point) for point in mode.shape})
         modes.append(
             f"    {{ frequency = {_coefficient_text(mode.frequency)}, damping = {_coefficient_text(mode.damping)}, "
             f"shape = {{ {shape} }} }},\n"
@@ -328,9 +318,8 @@ def _host_text(host: Host, structure: Structure) -> str:
         for (first, second), entry in host.entries.items()
     )
     between = f"damping = [\n{damping}]\n" if damping else ""
-    rotations = ", ".join(
-        f'{_key(point)} = "rad"' for point in host.modes[0].shape if point in host.modes[0].rotations
-    )
+    turning = [point for point in host.modes[0].shape if point in host.modes[0].rotations]
+    rotations = ", ".join(f'{_key(point)} = "rad"' for point in turning)
     between += f"units = {{ {rotations} }}\n" if rotations else ""
     return f"[[host]]\nname = {toml_text(host.name)}\n{between}modes = [\n{''.join(modes)}]\n"
 
@@ -351,9 +340,8 @@ def _states_text(link: Link) -> str:
     for name, state in as_link_states(link.states).items():
         fields = [f"rate = {toml_text(state.rate)}"]
         if state.initial != 0.0:
-            fields.append(
-                f"initial = {toml_text('unknown') if state.initial is None else repr(state.initial)}"
-            )
+            initial = toml_text("unknown") if state.initial is None else repr(state.initial)
+            fields.append(f"initial = {initial}")
         if state.unit:
             fields.append(f"unit = {toml_text(state.unit)}")
         text = toml_text(state.rate) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
@@ -373,6 +361,11 @@ def _coefficient_text(coefficient: Coefficient) -> str:
         if value is not None and math.isfinite(value)
     ]
     return f"{{ {', '.join(pairs)} }}" if pairs else '"unknown"'
+
+
+def _pairs_text(coefficients: Mapping[str, Coefficient]) -> str:
+    """The entries of a table of coefficients."""
+    return ", ".join(f"{_key(name)} = {_coefficient_text(value)}" for name, value in coefficients.items())
 
 
 def _key(name: str) -> str:

@@ -73,10 +73,8 @@ def _check_keys(data: object, kind: type[msgspec.Struct], source: str, path: str
     fields = {field.name: field for field in msgspec.structs.fields(kind)}
     for key in data:
         if key not in fields:
-            raise error(
-                f'unknown key "{key}"{near_miss(str(key), fields)}; the keys are {", ".join(fields)}',
-                joined(source, path),
-            )
+            message = f'unknown key "{key}"{near_miss(str(key), fields)}; the keys are {", ".join(fields)}'
+            raise error(message, joined(source, path))
     for name, field in fields.items():
         place, value, choices = f"{path}.{name}".lstrip("."), data.get(name), get_args(field.type)
         one_of = f"one of {', '.join(choices)}" if get_origin(field.type) is Literal else ""

@@ -118,10 +118,9 @@ class Topology:
         """
         index = {name: number for number, name in enumerate(mass_names)}
         index |= {GROUND: GROUND_INDEX, BASE: BASE_INDEX}
+        parts = {point: host.shape(point).items() for host in hosts for point in host.points}
         shapes = {
-            point: tuple((index[mode], part) for mode, part in host.shape(point).items() if part)
-            for host in hosts
-            for point in host.points
+            point: tuple((index[mode], part) for mode, part in own if part) for point, own in parts.items()
         }
         shapes |= {place: ((index[mode], -1.0),) for host in hosts for place, mode in host.negated.items()}
         index |= {point: FIRST_POINT - number for number, point in enumerate(shapes)}
@@ -136,10 +135,10 @@ class Topology:
         topology = cls(index, ends, by_law, states, tuple(shapes.values()))
         for link, column in zip(links, topology.columns, strict=True) if hosts else ():
             if not column:
-                raise StructureError(
-                    f"both ends, {' and '.join(link.between)}, move alike in every mode: nothing stretches it",
-                    f'link "{link.name}"',
+                message = (
+                    f"both ends, {' and '.join(link.between)}, move alike in every mode: nothing stretches it"
                 )
+                raise StructureError(message, f'link "{link.name}"')
         return topology
 
     @property

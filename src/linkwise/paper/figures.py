@@ -54,18 +54,15 @@ def figure_2() -> Figure:
 
 def figure_3() -> Figure:
     """The primary mass of the chain of two with its sink and without."""
-    return displacements_figure(
-        chain_motion(2), without=chain_motion(2, sinks=False), titles=("primary mass m1",)
-    )
+    alone = chain_motion(2, sinks=False)
+    return displacements_figure(chain_motion(2), without=alone, titles=("primary mass m1",))
 
 
 def figure_4() -> Figure:
     """Responses of the chain of eight masses: primary masses on the left, their sinks on the right."""
     motion = chain_motion(8)
-    titles = [
-        f"primary mass {mass}" if number % 2 == 0 else f"sink {mass}"
-        for number, mass in enumerate(motion.masses)
-    ]
+    named = enumerate(motion.masses)
+    titles = [f"{'sink' if number % 2 else 'primary mass'} {mass}" for number, mass in named]
     return displacements_figure(motion, columns=2, titles=titles)
 
 
@@ -182,9 +179,8 @@ def figure_9(table: StudySummary, paper: PaperStudy) -> Figure:
     with sheet(1, 2, height=3.3) as (figure, panels):
         draw_curves(panels[0], table, level, "nmse", drawn, PublishedValues("paper, physics-informed", error))
         panels[0].set_title(f"a  {level:g} dB")
-        draw_curves(
-            panels[1], table, level, "seconds", drawn, PublishedValues("paper, physics-informed", seconds)
-        )
+        published = PublishedValues("paper, physics-informed", seconds)
+        draw_curves(panels[1], table, level, "seconds", drawn, published)
         panels[1].set_title(f"b  time of one estimate, {level:g} dB")
         legend_below(figure, *panels)
     return figure
@@ -195,13 +191,9 @@ def motion_captions() -> dict[str, str]:
     two, eight = chain_motion(2), chain_motion(8)
     return {
         "figure_2": _two_masses(two),
-        "figure_3": _compared(
-            two, chain_motion(2, sinks=False), "The paper: faster decay and smaller amplitudes."
-        ),
+        "figure_3": _compared(two, "The paper: faster decay and smaller amplitudes."),
         "figure_4": _many(eight),
-        "figure_5": _compared(
-            eight, chain_motion(8, sinks=False), 'The paper: "always lower than the linear" chain.'
-        ),
+        "figure_5": _compared(eight, 'The paper: "always lower than the linear" chain.'),
     }
 
 
@@ -232,8 +224,8 @@ def _past(horizon: float) -> str:
     )
 
 
-def _compared(motion: OrbitEnvelope, without: OrbitEnvelope, paper: str) -> str:
-    shares = {}
+def _compared(motion: OrbitEnvelope, paper: str) -> str:
+    shares, without = {}, chain_motion(len(motion.masses), sinks=False)
     for mass in without.masses:
         power, alone = (np.mean(run.record.channel(f"x:{mass}") ** 2) for run in (motion, without))
         shares[mass] = np.sqrt(power / alone)

@@ -29,10 +29,9 @@ _ROWS = (
     (2.1564, 5.8351, 9.0256, 30.3485, 63.0856),
 )
 
-TABLE_2 = {
-    (masses, decibel): value
-    for (decibel, masses), value in zip(product(DECIBELS, MASSES), sum(_ROWS, ()), strict=True)
-}
+TABLE_2 = dict(
+    zip(((masses, level) for level, masses in product(DECIBELS, MASSES)), sum(_ROWS, ()), strict=True)
+)
 """NMSE in % of the sink's force (Eq. 8) by number of masses and dB: SINDy with all monomials up to the third order."""
 
 INFORMED_NMSE = 0.5
@@ -137,11 +136,8 @@ class Table2:
         cells = []
         for decibel in DECIBELS:
             for name, masses in paper.masses.items():
-                study_cells = {
-                    method: cell
-                    for method in table.methods
-                    if (cell := table.cell(name, decibel, method)) is not None
-                }
+                of_methods = ((method, table.cell(name, decibel, method)) for method in table.methods)
+                study_cells = {method: cell for method, cell in of_methods if cell is not None}
                 if study_cells:
                     cells.append(Table2Cell(masses, decibel, TABLE_2[masses, decibel], study_cells))
         return cls(tuple(cells), paper.classical)
@@ -163,11 +159,8 @@ class Table2:
     def best(self) -> str | None:
         """The classical method that reproduces most cells, of equals the one with the smallest typical factor."""
         methods = [method for method in self.classical if self.counted(method)]
-        return min(
-            methods,
-            key=lambda method: (-self.within(method), self.typical_factor(method) or np.inf),
-            default=None,
-        )
+        ranked = [(-self.within(method), self.typical_factor(method) or np.inf) for method in methods]
+        return methods[ranked.index(min(ranked))] if methods else None
 
 
 def near(value: float | None, paper: float) -> bool:
@@ -186,9 +179,8 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
     if study_cell.nmse is None:
         return f"{len(study_cell.failures)} of {study_cell.done} cycles gave no answer"
     ratio = study_cell.nmse / cell.paper
-    deviation = (
-        f"{1.0 / ratio:.3g} times below the paper" if ratio < 1.0 else f"{ratio:.3g} times above the paper"
-    )
+    times, side = (1.0 / ratio, "below") if ratio < 1.0 else (ratio, "above")
+    deviation = f"{times:.3g} times {side} the paper"
     readings = {name: count(study_cell.answers) for name, count in _COUNTED.items()}
     readings |= {candidate: cell.nmse(candidate) for candidate in classical if candidate != method}
     fitting = [f"{name} ({_percent(value)})" for name, value in readings.items() if near(value, cell.paper)]
@@ -199,10 +191,8 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
     known = {name: value for name, value in readings.items() if value}
     closest = min(known, key=lambda name: abs(np.log(known[name] / cell.paper)), default=None)
     closest_text = "" if closest is None else f", the closest being {closest} ({_percent(known[closest])})"
-    return (
-        f"{deviation}; {single}; no mean, no other choice of sink and no other convention comes within a factor {NEAR:g}"
-        f"{closest_text}"
-    )
+    none = f"no mean, no other choice of sink and no other convention comes within a factor {NEAR:g}"
+    return f"{deviation}; {single}; {none}{closest_text}"
 
 
 def _median_of(pick: Callable[[Row], float | None]) -> Callable[[Sequence[Row]], float | None]:
@@ -275,13 +265,17 @@ def _complete(table: StudySummary) -> Claim:
     return Claim(f"{text}{failed if done else ''}.", not table.missing and not table.failed)
 
 
+def _errors(table: StudySummary, paper: PaperStudy, method: str, level: float) -> dict[int, float]:
+    """The errors of a method in % by number of masses."""
+    cells = [table.cell(name, level, method) for name in paper.masses]
+    return {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
+
+
 def _far_below(table: StudySummary, paper: PaperStudy, method: str) -> Claim:
     level = DECIBELS[-1]
-    cells = [table.cell(name, level, method) for name in paper.masses]
-    errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
-    required = (
-        f"{BELOW:g} times below the {INFORMED_NMSE:g} % that the paper's physics-informed SINDy keeps there"
-    )
+    errors = _errors(table, paper, method, level)
+    kept = f"the {INFORMED_NMSE:g} % that the paper's physics-informed SINDy keeps there"
+    required = f"{BELOW:g} times below {kept}"
     if not errors:
         return Claim(f"{method} at {level:g} dB: no results yet. It should stay {required}.", None)
     least = min(INFORMED_NMSE / value for value in errors.values())
@@ -290,11 +284,8 @@ def _far_below(table: StudySummary, paper: PaperStudy, method: str) -> Claim:
         f"{method} at {level:g} dB: at most {errors[worst]:.2g} % ({worst} masses), {_rounded_down(least)} times below "
         f"the paper's physics-informed {INFORMED_NMSE:g} %"
     )
-    missed = [
-        f"{masses} masses ({INFORMED_NMSE / value:.3g} times)"
-        for masses, value in errors.items()
-        if INFORMED_NMSE / value < BELOW
-    ]
+    times = {masses: INFORMED_NMSE / value for masses, value in errors.items()}
+    missed = [f"{masses} masses ({ratio:.3g} times)" for masses, ratio in times.items() if ratio < BELOW]
     if missed:
         return Claim(f"{text}; it misses {BELOW:g} times in the cells of {', '.join(missed)}.", False)
     absent = _absent(paper, errors)
@@ -315,25 +306,18 @@ def _reproduced(comparison: Table2) -> Claim:
     )
     enough = within >= MOST * count
     if counted < count and not enough:
-        return Claim(
-            f"{text}; {count - counted} cells have no number yet.",
-            None if within + count - counted >= MOST * count else False,
-        )
+        met = None if within + count - counted >= MOST * count else False
+        return Claim(f"{text}; {count - counted} cells have no number yet.", met)
     return Claim(f"{text}{'' if enough else f'; {np.ceil(MOST * count):.0f} were asked for'}.", enough)
 
 
 def _informed(table: StudySummary, paper: PaperStudy, method: str) -> Claim:
-    level = DECIBELS[-1]
-    cells = [table.cell(name, level, method) for name in paper.masses]
-    errors = {cell.masses: cell.nmse for cell in cells if cell is not None and cell.nmse is not None}
+    level, published = DECIBELS[-1], f"the paper has around {INFORMED_NMSE:g} %"
+    errors = _errors(table, paper, method, level)
     if not errors:
-        return Claim(
-            f"{method} at {level:g} dB: no results yet; the paper has around {INFORMED_NMSE:g} %.", None
-        )
-    text = (
-        f"{method} at {level:g} dB: {min(errors.values()):.2g} to {max(errors.values()):.2g} %; "
-        f"the paper has around {INFORMED_NMSE:g} %"
-    )
+        return Claim(f"{method} at {level:g} dB: no results yet; {published}.", None)
+    span = f"{min(errors.values()):.2g} to {max(errors.values()):.2g} %"
+    text = f"{method} at {level:g} dB: {span}; {published}"
     off = [f"{masses} masses" for masses, value in errors.items() if not near(value, INFORMED_NMSE)]
     if off:
         return Claim(f"{text}, which {', '.join(off)} miss by more than a factor {NEAR:g}.", False)

@@ -115,9 +115,7 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
 
 def _title(result: Absorption) -> str:
     name = result.with_sinks.structure.name
-    return (
-        f"{name}, sinks {result.removal} for comparison" if name else f"Sinks {result.removal} for comparison"
-    )
+    return f"{f'{name}, sinks' if name else 'Sinks'} {result.removal} for comparison"
 
 
 def _number(kind: str, name: str | None, names: Sequence[str]) -> int:
@@ -483,8 +481,7 @@ def _colors(result: Absorption) -> dict[str, str]:
     by_share = sorted(names, key=lambda name: -run.share(name))
     largest = [name for name in by_share if name in result.absorbing][:_SINKS]
     largest += [name for name in by_share if name not in result.absorbing][:_OTHERS]
-    sinks, others = iter(SERIES), iter(_GREYS)
-    ordered = sorted(
-        (name for name in names if name in largest), key=lambda name: name not in result.absorbing
-    )
-    return {name: next(sinks) if name in result.absorbing else next(others) for name in ordered}
+    shown = [name for name in names if name in largest]
+    sinks = [name for name in shown if name in result.absorbing]
+    others = [name for name in shown if name not in result.absorbing]
+    return dict([*zip(sinks, SERIES, strict=False), *zip(others, _GREYS, strict=False)])

@@ -17,11 +17,10 @@ from linkwise.plot.style import (
     MEASURED,
     WELL,
     axes_for,
-    legend_below,
     literal,
     log_scale,
+    pictures,
     scale,
-    sheet,
     single,
 )
 
@@ -120,9 +119,8 @@ def designs(
             return axes
         y = result.points[:, names.index(up)]
         # most designs lie near the best, so that ranks tell colours apart where values crowd
-        low, high = np.percentile(
-            values[order], [0.0, 90.0] if not result.options.maximise else [10.0, 100.0]
-        )
+        shares = [10.0, 100.0] if result.options.maximise else [0.0, 90.0]
+        low, high = np.percentile(values[order], shares)
         cmap = "viridis" if result.options.maximise else "viridis_r"
         tried = axes.scatter(x[order], y[order], c=values[order], s=10, cmap=cmap, vmin=low, vmax=high)
         axes.plot(result.best[across], result.best[up], "*", color=WELL, ms=12, label="best")
@@ -163,11 +161,4 @@ def designs_figure(result: Design) -> Figure:
     pairs = list(combinations([axis.name for axis in result.axes], 2))[:_MOST]
     if len(pairs) < 2:
         return single(partial(designs, result))
-    rows = -(-len(pairs) // 2)
-    with sheet(rows, 2, width=8.4, height=0.4 + 3.0 * rows) as (figure, panels):
-        for axes, pair in zip(panels, pairs, strict=False):
-            designs(result, *pair, legend=False, ax=axes)
-        for axes in panels[len(pairs) :]:
-            axes.remove()
-        legend_below(figure, panels[0])
-    return figure
+    return pictures([partial(designs, result, *pair) for pair in pairs], width=8.4, height=(0.4, 3.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -71,9 +72,8 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     averaged, lower, upper = (force - selected for force in average.force_band(estimate, d))
     shifts = average.shifts(estimate, d)
     drawn = [lower, upper, shifts[average.weights >= _FAINTEST]]
-    largest = max(
-        (float(np.max(np.abs(forces[np.isfinite(forces)]), initial=0.0)) for forces in drawn), default=0.0
-    )
+    sizes = np.abs(np.concatenate([forces.ravel() for forces in drawn]))
+    largest = float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
     law, of_d = estimate.link.law, estimate.link.law.motion_units[0]
     (to_d, unit_d), (to_f, unit_f) = scale(float(np.max(np.abs(d))), of_d), scale(largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
@@ -88,9 +88,8 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
         axes.plot(d * to_d, averaged * to_f, color=WELL, lw=1.0, label="averaged")
         axes.axhline(0.0, color=IDENTIFIED, lw=0.5 + 2.5 * float(average.weights[0]), label="selected")
         axes.set(xlabel=f"elongation d, {unit_d}", ylabel=f"force less that selected, {unit_f}")
-        axes.set_title(
-            literal(f"{link}: models that survive, the selected one with {average.weights[0]:.0%}")
-        )
+        selected_one = f"the selected one with {average.weights[0]:.0%}"
+        axes.set_title(literal(f"{link}: models that survive, {selected_one}"))
     return axes
 
 
@@ -158,9 +157,8 @@ def evidence_figure(discovery: Discovery) -> Figure:
 
 def _rows(discovery: Discovery) -> tuple[Sequence[TermEvidence], Sequence[TermEvidence]]:
     """The terms kept that are drawn, the most certain first, and the dropped ones nearest to being kept."""
-    return discovery.kept[:_SELECTED], sorted(_identifiable(discovery), key=lambda term: term.margin)[
-        :_DROPPED
-    ]
+    nearest = sorted(_identifiable(discovery), key=lambda term: term.margin)
+    return discovery.kept[:_SELECTED], nearest[:_DROPPED]
 
 
 def _identifiable(discovery: Discovery) -> list[TermEvidence]:
@@ -224,31 +222,17 @@ def path(discovery: Discovery, *, legend: bool = True, ax: Axes | None = None) -
     """
     with axes_for(ax, legend=legend) as axes:
         terms = [point.terms for point in discovery.path]
-        for values, color, text in (
-            ([point.cost for point in discovery.path], MEASURED, "misfit, above the largest model's"),
-            (
-                [point.criterion for point in discovery.path],
-                IDENTIFIED,
-                "criterion, above the chosen model's",
-            ),
-        ):
-            axes.plot(terms, values, "o-", color=color, ms=3, label=text)
+        costs, criteria = ([getattr(p, key) for p in discovery.path] for key in ("cost", "criterion"))
+        axes.plot(terms, costs, "o-", color=MEASURED, ms=3, label="misfit, above the largest model's")
+        axes.plot(terms, criteria, "o-", color=IDENTIFIED, ms=3, label="criterion, above the chosen model's")
+        mark: dict[str, Any] = {"ms": 8, "zorder": 5, "clip_on": False, "label": "chosen"}
         for point in discovery.path:
             if point.chosen:
-                axes.plot(
-                    point.terms,
-                    point.criterion,
-                    "o",
-                    color=WELL,
-                    ms=8,
-                    zorder=5,
-                    clip_on=False,
-                    label="chosen",
-                )
+                axes.plot(point.terms, point.criterion, "o", color=WELL, **mark)
                 axes.axvline(point.terms, color=WELL, lw=0.8, zorder=0)
         axes.axhspan(0.0, CERTAIN, color=VISITED, zorder=0, label=f"in doubt (to {CERTAIN:g})")
         log_scale(axes, "y", linear_to=10.0)
-        axes.set_ylim(min((point.criterion for point in discovery.path), default=0.0) - 0.5, None)
+        axes.set_ylim(min(criteria, default=0.0) - 0.5, None)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(xlabel="terms", ylabel="-2 log likelihood", title="models of all sizes")
     return axes

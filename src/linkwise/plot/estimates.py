@@ -84,9 +84,8 @@ def residuals(
     left = estimate.motion.residuals or {}
     if channel not in left:
         known = ", ".join(left) or "none: maximum likelihood alone tells them"
-        raise RecordError(
-            f"there are no residuals of {channel!r}{near_miss(channel, left)}; choose from {known}"
-        )
+        hint = near_miss(channel, left)
+        raise RecordError(f"there are no residuals of {channel!r}{hint}; choose from {known}")
     quantities = ("time", "frequency", *(f"{kind} of {link}" for link in _links(estimate) for kind in "dv"))
     require_known("quantity", quantity, quantities, RecordError)
     with axes_for(ax, legend=legend and quantity != "time") as axes:
@@ -181,9 +180,8 @@ def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) ->
     ones."""
     overlaid = list(channels.items())[:_OVERLAID]
     with sheet(len(overlaid), 2, height=1.0 + 1.3 * len(overlaid)) as (figure, panels):
-        for (name, (measured, fitted)), over_time, over_frequency in zip(
-            overlaid, panels[::2], panels[1::2], strict=True
-        ):
+        for row, (name, (measured, fitted)) in enumerate(overlaid):
+            over_time, over_frequency = panels[2 * row : 2 * row + 2]
             factor, unit = scale(float(np.nanmax(np.abs(measured), initial=0.0)), record.unit(name))
             for shown, style in ((measured, _MEASURED), (fitted, _FITTED)):
                 over_time.plot(*envelope(record.time, shown * factor, 1500), **style)
@@ -202,11 +200,9 @@ def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) ->
 
 def _link_at(estimate: Estimate, channel: str) -> str:
     """The last link that ends at the place that a channel shows, or the last of all."""
-    place = channel.rpartition(":")[2]
-    links = estimate.structure.links
-    return next(
-        (link.name for link in reversed(links) if place in (*link.between, link.name)), links[-1].name
-    )
+    place, links = channel.rpartition(":")[2], estimate.structure.links
+    at = [link.name for link in links if place in (*link.between, link.name)]
+    return at[-1] if at else links[-1].name
 
 
 _STYLES = ("-", "--", ":", "-.")  # in this order once the colours are used up
@@ -247,12 +243,11 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
         axes.axhline(0.0, color="black", lw=0.6)
         for number, mode in enumerate(host.modes):
             deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
+            bars = [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
             axes.errorbar(
                 places,
                 [mode.shape[point] for point in points],
-                [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
-                if any(deviations)
-                else None,
+                bars if any(deviations) else None,
                 color=SERIES[number % len(SERIES)],
                 ls=_STYLES[number // len(SERIES) % len(_STYLES)],
                 marker="o",

@@ -47,16 +47,12 @@ _LARGE = 60  # nodes from which fewer starts have to do
 _GAP = 1.2  # between parts that nothing joins
 
 
-def node_positions(count: int, edges: Edges) -> Floats:
+@lru_cache(maxsize=8)  # a graph is laid out for its size, its lines and its legend
+def node_positions(count: int, edges: tuple[tuple[int, int], ...]) -> Floats:
     """(count, 2) positions of the nodes 0 to count - 1, read-only; a link is about 1 long, the picture wider than high.
 
     Parts that no edge joins stand above each other. The same graph gives the same picture.
     """
-    return _node_positions(count, tuple(edges))
-
-
-@lru_cache(maxsize=8)  # a graph is laid out for its size, its lines and its legend
-def _node_positions(count: int, edges: Edges) -> Floats:
     graph = _graph(count, edges)
     parts, label = connected_components(graph, directed=False)
     positions, top = np.zeros((count, 2)), 0.0
@@ -252,7 +248,7 @@ def graph_figure(discovery: Discovery) -> Figure:
 def _drawing(discovery: Discovery) -> Drawing:
     bodies, rods = _bodies(discovery)
     edges, fixed = _edges(discovery, bodies)
-    lines = [*((edge.first, edge.second) for edge in edges), *rods]
+    lines = (*((edge.first, edge.second) for edge in edges), *rods)
     return Drawing(bodies, rods, edges, fixed, node_positions(len(bodies) + len(fixed), lines))
 
 
@@ -287,14 +283,12 @@ def _edges(discovery: Discovery, bodies: Sequence[str]) -> tuple[list[Edge], lis
     for link in discovery.estimate.links:
         reach = max(abs(end) for end in link.d_range)
         name = link.link.name
+        forces = np.abs(link.link.force(np.array([-reach, reach]), 0.0, link.link.zero_states))
         edges.append(
             Edge(
                 *nodes(link.link.between),
                 kind=link.kind,
-                stiffness=max(
-                    abs(float(link.link.force(end, 0.0, link.link.zero_states))) for end in (-reach, reach)
-                )
-                / reach,
+                stiffness=float(np.max(forces)) / reach,
                 selected=True,
                 certain=discovery.decision(name) is Decision.CERTAIN,
                 doubtful_term=name in unsure,
@@ -409,9 +403,8 @@ def _draw_bodies(axes: Axes, discovery: Discovery, drawing: Drawing, inch: float
     for number, name in enumerate(drawing.bodies):
         x, y = positions[number]
         radius, is_mass = 72.0 * inch * radii[number], bool(np.isfinite(masses[number]))  # points
-        axes.plot(
-            x, y, "o", ms=2.0 * radius, color="white" if is_mass else _HOST, mec=TRUE, mew=1.2, zorder=5
-        )
+        inside = "white" if is_mass else _HOST
+        axes.plot(x, y, "o", ms=2.0 * radius, color=inside, mec=TRUE, mew=1.2, zorder=5)
         fits = 0.3 * size * len(name) < 0.9 * radius
         if fits:
             axes.text(x, y, literal(name), fontsize=size, ha="center", va="center", zorder=6)
@@ -454,10 +447,8 @@ def _free_direction(number: int, positions: Floats) -> float:
 
 
 def _legend_handles(edges: Sequence[Edge]) -> list[Line2D]:
-    kinds = dict.fromkeys(edge.kind for edge in edges if edge.selected)
-    handles = [
-        Line2D([], [], color=_COLORS.get(kind, _OTHER_KIND), lw=2.5, label=label(kind)) for kind in kinds
-    ]
+    colors = {edge.kind: _color(edge) for edge in edges if edge.selected}
+    handles = [Line2D([], [], color=color, lw=2.5, label=label(kind)) for kind, color in colors.items()]
     if any(edge.selected and not edge.certain for edge in edges):
         handles.append(Line2D([], [], color=TRUE, ls=(0, (4, 2.5)), label="in doubt"))
     if any(not edge.selected for edge in edges):

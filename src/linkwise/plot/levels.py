@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ from linkwise.plot.style import (
     legend_below,
     literal,
     log_scale,
+    pictures,
     scale,
     scattered,
     sheet,
@@ -54,15 +56,12 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     kinds = (("odd", SERIES[1], "s"), ("even", SERIES[0], "o"), ("noise", MEASURED, "x"))
     with axes_for(ax, legend=legend) as axes:
         for name, colour, marker in kinds:
-            points = [
-                (level, getattr(level_distortion, name))
-                for level, level_distortion in zip(comparison.levels, comparison.distortions, strict=True)
-                if level_distortion is not None and getattr(level_distortion, name) is not None
-            ]
+            powers = [one and getattr(one, name) for one in comparison.distortions]
+            pairs = zip(comparison.levels, powers, strict=True)
+            points = [(level, power) for level, power in pairs if power is not None]
             text = "scatter" if name == "noise" else name
             if points:
-                levels, powers = np.array(points).T
-                axes.plot(levels, powers, color=colour, marker=marker, ms=4, lw=1.0, label=text)
+                axes.plot(*np.array(points).T, color=colour, marker=marker, ms=4, lw=1.0, label=text)
         log_scale(axes, "x")
         axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
@@ -132,11 +131,8 @@ def level_modes(
 
 def levels_figure(comparison: LevelComparison) -> Figure:
     """Changes of frequencies and damping of modes over the level."""
-    with sheet(1, 2, height=3.2) as (figure, panels):
-        level_modes(comparison, "frequency", legend=False, ax=panels[0])
-        level_modes(comparison, "damping", legend=False, ax=panels[1])
-        legend_below(figure, panels[0])
-    return figure
+    frequency, damping = partial(level_modes, comparison), partial(level_modes, comparison, "damping")
+    return pictures([frequency, damping], height=(0.0, 3.2))
 
 
 _RANGE = (0.15, 1.0)  # of lightness, of the lowest and the highest level
@@ -179,7 +175,7 @@ def level_response(
         shades = np.linspace(*_RANGE, len(comparison.levels))
         for response, level, shade in zip(comparison.responses, comparison.levels, shades, strict=True):
             values = response.magnitude if quantity == "magnitude" else response.coherence
-            colour = _lighter(SERIES[0], float(shade))
+            colour = tuple(1.0 - shade * (1.0 - part) for part in to_rgb(SERIES[0]))  # from white on
             text = label(f"{level:.3g} {comparison.unit}")
             axes.plot(response.frequency, values, color=colour, lw=0.9, label=text)
         if quantity == "magnitude":
@@ -187,9 +183,7 @@ def level_response(
             axes.set_ylabel(f"{literal(first.response)}\nper {literal(first.force)}")
         else:
             axes.set(ylabel="coherence", ylim=(-0.03, 1.03))
-        highest = max(
-            response.frequency[np.isfinite(response.magnitude)].max() for response in comparison.responses
-        )
+        highest = max(one.frequency[np.isfinite(one.magnitude)].max() for one in comparison.responses)
         axes.set(xlim=(0.0, float(highest)), xlabel="frequency, Hz")
     return axes
 
@@ -203,12 +197,6 @@ def level_responses_figure(comparison: LevelComparison) -> Figure:
         figure.align_ylabels()
         legend_below(figure, panels[0], columns=4)
     return figure
-
-
-def _lighter(colour: str, share: float) -> tuple[float, float, float]:
-    """From white at 0 to the colour itself at 1."""
-    red, green, blue = to_rgb(colour)
-    return 1.0 - share * (1.0 - red), 1.0 - share * (1.0 - green), 1.0 - share * (1.0 - blue)
 
 
 def ring_down(
@@ -347,11 +335,6 @@ def acceleration_surface(
 
 def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:
     """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity."""
-    rows = len(comparison.surfaces)
-    with sheet(rows, 2, height=0.6 + 2.4 * rows) as (figure, panels):
-        for number in range(rows):
-            acceleration_surface(comparison, number=number, legend=False, ax=panels[2 * number])
-            acceleration_surface(
-                comparison, number=number, section=True, legend=False, ax=panels[2 * number + 1]
-            )
-    return figure
+    shown = product(range(len(comparison.surfaces)), (False, True))
+    draws = [partial(acceleration_surface, comparison, number=n, section=section) for n, section in shown]
+    return pictures(draws, height=(0.6, 2.4), legend=False)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -215,13 +216,10 @@ def loop(
     to_x, unit_x = scale(float(np.nanmax(np.abs(values))), law.motion_units[("d", "v").index(over)])
     to_f, unit_f = scale(forces.largest, law.force_unit)
     with axes_for(ax, legend=legend) as axes:
+        shown, found = values * to_x, forces.identified * to_f
         if forces.measured is not None:
-            axes.plot(
-                values * to_x, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured"
-            )
-        axes.plot(
-            values * to_x, forces.identified * to_f, color=IDENTIFIED, lw=0.9, zorder=2, label="identified"
-        )
+            axes.plot(shown, forces.measured * to_f, color=MEASURED, lw=0.7, zorder=1, label="measured")
+        axes.plot(shown, found, color=IDENTIFIED, lw=0.9, zorder=2, label="identified")
         axes.set(xlabel=f"{quantity}, {unit_x}", ylabel=f"force, {unit_f}")
         wrap_title(axes, force_title(estimate.link(link).link))
     return axes
@@ -283,17 +281,11 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     """
     link_estimate = estimate.link(link)
     if not link_estimate.link.law.is_plain:
-        raise StructureError(
-            "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops",
-            f'link "{link}"',
-        )
-    index = [structure_link.name for structure_link in estimate.structure.links].index(link)
-    ranges = [np.array(link_estimate.d_range), np.array(link_estimate.v_range)]
-    widths = [_MARGIN * float(np.ptp(limits)) for limits in ranges]
-    d, v = (
-        np.linspace(limits[0] - width, limits[1] + width, _SURFACE_POINTS)
-        for limits, width in zip(ranges, widths, strict=True)
-    )
+        message = "has memory or takes a signal, so that its force is not a function of elongation and rate; draw its loops"
+        raise StructureError(message, f'link "{link}"')
+    index = [one.name for one in estimate.structure.links].index(link)
+    ends = [(limits, _MARGIN * np.ptp(limits)) for limits in (link_estimate.d_range, link_estimate.v_range)]
+    d, v = (np.linspace(low - margin, high + margin, _SURFACE_POINTS) for (low, high), margin in ends)
     force = np.broadcast_to(link_estimate.link.force(*np.meshgrid(d, v)), (_SURFACE_POINTS, _SURFACE_POINTS))
     law = link_estimate.link.law
     to_d, unit_d = scale(float(np.abs(d).max()), law.motion_units[0])
@@ -303,9 +295,8 @@ def surface(estimate: Estimate, link: str, *, legend: bool = True, ax: Axes | No
     some = scattered(len(estimate.motion.d))
     with axes_for(ax, legend=legend) as axes:
         bound = max(largest * to_f, np.finfo(float).tiny)
-        mesh = axes.pcolormesh(
-            d * to_d, v * to_v, force * to_f, cmap="RdBu_r", vmin=-bound, vmax=bound, rasterized=True
-        )
+        colors: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -bound, "vmax": bound}
+        mesh = axes.pcolormesh(d * to_d, v * to_v, force * to_f, rasterized=True, **colors)
         axes.figure.colorbar(mesh, ax=axes, label=f"force, {unit_f}")
         if np.any(force > 0.0) and np.any(force < 0.0):
             axes.contour(d * to_d, v * to_v, force, levels=[0.0], colors=TRUE, linewidths=0.7)
@@ -499,9 +490,8 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
     elastic = bool(np.any(link.link.force(np.linspace(*link.d_range, 9)) != link.link.force(0.0)))
     motion = np.linspace(*(link.d_range if elastic else link.v_range), _CURVE_POINTS)
     found = {a.name: a.estimate.link(name).link for a in comparison.answers if a.estimate is not None}
-    forces = {
-        method: one.force(motion) if elastic else one.force(0.0, motion) for method, one in found.items()
-    }
+    along = (motion,) if elastic else (0.0, motion)
+    forces = {method: one.force(*along) for method, one in found.items()}
     best = forces["ml"]
     band = link.force_band(motion)[1:] if elastic and link.covariance is not None else (best, best)
     to_x, unit_x = scale(float(np.abs(motion).max()), law.motion_units[0 if elastic else 1])
@@ -520,10 +510,9 @@ def _compare_link(panels: Sequence[Axes], comparison: Comparison, link: LinkEsti
 def _elongations(d_range: tuple[float, float]) -> Floats:
     """(G,) elongations in m over the range."""
     least, greatest = d_range
-    if not (np.isfinite(least) and np.isfinite(greatest) and least < greatest):
-        raise LinkwiseError(
-            f"d_range must be the least and the greatest elongation in m, got {least} and {greatest}"
-        )
+    if not -np.inf < least < greatest < np.inf:
+        wanted = "the least and the greatest elongation in m"
+        raise LinkwiseError(f"d_range must be {wanted}, got {least} and {greatest}")
     return np.linspace(least, greatest, _CURVE_POINTS)
 
 
@@ -537,7 +526,5 @@ def _over_elongation(axes: Axes, d: Floats, unit: str) -> Floats:
 def _lines(identified: Mapping[str, Link], styles: LineStyles | None) -> LineStyles:
     """The properties of each line; colours go with the place among all that are identified."""
     given = styles or {}
-    return {
-        name: {"color": SERIES[number % len(SERIES)], **given.get(name, {})}
-        for number, name in enumerate(identified)
-    }
+    colors = dict(zip(identified, cycle(SERIES), strict=False))
+    return {name: {"color": color, **given.get(name, {})} for name, color in colors.items()}

@@ -330,19 +330,16 @@ def displacement(
     for argument, given in (("envelope", envelope), ("without", without or envelope)):
         if mass not in given.masses:
             raise RecordError(f'{argument}: no mass "{mass}"; the masses are {", ".join(given.masses)}')
-    shown = [envelope] if without is None else [without, envelope]
-    factor, unit = scale(
-        max(float(np.abs(_displacement(motion, mass)).max()) for motion in shown),
-        envelope.record.unit(f"x:{mass}"),
-    )
-    names = [("this orbit", IDENTIFIED)]
+    channel, shown = f"x:{mass}", [("this orbit", IDENTIFIED, envelope.record)]
     if without is not None:
-        names = [("without sinks", MEASURED), ("with sinks", IDENTIFIED)]
+        shown = [("without sinks", MEASURED, without.record), ("with sinks", IDENTIFIED, envelope.record)]
+    largest = max(float(np.abs(record.channel(channel)).max()) for _, _, record in shown)
+    factor, unit = scale(largest, envelope.record.unit(channel))
     with axes_for(ax, legend=legend) as axes:
         _draw_range(axes, envelope, mass, factor)
-        for motion, (name, color) in zip(shown, names, strict=True):
-            x = _displacement(motion, mass) * factor
-            axes.plot(motion.record.time, x, color=color, lw=0.8, zorder=3, label=name)
+        for name, color, record in shown:
+            x = record.channel(channel) * factor
+            axes.plot(record.time, x, color=color, lw=0.8, zorder=3, label=name)
         over_time(axes, envelope.record.time, f"x, {unit}")
     return axes
 
@@ -359,9 +356,8 @@ def displacements_figure(
     if columns < 1:
         raise LinkwiseError(f"columns must be at least 1, got {columns}")
     if len(titles) not in (0, len(masses)):
-        raise LinkwiseError(
-            f"titles must have one entry for each of the {len(masses)} panels, got {len(titles)}"
-        )
+        panels_text = f"one entry for each of the {len(masses)} panels"
+        raise LinkwiseError(f"titles must have {panels_text}, got {len(titles)}")
     rows = -(-len(masses) // columns)
     with sheet(rows, columns, height=0.8 + _PANEL_HEIGHT * rows) as (figure, panels):
         for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):
@@ -380,10 +376,6 @@ def displacements_figure(
             told_apart = f"Past {envelope.horizon:.2f} s no orbit can be told apart from its neighbours"
             heading(figure, f"{told_apart}: the curve is one of many.", size=9.0)
     return figure
-
-
-def _displacement(envelope: OrbitEnvelope, mass: str) -> np.ndarray:
-    return envelope.record.channel(f"x:{mass}")
 
 
 def _draw_range(axes: Axes, envelope: OrbitEnvelope, mass: str, factor: float) -> None:

@@ -181,10 +181,8 @@ def backbone(
             axes.fill_betweenx(factor * values, *ends, color="black", alpha=_BAND, linewidth=0)
         axes.plot(result.hz, factor * inside, color="black", label=f"mode {result.mode}")
         if outside.any():
-            beyond = np.where(outside, values, np.nan)
-            axes.plot(
-                result.hz, factor * beyond, "--", color="black", label="outside the range of the record"
-            )
+            beyond = factor * np.where(outside, values, np.nan)
+            axes.plot(result.hz, beyond, "--", color="black", label="outside the range of the record")
         axes.set(xlabel="frequency, Hz", ylabel=f"{label(name)}\n{unit}")
         axes.set_ylim(bottom=0.0)
     return axes

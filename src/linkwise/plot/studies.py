@@ -175,10 +175,10 @@ def _table(result: StudySummary | Iterable[Row]) -> StudySummary:
 
 
 def _draw_curve(axes: Axes, style: CurveStyle, values: Floats) -> None:
-    bold: dict[str, Any] = {"marker": style.marker, "ms": 4, "zorder": 3}
-    faint: dict[str, Any] = {"lw": 0.6, "zorder": 1}
-    look = faint if style.faint else bold
-    axes.plot(range(len(values)), values, color=style.color, label=label(style.label), **(look))
+    look: dict[str, Any] = {"marker": style.marker, "ms": 4, "zorder": 3}
+    if style.faint:
+        look = {"lw": 0.6, "zorder": 1}
+    axes.plot(range(len(values)), values, color=style.color, label=label(style.label), **look)
 
 
 def _draw_published(axes: Axes, table: StudySummary, published: PublishedValues) -> None:
@@ -275,6 +275,5 @@ def _write(axes: Axes, row: int, column: int, exact: float, wrong: float) -> Non
     across, up = column + 0.5, row + (0.68 if wrong > 0.0 else 0.5)
     axes.text(across, up, f"{exact:.0f}", fontsize=_NUMBER_SIZE, ha="center", va="center")
     if wrong > 0.0:
-        axes.text(
-            across, row + 0.24, f"{wrong:.0f}", fontsize=_SMALL_SIZE, color=WELL, ha="center", va="center"
-        )
+        style: dict[str, Any] = {"fontsize": _SMALL_SIZE, "color": WELL, "ha": "center", "va": "center"}
+        axes.text(across, row + 0.24, f"{wrong:.0f}", **style)

@@ -66,12 +66,32 @@ def sheet(
         yield figure, list(figure.subplots(rows, columns, squeeze=False, sharex=share_time).flat)
 
 
+def pictures(
+    draws: Sequence[Callable[..., Axes]],
+    *,
+    width: float = 6.3,
+    height: tuple[float, float] = (0.0, 3.6),
+    columns: int = 2,
+    legend: bool = True,
+) -> Figure:
+    """A figure of pictures by ``draw(legend=False, ax=axes)``, row by row, with the legend of the first below.
+
+    `height` inches stand around all rows and are of each.
+    """
+    rows = -(-len(draws) // columns)
+    with sheet(rows, columns, width=width, height=height[0] + height[1] * rows) as (figure, panels):
+        for axes, draw in zip(panels, draws, strict=False):
+            draw(legend=False, ax=axes)
+        for axes in panels[len(draws) :]:
+            axes.remove()
+        if legend:
+            legend_below(figure, panels[0])
+    return figure
+
+
 def single(draw: Callable[..., Axes], *, height: float = 3.6) -> Figure:
     """A figure of one picture by ``draw(legend=False, ax=axes)``, with its legend below."""
-    with sheet(height=height) as (figure, [axes]):
-        draw(legend=False, ax=axes)
-        legend_below(figure, axes)
-    return figure
+    return pictures([draw], height=(0.0, height), columns=1)
 
 
 def strips(

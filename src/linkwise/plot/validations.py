@@ -139,11 +139,9 @@ def _channel_strips(validation: Validation, draw: Callable[..., Axes], title: st
 
 
 def _frame(axes: Axes, validation: Validation, name: str) -> None:
-    record = validation.record
-    axes.axvspan(
-        record.time[0], record.time[0] + validation.burn, color=VISITED, zorder=0, label="not scored"
-    )
-    over_time(axes, record.time, name)
+    time = validation.record.time
+    axes.axvspan(time[0], time[0] + validation.burn, color=VISITED, zorder=0, label="not scored")
+    over_time(axes, time, name)
 
 
 _MOST_PROFILES = 4  # links or channels that still can be read on one page
@@ -225,10 +223,7 @@ def prediction_spectrum(
     >>> lw.plot.prediction_spectrum(lw.validate(record, chain), "x:m1").get_xlabel()
     'frequency, Hz'
     """
-    if channel not in validation.spectra:
-        raise RecordError(
-            f"there is no spectrum of {channel!r}; choose from {', '.join(validation.spectra) or 'none'}"
-        )
+    require_known("spectrum of", channel, validation.spectra, RecordError)
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
     with axes_for(ax, legend=legend) as axes:
@@ -246,10 +241,9 @@ def prediction_profile_figure(validation: Validation) -> Figure:
     links = [profile.quantity for profile in validation.profiles[1:]][: 2 * _MOST_PROFILES]
     rows = len(links) // 2
     with sheet(rows, 2, height=0.8 + 2.1 * rows) as (figure, panels):
-        for axes, quantity in zip(panels, links, strict=True):
+        for number, (axes, quantity) in enumerate(zip(panels, links, strict=True)):
             prediction_profile(validation, quantity, ax=axes)
-        for axes in panels[1::2]:
-            axes.set_ylabel("")
+            axes.set_ylabel("" if number % 2 else axes.get_ylabel())
     return figure
 
 

@@ -115,28 +115,24 @@ class Channel(str):
         if type(name) is not str:  # a comparison takes no call
             expect("the name of a channel", name, str)
         relative = name.startswith(_RELATIVE)
-        kind, colon, place = name.removeprefix(_RELATIVE).partition(":")
-        if not colon or not place or not kind:
-            raise RecordError(
-                f"{name!r} is not a channel: expected KIND:MASS, such as x:m1, with KIND one of {', '.join(KINDS)}"
-            )
-        if kind not in KINDS:
-            known = ", ".join(f"{key} ({kind.quantity}, {kind.unit})" for key, kind in KINDS.items())
-            raise RecordError(f"{name!r} is not a channel: unknown kind {kind!r}; choose from {known}")
-        if place != place.strip() or _RESERVED & set(place):
-            raise RecordError(f"{name!r} is not a channel: {place!r} is not a valid name of a mass")
+        kind, _, place = name.removeprefix(_RELATIVE).partition(":")
         channel = cls(kind, place, relative)
-        if kind == "force" and place == BASE:
-            raise RecordError(
-                "'force:base' is not a channel: a base is moved by x:base, v:base or a:base, not by a force"
-            )
-        if kind == "state" and not (channel.link and channel.state):
-            raise RecordError(f"{name!r} is not a channel: a state is written state:LINK.NAME")
-        if relative and (not channel.is_motion or place == BASE):
-            raise RecordError(
-                f"{name!r} is not a channel: only the motion of a mass is relative to the base, as in rel:x:m1"
-            )
-        return channel
+        if not place or not kind:
+            wrong = f"expected KIND:MASS, such as x:m1, with KIND one of {', '.join(KINDS)}"
+        elif kind not in KINDS:
+            known = ", ".join(f"{key} ({kind.quantity}, {kind.unit})" for key, kind in KINDS.items())
+            wrong = f"unknown kind {kind!r}; choose from {known}"
+        elif place != place.strip() or _RESERVED & set(place):
+            wrong = f"{place!r} is not a valid name of a mass"
+        elif kind == "force" and place == BASE:
+            wrong = "a base is moved by x:base, v:base or a:base, not by a force"
+        elif kind == "state" and not (channel.link and channel.state):
+            wrong = "a state is written state:LINK.NAME"
+        elif relative and (not channel.is_motion or place == BASE):
+            wrong = "only the motion of a mass is relative to the base, as in rel:x:m1"
+        else:
+            return channel
+        raise RecordError(f"{name!r} is not a channel: {wrong}")
 
     @property
     def is_motion(self) -> bool:
@@ -199,18 +195,14 @@ def check_interpolation(inputs: Sequence[str], interpolation: Mapping[str, str])
     for name, kind in interpolation.items():
         if name not in inputs:
             listed = ", ".join(inputs) or "there are none"
-            raise RecordError(
-                f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}",
-                channel=name,
-            )
-        if kind not in INTERPOLATIONS:
-            raise RecordError(
-                f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}", channel=name
-            )
-        if kind == HELD and name.endswith(":base"):
-            raise RecordError(
-                "a base does not jump from sample to sample; choose linear or band-limited", channel=name
-            )
+            wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
+        elif kind not in INTERPOLATIONS:
+            wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
+        elif kind == HELD and name.endswith(":base"):
+            wrong = "a base does not jump from sample to sample; choose linear or band-limited"
+        else:
+            continue
+        raise RecordError(wrong, channel=name)
 
 
 def interpolated(start: float, rate: float, values: Floats, kind: str = BAND_LIMITED) -> Sampled:
@@ -401,11 +393,8 @@ LARGEST = 1e100  # in any unit: products of four larger values are not finite
 def require_channel(name: str, channels: Sequence[Channel], stated: str, file: str | None = None) -> None:
     """Raise RecordError where something that is `stated` is of none of the channels."""
     if name not in channels:
-        raise RecordError(
-            f"is not in the record, and something is stated of it ({stated}); the channels are {', '.join(channels)}",
-            file,
-            channel=name,
-        )
+        message = f"is not in the record, and something is stated of it ({stated}); the channels are {', '.join(channels)}"
+        raise RecordError(message, file, channel=name)
 
 
 def row_error(
@@ -418,9 +407,8 @@ def row_error(
 ) -> RecordError:
     """An error about one sample, with its line where the file has lines."""
     line = None if lines is None else int(lines[row])
-    return RecordError(
-        message if line else f"{message} (sample {row})", file, line, channel, arguments=arguments
-    )
+    where = "" if line else f" (sample {row})"
+    return RecordError(f"{message}{where}", file, line, channel, arguments=arguments)
 
 
 def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) -> None:
@@ -429,9 +417,8 @@ def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) ->
         if not isinstance(samples, ClippedSamples):
             raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
         if channels[channels.index(name)].is_input:
-            raise RecordError(
-                f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
-            )
+            message = f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
+            raise RecordError(message)
 
 
 def check_names(
@@ -451,11 +438,8 @@ def check_names(
 def check_rate(rate: float, file: str | None = None) -> None:
     """Raise RecordError for a rate in Hz at which nothing is measured, and with whose square no computer calculates."""
     if not 1.0 / FASTEST <= rate <= FASTEST:
-        raise RecordError(
-            f"rate must be between {1.0 / FASTEST:g} and {FASTEST:g} Hz, got {rate:g} Hz; check the times and their unit",
-            file,
-            arguments=("rate",),
-        )
+        message = f"rate must be between {1.0 / FASTEST:g} and {FASTEST:g} Hz, got {rate:g} Hz; check the times and their unit"
+        raise RecordError(message, file, arguments=("rate",))
 
 
 def check_values(start: float, rate: float, channels: Sequence[str], values: Floats) -> None:
@@ -472,10 +456,8 @@ def check_values(start: float, rate: float, channels: Sequence[str], values: Flo
         raise RecordError("a record needs at least one channel and one sample")
     if max(np.fmax.reduce(values, axis=None), -np.fmin.reduce(values, axis=None)) > LARGEST:
         row, column = np.argwhere(np.abs(values) > LARGEST)[0]
-        raise RecordError(
-            f"the value at {start + row / rate:g} s is {_beyond(values[row, column])}; mark a missing sample by NaN",
-            channel=channels[column],
-        )
+        message = f"the value at {start + row / rate:g} s is {_beyond(values[row, column])}; mark a missing sample by NaN"
+        raise RecordError(message, channel=channels[column])
 
 
 def _beyond(value: float) -> str:
@@ -512,21 +494,17 @@ def check_responses(names: Iterable[Channel], values: Floats, file: str | None) 
         if not len(present):
             raise RecordError("every sample is missing; leave the channel out", file, channel=name)
         if np.all(present == present[0]):
-            raise RecordError(
-                f"every sample is {present[0]:g}: a constant channel carries no information; leave it out",
-                file,
-                channel=name,
+            message = (
+                f"every sample is {present[0]:g}: a constant channel carries no information; leave it out"
             )
+            raise RecordError(message, file, channel=name)
         peak = np.max(np.abs(present))
         # single precision, so that copies in different units compare equal
         with np.errstate(over="ignore"):
             key = np.append(samples / peak, peak).astype(np.float32).tobytes()
         if key in names_by_samples:
-            raise RecordError(
-                f"has the same samples as {names_by_samples[key]}; one of the two is mislabelled",
-                file,
-                channel=name,
-            )
+            message = f"has the same samples as {names_by_samples[key]}; one of the two is mislabelled"
+            raise RecordError(message, file, channel=name)
         names_by_samples[key] = name
 
 

@@ -34,9 +34,8 @@ def unit_in(structure: Structure, name: str) -> str:
     if not structure.rotations:
         return channel.unit
     if channel.of_link:
-        return next(
-            (link.law.force_unit for link in structure.links if link.name == channel.link), channel.unit
-        )
+        units = {link.name: link.law.force_unit for link in structure.links}
+        return units.get(channel.link, channel.unit)
     return channel.angular_unit if channel.place in structure.rotations else channel.unit
 
 
@@ -92,10 +91,8 @@ def _units_of_signals(record: Record, structure: Structure) -> dict[str, str]:
             )
         stated = record.units.get(channel, unit)
         if unit_dimension(stated) != unit_dimension(unit):
-            raise RecordError(
-                f"is stated in {stated}, and the structure has the signal {name} in {unit}: correct one of the two",
-                channel=channel,
-            )
+            message = f"is stated in {stated}, and the structure has the signal {name} in {unit}: correct one of the two"
+            raise RecordError(message, channel=channel)
         units[channel] = unit
     return units
 

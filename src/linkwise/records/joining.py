@@ -57,10 +57,8 @@ def without_delays(
         delay, slip = delays.get(name, 0.0), 0.5e-6 * clocks.get(name, 0.0) * record.duration
         samples = record.channel(name)
         if not isfinite(delay) or abs(delay) >= record.duration:
-            raise RecordError(
-                f"a delay must be shorter than the record of {record.duration:g} s, got {delay:g} s",
-                channel=name,
-            )
+            message = f"a delay must be shorter than the record of {record.duration:g} s, got {delay:g} s"
+            raise RecordError(message, channel=name)
         if np.isnan(samples).any():
             raise RecordError("samples are missing, and a delay cannot be taken out of gaps", channel=name)
         signal = interpolated(0.0, record.rate, samples)
@@ -72,11 +70,9 @@ def without_delays(
         return record
     if last <= first:
         raise RecordError("the delays leave no sample that all channels have")
-    listed = ", ".join(
-        [f"{delay:g} s in {name}" for name, delay in delays.items()]
-        + [f"{ratio:g} ppm in the clock of {name}" for name, ratio in clocks.items() if ratio]
-    )
-    note = f"Delays were taken out: {listed}. One that is found with the laws is what is left beside it."
+    taken = [f"{delay:g} s in {name}" for name, delay in delays.items()]
+    taken += [f"{ratio:g} ppm in the clock of {name}" for name, ratio in clocks.items() if ratio]
+    note = f"Delays were taken out: {', '.join(taken)}. One that is found with the laws is what is left beside it."
     moved = replace(record, values=values, notes=(*record.notes, note))
     return moved[first:last]
 
@@ -100,18 +96,11 @@ def check_distinct(records: Sequence[Record]) -> None:
     """
     for (first, first_record), (second, second_record) in combinations(enumerate(records, start=1), 2):
         shared = [name for name in first_record.responses if name in second_record.responses]
-        if (
-            shared
-            and len(first_record) == len(second_record)
-            and all(
-                np.array_equal(first_record.channel(name), second_record.channel(name), equal_nan=True)
-                for name in shared
-            )
-        ):
-            names = f"records {first} and {second}" + (
-                f" ({first_record.source})" if first_record.source else ""
-            )
-            raise RecordError(f"{names} hold the same samples; give each record once")
+        pairs = ((first_record.channel(name), second_record.channel(name)) for name in shared)
+        if shared and all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+            source = f" ({first_record.source})" if first_record.source else ""
+            message = f"records {first} and {second}{source} hold the same samples; give each record once"
+            raise RecordError(message)
 
 
 def joined_notes(records: Sequence[Record]) -> tuple[str, ...]:
@@ -152,9 +141,8 @@ def common_samples(record: Record) -> Record | None:
         return None
     first = int(np.argmax(complete))
     start = record.start + first / record.rate
-    return replace(
-        record, start=start, rate=record.rate / every, values=record.values[first::every], simulated=None
-    )
+    values = record.values[first::every]
+    return replace(record, start=start, rate=record.rate / every, values=values, simulated=None)
 
 
 def sampled_every(present: Bools) -> int:
@@ -310,10 +298,8 @@ def continued(record: Record, other: Record) -> Record:
     Record of 501 samples at 1000 Hz, 0 to 0.5 s: x:m1, x:m2; 20 samples missing
     """
     if set(record.channels) != set(other.channels):
-        raise RecordError(
-            f"the parts of a record need the same channels: {', '.join(record.channels)} and {', '.join(other.channels)}",
-            other.source or None,
-        )
+        message = f"the parts of a record need the same channels: {', '.join(record.channels)} and {', '.join(other.channels)}"
+        raise RecordError(message, other.source or None)
     _require_same_rate(record, other, "the parts of a record")
     for kind, attribute in OF_CHANNELS.items():
         first, second = getattr(record, kind), getattr(other, kind)
@@ -352,25 +338,22 @@ def continued(record: Record, other: Record) -> Record:
         )
         clipped[name] = before.followed_by(after, gap)
     missing = np.full((gap, len(record.channels)), np.nan)
-    note = f"The record continues in {other.source or 'a second part'}{anew}"
+    after_gap = f", after a gap of {gap} samples" if gap else ""
+    note = f"The record continues in {other.source or 'a second part'}{anew}{after_gap}."
     return replace(
         record,
         values=np.vstack([record.values, missing, following]),
         **_stated_by_both(record, other),
         clipped=clipped,
         simulated=None,
-        notes=(
-            *joined_notes((record, other)),
-            f"{note}, after a gap of {gap} samples." if gap else f"{note}.",
-        ),
+        notes=(*joined_notes((record, other)), note),
     )
 
 
 def _begins_anew(record: Record, other: Record, following: Floats) -> str:
     """A remark on a part with the samples `following` whose clock begins as the first one did; a copy has none."""
-    if abs(other.start - record.start) >= record.step or np.array_equal(
-        record.values[: len(other)], following, equal_nan=True
-    ):
+    is_copy = np.array_equal(record.values[: len(other)], following, equal_nan=True)
+    if is_copy or abs(other.start - record.start) >= record.step:
         return ""
     return (
         f", whose clock begins anew at {other.start:.6g} s: its first sample was taken to follow the last one before; if any "
@@ -395,16 +378,13 @@ def _require_same_rate(record: Record, added: Record, subject: str) -> None:
 
 def _side_by_side(record: Record, added: Record) -> Record:
     length = min(len(record), len(added))
+    parts = [(name, clipped) for part in (record, added) for name, clipped in part.clipped.items()]
     return replace(
         record,
         channels=(*record.channels, *added.channels),
         values=np.hstack([record.values[:length], added.values[:length]]),
         **_stated_by_both(record, added),
-        clipped={
-            name: clipped.rows(slice(length))
-            for part in (record, added)
-            for name, clipped in part.clipped.items()
-        },
+        clipped={name: clipped.rows(slice(length)) for name, clipped in parts},
         simulated=None,
         notes=joined_notes((record, added)),
     )
@@ -412,8 +392,5 @@ def _side_by_side(record: Record, added: Record) -> Record:
 
 def _stated_by_both(record: Record, added: Record) -> dict[str, Any]:
     """The attributes of channels of either, by field of `Record`."""
-    return {
-        kind: {**getattr(added, kind), **getattr(record, kind)}
-        for kind, attribute in OF_CHANNELS.items()
-        if not attribute.of_samples
-    }
+    stated = (kind for kind, attribute in OF_CHANNELS.items() if not attribute.of_samples)
+    return {kind: {**getattr(added, kind), **getattr(record, kind)} for kind in stated}

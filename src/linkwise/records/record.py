@@ -195,18 +195,13 @@ class Record(NotebookView):
         """
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
         columns = {Channel.parse(name): samples for name, samples in channels.items()}
-        timeline, values, remarks = sampled_columns(time, columns, file, lines)
-        named = tuple(columns)
-        origin = source or (file or "")
-        return cls(
-            timeline.start, timeline.rate, named, values, noise or {}, source=origin, notes=(*notes, *remarks)
-        )
+        line, values, remarks = sampled_columns(time, columns, file, lines)
+        named, origin, told = tuple(columns), source or (file or ""), (*notes, *remarks)
+        return cls(line.start, line.rate, named, values, noise or {}, source=origin, notes=told)
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
         values = (getattr(self, member.name) for member in fields(self))
-        return type(self), tuple(
-            dict(value) if isinstance(value, MappingProxyType) else value for value in values
-        )
+        return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -303,9 +298,8 @@ class Record(NotebookView):
 
     def _column(self, name: str) -> int:
         if name not in self.channels:
-            raise RecordError(
-                f"is not in the record; the channels are {', '.join(self.channels)}", channel=name
-            )
+            message = f"is not in the record; the channels are {', '.join(self.channels)}"
+            raise RecordError(message, channel=name)
         return self.channels.index(name)
 
     def channel(self, name: str) -> Floats:
@@ -396,18 +390,15 @@ class Record(NotebookView):
             If there are none, or a time is NaN.
         """
         if np.isnan(earliest) or np.isnan(latest):
-            raise RecordError(
-                f"times must be numbers, got {earliest:g} and {latest:g} s", arguments=("earliest", "latest")
-            )
+            message = f"times must be numbers, got {earliest:g} and {latest:g} s"
+            raise RecordError(message, arguments=("earliest", "latest"))
         ends = (np.array([earliest, latest]) - self.start) * self.rate
         lowest, highest = np.clip(ends, -1.0, len(self))
         first, last = max(0, int(np.ceil(lowest - EDGE))), min(len(self), int(np.floor(highest + EDGE)) + 1)
         if last <= first:
             span = f"{self.start:g} to {self.start + self.duration:g} s"
-            raise RecordError(
-                f"no sample between {earliest:g} and {latest:g} s; the record runs from {span}",
-                arguments=("earliest", "latest"),
-            )
+            message = f"no sample between {earliest:g} and {latest:g} s; the record runs from {span}"
+            raise RecordError(message, arguments=("earliest", "latest"))
         return self[first:last]
 
     def decimate(self, factor: int) -> Record:

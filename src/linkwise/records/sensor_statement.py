@@ -153,9 +153,8 @@ class SensorStatement:
             If one is stated in m and the other in rad.
         """
         if None not in (self.unit, other.unit) and self.unit != other.unit:
-            raise RecordError(
-                f"what is stated of a sensor is in {other.unit} and in {self.unit}: correct one of them"
-            )
+            message = f"what is stated of a sensor is in {other.unit} and in {self.unit}: correct one of them"
+            raise RecordError(message)
         given = {member.name: getattr(self, member.name) for member in fields(self)}
         return replace(other, **{name: value for name, value in given.items() if value is not None})
 
@@ -292,17 +291,15 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
             size = size_in_unit(offset.value, record.channels[column], units.get(name, ""))
             errors = [f"an offset of {size}"] * bool(offset.value)
             errors += [f"a gain of {gain.value:g}"] * (gain.value != 1.0)
-            notes.append(
-                f"{name}: {' and '.join(errors)} {'were' if len(errors) == 2 else 'was'} removed, as known."
-            )
+            were = "were" if len(errors) == 2 else "was"
+            notes.append(f"{name}: {' and '.join(errors)} {were} removed, as known.")
         if statement.delay is not None and statement.delay.value:
             late[name] = statement.delay.value
         corrected = {"gain": gain.value != 1.0, "offset": offset.value, "delay": late.get(name)}
         doubtful = [kind for kind, given in corrected.items() if given and getattr(known, kind)]
         if doubtful:
-            notes.append(
-                f"{name}: what is found of its {' and '.join(doubtful)} comes on top of the value stated."
-            )
+            errors_left = " and ".join(doubtful)
+            notes.append(f"{name}: what is found of its {errors_left} comes on top of the value stated.")
         if statement.interpolation is not None:
             runs[name] = statement.interpolation
     changed = replace(
@@ -319,16 +316,12 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
 
 def _units_stated(record: Record, stated: Mapping[str, SensorStatement], file: str | None) -> dict[str, str]:
     """The SI units of channels that statements on their sensors tell; RecordError where the record has another."""
-    units = {
-        name: own.unit for name, own in stated.items() if own.unit is not None and name in record.channels
-    }
+    own = {name: statement.unit for name, statement in stated.items() if name in record.channels}
+    units = {name: unit for name, unit in own.items() if unit is not None}
     for name, unit in units.items():
         if record.units.get(name, unit) != unit:
-            raise RecordError(
-                f"is in {record.units[name]}, and what is stated of its sensor is in {unit}: correct one of them",
-                file,
-                channel=name,
-            )
+            message = f"is in {record.units[name]}, and what is stated of its sensor is in {unit}: correct one of them"
+            raise RecordError(message, file, channel=name)
     return units
 
 
@@ -348,6 +341,5 @@ def attributes_of(known: SensorUncertainty, unit: str) -> dict[str, str]:
     """The keys, as texts, from which `SensorStatement.of` reads what is known of a sensor that shows its SI `unit`."""
     suffix = f" {unit}".replace(" ?", "")
     stated = (("gain", known.gain, ""), ("offset", known.offset, suffix), ("delay", known.delay, " s"))
-    return {
-        key: "unknown" if sigma == inf else f"+- {sigma!r}{suffix}" for key, sigma, suffix in stated if sigma
-    }
+    given = (each for each in stated if each[1])
+    return {key: "unknown" if sigma == inf else f"+- {sigma!r}{unit}" for key, sigma, unit in given}

@@ -56,9 +56,8 @@ class Timeline:
         column = _TimeColumn(times, file, lines)
         column.check_increasing()
         steps = np.diff(times)
-        median = float(
-            np.median(steps)
-        )  # of neighbours without a gap, averaged so that their rounding cancels
+        median = float(np.median(steps))
+        # of neighbours without a gap, averaged so that their rounding cancels
         step = float(np.mean(steps[np.abs(steps - median) < 0.5 * median]))
         check_rate(float(1.0 / np.clip(step, 1e-300, 1e300)), file)
         multiples = np.maximum(np.rint(steps / step), 1.0)
@@ -69,10 +68,8 @@ class Timeline:
         count = int(index[-1]) + 1
         if count > LONGEST * len(times):
             row = int(np.argmax(steps))
-            raise column.error(
-                row + 1,
-                f"a gap of {steps[row]:g} s in a record of {len(times)} samples every {step:g} s; split the file there",
-            )
+            gap = f"a gap of {steps[row]:g} s in a record of {len(times)} samples every {step:g} s"
+            raise column.error(row + 1, f"{gap}; split the file there")
         rate = _roundest_rate(times, index, step, float(resolution.max()))
         return cls(float(times[0]), rate, index, count, tuple(column.notes(index, rate)))
 
@@ -92,32 +89,22 @@ class _TimeColumn:
     def check_increasing(self) -> None:
         """Raise RecordError for too few times, and for times that are missing, repeated or decreasing."""
         if len(self.times) < MIN_SAMPLES:
-            raise RecordError(
-                f"{len(self.times)} samples are too few; a record needs at least {MIN_SAMPLES}", self.file
-            )
+            message = f"{len(self.times)} samples are too few; a record needs at least {MIN_SAMPLES}"
+            raise RecordError(message, self.file)
         missing = np.flatnonzero(~np.isfinite(self.times))
         if len(missing):
-            raise self.error(
-                int(missing[0]),
-                "the time is missing; fill it in or, if no row is missing, give the sampling rate instead (`rate`)",
-                "rate",
-            )
+            message = "the time is missing; fill it in or, if no row is missing, give the sampling rate instead (`rate`)"
+            raise self.error(int(missing[0]), message, "rate")
         steps = np.diff(self.times)
         if np.all(steps > 0.0):
             return
         row = int(np.argmax(steps <= 0.0))
         time, previous = self.times[row + 1], self.times[row]
         if time == previous:
-            raise self.error(
-                row + 1,
-                f"the time {time:.12g} s is repeated; write more digits, remove one of the rows, or give the sampling "
-                "rate (`rate`)",
-                "rate",
-            )
-        raise self.error(
-            row + 1,
-            f"time decreases from {previous:.12g} to {time:.12g} s; a file must hold one record, sorted by time",
-        )
+            repeated = f"the time {time:.12g} s is repeated; write more digits, remove one of the rows, or give the sampling"
+            raise self.error(row + 1, f"{repeated} rate (`rate`)", "rate")
+        message = f"time decreases from {previous:.12g} to {time:.12g} s; a file must hold one record, sorted by time"
+        raise self.error(row + 1, message)
 
     def check_even(self, index: NDArray[np.int64], step: float, tolerance: Floats) -> None:
         """Raise RecordError unless times and steps are within the `tolerance` (N,) in s of the grid `index` * `step`."""
@@ -150,14 +137,11 @@ class _TimeColumn:
         missing = np.diff(index) - 1
         gaps = np.flatnonzero(missing)
         if len(gaps):
-            where = f"the first after {self.times[gaps[0]]:.9g} s"
-            notes.append(
-                f"Gaps in time: {len(gaps)}, {where}; {int(np.sum(missing))} rows were added as missing samples."
-            )
+            where, added = f"the first after {self.times[gaps[0]]:.9g} s", int(np.sum(missing))
+            notes.append(f"Gaps in time: {len(gaps)}, {where}; {added} rows were added as missing samples.")
         if 1.0 / rate >= SLOW:
-            notes.append(
-                f"The sampling interval is {1.0 / rate:g} s. If the times are in ms, name their column time[ms]."
-            )
+            advice = "If the times are in ms, name their column time[ms]."
+            notes.append(f"The sampling interval is {1.0 / rate:g} s. {advice}")
         return notes
 
 
@@ -198,9 +182,8 @@ def _roundest_rate(times: Floats, index: NDArray[np.int64], step: float, resolut
     the resolution over the length of the record: some 1e-4, which a stiffness shows in many of its standard errors.
     """
     band = max(resolution, float(np.ptp(times - index * step))) + 2.0 * float(np.spacing(np.abs(times).max()))
-    rounded = (
-        (float(f"{1.0 / step:.{n}e}"), 1.0 / float(f"{step:.{n}e}")) for n in range(15)
-    )  # the rate, and the step
+    # the rate, and the step
+    rounded = ((float(f"{1.0 / step:.{n}e}"), 1.0 / float(f"{step:.{n}e}")) for n in range(15))
     for rate in (rate for rates in rounded for rate in rates):
         ends = abs(times[-1] - times[0] - index[-1] / rate)  # the quicker to see of the many that differ
         if ends <= band and np.ptp(times - index / rate) <= band:
@@ -213,9 +196,8 @@ def _exact_neighbour(times: Floats, index: NDArray[np.int64], rate: float) -> fl
     probes = np.unique(np.linspace(0, len(index) - 1, 9).astype(np.int64))
     for units in sorted(range(-16, 17), key=abs):
         neighbour = rate + units * float(np.spacing(rate))
-        if np.array_equal(times[0] + index[probes] / neighbour, times[probes]) and np.array_equal(
-            times[0] + index / neighbour, times
-        ):
+        reached = (times[0] + index[which] / neighbour == times[which] for which in (probes, slice(None)))
+        if all(map(np.all, reached)):
             return neighbour
     return rate
 
@@ -296,16 +278,14 @@ def _between_the_bands(channels: Sequence[str], values: Floats, rate: float, fac
     between = (frequency > PASSBAND * nyquist) & (frequency < STOPBAND * nyquist)
     above = frequency >= STOPBAND * nyquist
     whole = power.sum(axis=0)
-    moving = (power[between].mean(axis=0) > _ABOVE_FLOOR * power[above].mean(axis=0)) & (
-        power[between].sum(axis=0) > _AUDIBLE**2 * whole
-    )
+    moving = power[between].mean(axis=0) > _ABOVE_FLOOR * power[above].mean(axis=0)
+    moving &= power[between].sum(axis=0) > _AUDIBLE**2 * whole
     names = ", ".join(name for name, moves in zip(channels, moving, strict=True) if moves)
-    if not names:
-        return ()
-    return (
+    note = (
         f"{names}: the motion between {PASSBAND * nyquist:.4g} and {STOPBAND * nyquist:.4g} Hz is neither kept nor "
-        f"removed by the filter, and is aliased; decimate by less.",
+        f"removed by the filter, and is aliased; decimate by less."
     )
+    return (note,) if names else ()
 
 
 def lowpass_for(
@@ -332,9 +312,8 @@ def lowpass_for(
             )
     antialias = lowpass(factor)
     if len(missing) < antialias.length:
-        raise RecordError(
-            f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
-        )
+        message = f"{len(missing)} samples are too few to decimate by {factor}: its anti-alias filter spans {antialias.length}"
+        raise RecordError(message)
     return antialias
 
 
@@ -365,30 +344,27 @@ def resample_evenly(
     times = np.asarray(time, dtype=np.float64)
     _TimeColumn(times, file, lines).check_increasing()
     mean = (len(times) - 1) / (times[-1] - times[0])
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordError(f"rate must be positive, got {rate!r} Hz", file, arguments=("resample",))
-    if rate < 0.999 * mean:
-        raise RecordError(
-            f"resampling to {rate:g} Hz would alias content above {rate / 2:g} Hz, since the record has {mean:.6g} Hz "
-            "on average; resample to at least that rate, then decimate the record",
-            file,
-            arguments=("resample",),
-        )
     even = bool(np.all(np.abs(np.diff(times) * mean - 1.0) < EVEN))
-    if even and rate > 1.001 * mean:
-        raise RecordError(
+    wrong = ""
+    if not (np.isfinite(rate) and rate > 0.0):
+        wrong = f"rate must be positive, got {rate!r} Hz"
+    elif rate < 0.999 * mean:
+        wrong = (
+            f"resampling to {rate:g} Hz would alias content above {rate / 2:g} Hz, since the record has {mean:.6g} Hz "
+            "on average; resample to at least that rate, then decimate the record"
+        )
+    elif even and rate > 1.001 * mean:
+        wrong = (
             f"the record has {mean:.6g} Hz and even times: samples at {rate:g} Hz would be interpolated and add no "
-            "information, and their noise would not be independent, which looks like an error of a sensor; keep its rate",
-            file,
-            arguments=("resample",),
+            "information, and their noise would not be independent, which looks like an error of a sensor; keep its rate"
         )
-    if rate > FINEST * mean:
-        raise RecordError(
+    elif rate > FINEST * mean:
+        wrong = (
             f"resampling to {rate:g} Hz is finer than needed, since the record has {mean:.6g} Hz on average; resample to at "
-            f"most {FINEST * mean:.6g} Hz",
-            file,
-            arguments=("resample",),
+            f"most {FINEST * mean:.6g} Hz"
         )
+    if wrong:
+        raise RecordError(wrong, file, arguments=("resample",))
     steps = (times - times[0]) * rate
     places = np.rint(steps).astype(np.int64)
     on_grid = bool(np.all(np.abs(steps - places) < EVEN)) and bool(np.all(np.diff(places) > 0))
@@ -396,12 +372,11 @@ def resample_evenly(
     grid = np.minimum(times[0] + np.arange(count) / rate, times[-1])
     columns = {name: _checked(times, values, name, file) for name, values in columns.items()}
     splined = [name for name in columns if not on_grid or name.is_input]
-    resampled = {}
+    resampled = {name: np.full(count, np.nan) for name in columns}
     for name, values in columns.items():
         if name in splined:
             resampled[name] = _interpolated(times, values, grid)
         else:
-            resampled[name] = np.full(count, np.nan)
             resampled[name][places] = values
     note = (
         f"Resampled from {len(times)} samples to {rate:g} Hz by quintic splines; "
@@ -418,16 +393,14 @@ def _checked(times: Floats, column: Floats, name: str, file: str | None) -> Floa
     values = np.asarray(column, dtype=np.float64)
     if values.shape != times.shape:
         raise RecordError(f"has shape {values.shape}, but time has shape {times.shape}", file, channel=name)
-    if np.isinf(values).any():
-        raise RecordError(
-            "has infinite values; leave the cells of overloaded samples empty", file, channel=name
-        )
     present = int(np.sum(~np.isnan(values)))
-    if present < MIN_SAMPLES:
-        raise RecordError(
-            f"{present} samples are too few; a record needs at least {MIN_SAMPLES}", file, channel=name
-        )
-    return values
+    if np.isinf(values).any():
+        wrong = "has infinite values; leave the cells of overloaded samples empty"
+    elif present < MIN_SAMPLES:
+        wrong = f"{present} samples are too few; a record needs at least {MIN_SAMPLES}"
+    else:
+        return values
+    raise RecordError(wrong, file, channel=name)
 
 
 def _interpolated(times: Floats, values: Floats, grid: Floats) -> Floats:
@@ -466,9 +439,8 @@ def sampled_columns(
     """
     times = np.asarray(time)
     if times.ndim != 1 or times.dtype.kind not in "iuf":
-        raise RecordError(
-            f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}", file
-        )
+        message = f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}"
+        raise RecordError(message, file)
     timeline = Timeline.fit(times, file=file, lines=lines)
     notes = list(timeline.notes)
     values = np.full((timeline.count, len(channels)), np.nan)

@@ -28,7 +28,15 @@ from linkwise.absorption.result import (
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION, DESIGN
 from linkwise.registry import lazy_module
-from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, csv_table, headed, sections_of
+from linkwise.report.page import (
+    Build,
+    Head,
+    ResultFolder,
+    Section,
+    csv_table,
+    sectioned,
+    sections_of,
+)
 
 if TYPE_CHECKING:
     from linkwise.plot import absorptions as absorption_figures
@@ -41,55 +49,53 @@ else:  # matplotlib loads where a figure is drawn
 Answer = Absorption | AbsorptionIntervals
 
 
-def _intervals(reported: Reported[Answer]) -> Section | None:
+def _intervals(result: Answer) -> Section | None:
     """The intervals of an answer that has some."""
-    answer = reported.result
-    if not isinstance(answer, AbsorptionIntervals):
+    if not isinstance(result, AbsorptionIntervals):
         return None
-    return Section("Intervals", [interval_headline(answer)], rows=interval_rows(answer))
+    return Section("Intervals", [interval_headline(result)], rows=interval_rows(result))
 
 
-def _masses(reported: Reported[Answer]) -> Section:
+def _masses(result: Answer) -> Section:
     """The decay of the primary masses with sinks and without."""
-    plain = without_intervals(reported.result)
+    plain = without_intervals(result)
     text = (
         f"A mass has settled when it stays below {100 * plain.settle:g} % of its peak without sinks until the end, and has "
         "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "
         "of an exponential through the peaks that none later exceeds."
     )
-    figure = partial(absorption_figures.decay_figure, reported.result)
+    figure = partial(absorption_figures.decay_figure, result)
     return Section(primary(plain).capitalize(), [text], rows=mass_rows(plain), figure=figure)
 
 
-def _energy(reported: Reported[Answer]) -> Section:
+def _energy(result: Answer) -> Section:
     """Where the energy went."""
-    plain = without_intervals(reported.result)
+    plain = without_intervals(result)
     text = (
         "Energies count from the lowest wells of all links, so the energy supplied is the energy stored and "
         f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
-    figure = partial(absorption_figures.energy_figure, reported.result)
+    figure = partial(absorption_figures.energy_figure, result)
     return Section("Energy", [text], rows=energy_rows(plain), figure=figure)
 
 
-def _crossings(reported: Reported[Answer]) -> Section:
+def _crossings(result: Answer) -> Section:
     """How the sinks cross from well to well."""
-    plain = without_intervals(reported.result)
-    figure = partial(absorption_figures.crossings_figure, reported.result)
+    plain = without_intervals(result)
+    figure = partial(absorption_figures.crossings_figure, result)
     return Section("Wells crossed", rows=crossing_rows(plain), figure=figure)
 
 
-def _harvesters(reported: Reported[Answer]) -> Section | None:
+def _harvesters(result: Answer) -> Section | None:
     """What harvesters take, where there are some."""
-    plain = without_intervals(reported.result)
+    plain = without_intervals(result)
     if not plain.harvests:
         return None
     return Section("Harvesters", ["Dampers in parallel to links."], rows=harvest_rows(plain))
 
 
-def _map(reported: Reported[AbsorptionMap]) -> Section:
+def _map(swept: AbsorptionMap) -> Section:
     """The quantities over the swept parameters."""
-    swept = reported.result
     return Section("Map", rows=map_rows(swept), figure=partial(absorption_figures.map_figure, swept))
 
 
@@ -102,27 +108,22 @@ SECTIONS: dict[str, Build[Answer]] = {
 }
 """The sections of a comparison, in order; the name of a section is that of its figure's files."""
 
-MAP_SECTIONS: dict[str, Build[AbsorptionMap]] = {"map": _map}
-"""The sections of a sweep, in order."""
-
 
 def _head(result: Answer) -> Head:
     plain = without_intervals(result)
     return Head(headline(plain), plain.with_sinks.structure, plain.findings)
 
 
-def _write_map(reported: Reported[AbsorptionMap], folder: Path) -> None:
+def _write_map(swept: AbsorptionMap, folder: Path) -> None:
     """map.csv: a line for every point of the grid, the swept parameters first."""
-    swept = reported.result
     grids = np.meshgrid(*(axis.values for axis in swept.axes), indexing="ij")
     names = [axis.name for axis in swept.axes] + [quantity.name for quantity in swept.quantities]
     table = [grid.ravel() for grid in grids] + list(swept.values.reshape(-1, len(swept.quantities)).T)
     csv_table(folder / "map.csv", names, np.column_stack(table).tolist())
 
 
-def _write_data(reported: Reported[Answer], folder: Path) -> None:
+def _write_data(result: Answer, folder: Path) -> None:
     """The structure, and decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
-    result = reported.result
     absorption = without_intervals(result)
     bands = (result.lower, result.upper) if isinstance(result, AbsorptionIntervals) else ()
     names, columns = ["time"], [absorption.time]
@@ -144,27 +145,24 @@ def _write_data(reported: Reported[Answer], folder: Path) -> None:
     csv_table(folder / "crossings.csv", ("sink", "time"), crossings)
 
 
-ABSORPTION_FOLDER: ResultFolder[Answer] = ResultFolder(
-    mark=ABSORPTION, data=_write_data, sections=partial(sections_of, SECTIONS), page=headed(_head)
-)
+ABSORPTION_FOLDER = sectioned(ABSORPTION, _head, partial(sections_of, SECTIONS), _write_data)
 """What `absorb` hands over of a comparison."""
 
-MAP_FOLDER: ResultFolder[AbsorptionMap] = ResultFolder(
-    mark=ABSORPTION,
-    data=_write_map,
-    sections=partial(sections_of, MAP_SECTIONS),
-    page=headed(lambda swept: Head(map_headline(swept), swept.structure, swept.findings)),
+MAP_FOLDER: ResultFolder[AbsorptionMap] = sectioned(
+    ABSORPTION,
+    lambda swept: Head(map_headline(swept), swept.structure, swept.findings),
+    partial(sections_of, {"map": _map}),
+    _write_map,
 )
 """What `absorb` hands over of a sweep."""
 
 
-def _best_design(reported: Reported[Design]) -> Section:
-    return Section("Best design", rows=design_rows(reported.result))
+def _best_design(result: Design) -> Section:
+    return Section("Best design", rows=design_rows(result))
 
 
-def _trade_off(reported: Reported[Design]) -> Section | None:
+def _trade_off(result: Design) -> Section | None:
     """Mass against what was minimised, where the mass was varied."""
-    result = reported.result
     if len(result.trade_off) < 2:
         return None
     text = "No lighter design that was tried is as good. Grey: the other designs within the limits."
@@ -172,19 +170,16 @@ def _trade_off(reported: Reported[Design]) -> Section | None:
     return Section("Trade-off", [text], rows=trade_off_rows(result), figure=figure)
 
 
-def _designs(reported: Reported[Design]) -> Section:
+def _designs(result: Design) -> Section:
     """Where the designs lie that were tried."""
-    result = reported.result
     text = "Every design that was simulated; where neighbours differ, thresholds or chance decide, and no surface is smooth."
     return Section("Designs", [text], figure=partial(design_figures.designs_figure, result))
 
 
-def _best_motion(reported: Reported[Design]) -> Section:
+def _best_motion(result: Design) -> Section:
     """The motion with the best sinks, and without."""
-    plain = reported.result.absorption
-    return Section(
-        "Motion of the best", rows=mass_rows(plain), figure=partial(absorption_figures.decay_figure, plain)
-    )
+    figure = partial(absorption_figures.decay_figure, result.absorption)
+    return Section("Motion of the best", rows=mass_rows(result.absorption), figure=figure)
 
 
 DESIGN_SECTIONS: dict[str, Build[Design]] = {
@@ -196,19 +191,18 @@ DESIGN_SECTIONS: dict[str, Build[Design]] = {
 """The sections of the page, in order."""
 
 
-def _write_designs(reported: Reported[Design], folder: Path) -> None:
+def _write_designs(result: Design, folder: Path) -> None:
     """The structure of the best, and designs.csv: a line for every design, in the order of the search."""
-    result = reported.result
     write_structure(result.structure, folder / "structure.toml")
     names = [*(axis.name for axis in result.axes), ADDED_MASS, "within limits", result.quantity.name]
     columns = result.added_mass, result.allowed, result.objectives
     csv_table(folder / "designs.csv", names, np.column_stack([result.points, *columns]).tolist())
 
 
-DESIGN_FOLDER: ResultFolder[Design] = ResultFolder(
-    mark=DESIGN,
-    data=_write_designs,
-    sections=partial(sections_of, DESIGN_SECTIONS),
-    page=headed(lambda result: Head(design_headline(result), result.structure, result.findings)),
+DESIGN_FOLDER: ResultFolder[Design] = sectioned(
+    DESIGN,
+    lambda result: Head(design_headline(result), result.structure, result.findings),
+    partial(sections_of, DESIGN_SECTIONS),
+    _write_designs,
 )
 """What `design` hands over."""

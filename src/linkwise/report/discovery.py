@@ -43,7 +43,6 @@ from linkwise.report.page import (
     ResultFolder,
     Section,
     csv_table,
-    figure_section,
     rendered,
     sections_of,
 )
@@ -76,9 +75,8 @@ def _comparison(reported: Reported[Discovery]) -> Section | None:
     if reported.truth is None:
         return None
     score = term_score(reported.result.structure, reported.truth)
-    counts = (
-        f"{len(score.right)} terms are right, {len(score.missing)} are missing, {len(score.extra)} are false."
-    )
+    right, missing, extra = map(len, (score.right, score.missing, score.extra))
+    counts = f"{right} terms are right, {missing} are missing, {extra} are false."
     lists = (("Missing", score.missing), ("False", score.extra))
     listed = [f"{label}: {', '.join(names)}." for label, names in lists if names]
     return Section("Comparison with the truth", [counts, *listed])
@@ -125,18 +123,12 @@ def _sizes(reported: Reported[Discovery]) -> Section | None:
 def _average(reported: Reported[Discovery]) -> Section | None:
     """The models that survive beside the selected one, if they give another force; none without trust."""
     discovery = reported.result
-    link = (
-        discovery.average.departing(discovery.estimate.links) if admit_intervals(discovery.verdicts) else None
-    )
-    if link is None:
+    link = discovery.average.departing(discovery.estimate.links)
+    if link is None or not admit_intervals(discovery.verdicts):
         return None
     figure = partial(result_figures.departures_figure, discovery, link)
-    return Section(
-        "Other models that survive",
-        ["Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."],
-        figure=figure,
-        folded=True,
-    )
+    text = "Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."
+    return Section("Other models that survive", [text], figure=figure, folded=True)
 
 
 def _evidence(reported: Reported[Discovery]) -> Section:
@@ -146,8 +138,12 @@ def _evidence(reported: Reported[Discovery]) -> Section:
     return Section("The evidence term by term", text, figure=figure, folded=True)
 
 
-SECTIONS: dict[str, Build[Discovery]] = {
-    "graph": figure_section("Discovered links", lambda discovery: graph_figures.graph_figure(discovery)),
+def _graph(reported: Reported[Discovery]) -> Section:
+    return Section("Discovered links", figure=partial(graph_figures.graph_figure, reported.result))
+
+
+SECTIONS: dict[str, Build[Reported[Discovery]]] = {
+    "graph": _graph,
     "comparison": _comparison,
     "memory": _memory,
     "certainty": _certainty,
@@ -163,9 +159,8 @@ SECTIONS: dict[str, Build[Discovery]] = {
 def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
     """The estimate of a discovery, with the truth under the names of the discovered links."""
     discovery, truth = reported.result, reported.truth
-    return Reported(
-        discovery.estimate, None if truth is None else align_truth(discovery.structure, truth), reported.nmse
-    )
+    aligned = None if truth is None else align_truth(discovery.structure, truth)
+    return Reported(discovery.estimate, aligned, reported.nmse)
 
 
 def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:

@@ -33,7 +33,16 @@ from linkwise.model.structure_file import format_structure
 from linkwise.output import COMPARISON
 from linkwise.records.record import Record
 from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, headed, rendered, sections_of
+from linkwise.report.page import (
+    Build,
+    Head,
+    Reported,
+    ResultFolder,
+    Section,
+    rendered,
+    sectioned,
+    sections_of,
+)
 from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
 
@@ -74,7 +83,9 @@ def _record(reported: Reported[Estimate]) -> Section:
         f"{record.time[-1]:g} s."
     )
     figure = partial(record_figures.histories_figure, record)
-    rows = [NOISE_HEAD, *_noise_rows(estimate)] if estimate.noise else ()
+    noise = estimate.noise.items()
+    rows = [(name, f"{one.sigma:.3g}", one.unit, f"{one.snr_db:.1f}") for name, one in noise]
+    rows = [NOISE_HEAD, *rows] if rows else []
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
@@ -114,14 +125,11 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
 def _fit(reported: Reported[Estimate]) -> Section | None:
     """Measured over fitted, where the method fits samples."""
     overlaid = fitted_channels(reported.result)
-    if not overlaid:
-        return None
-    return Section(
-        "Measured and fitted", figure=partial(fit_figures.fit_figure, reported.result.record, overlaid)
-    )
+    figure = partial(fit_figures.fit_figure, reported.result.record, overlaid)
+    return Section("Measured and fitted", figure=figure) if overlaid else None
 
 
-SECTIONS: dict[str, Build[Estimate]] = {
+SECTIONS: dict[str, Build[Reported[Estimate]]] = {
     "fit": _fit,
     "alternative": _second_answer,
     "unseen": _unseen,
@@ -258,22 +266,11 @@ def _doubt(estimate: Estimate, grade: Grade) -> str:
 
 def _pictured(estimate: Estimate) -> list[str]:
     """The links that get figures: those with something identified or a load cell, as many as anyone looks at."""
-    known = {
-        link.link.name
-        for link in estimate.links
-        if all(coefficient.known for coefficient in link.coefficients)
-    }
+    known = {link.link.name for link in estimate.links if all(one.known for one in link.coefficients)}
     names = [link.link.name for link in estimate.links]
     measured = {name for name in names if f"f:{name}" in estimate.record.channels}
     links = [name for name in names if name not in known or name in measured]
     return sorted(links, key=lambda name: name in known)[:PICTURED]
-
-
-def _noise_rows(estimate: Estimate) -> list[tuple[str, ...]]:
-    return [
-        (name, f"{noise.sigma:.3g}", noise.unit, f"{noise.snr_db:.1f}")
-        for name, noise in estimate.noise.items()
-    ]
 
 
 def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> dict[str, Any]:
@@ -321,11 +318,8 @@ def _derived(quantity: DerivedQuantity) -> str:
 
 def force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
     """The NMSE of the force of each link in %, None where the record does not determine it."""
-    return {
-        link.name: _error(truth.link(link.name), link, estimate.record)
-        for link in estimate.structure.links
-        if link.name not in estimate.structure.modes
-    }
+    links = (link for link in estimate.structure.links if link.name not in estimate.structure.modes)
+    return {link.name: _error(truth.link(link.name), link, estimate.record) for link in links}
 
 
 def _document(estimate: Estimate, truth: Structure | None) -> dict[str, Any]:
@@ -343,17 +337,20 @@ def _error(true: Link, identified: Link, record: Record) -> float | None:
 
 def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
     """Write structure, forces of links and, of an answer that is not refused, the covariance into an empty `folder`."""
-    comment = grade_comment(result.grade, status_of(result.verdicts))
-    (folder / "structure.toml").write_text(
-        comment + format_structure(estimate.structure), encoding="utf-8", newline="\n"
-    )
+    _write_graded(estimate, result, folder)
     if estimate.alternative is not None:
         asked = format_structure(estimate.alternative.given_structure)
         (folder / "alternative.toml").write_text(asked, encoding="utf-8", newline="\n")
-    for estimated_link in estimate.links:
-        _write_force(estimate, estimated_link.link.name, folder / f"force_{estimated_link.link.name}.csv")
+    for name in (one.link.name for one in estimate.links):
+        _write_force(estimate, name, folder / f"force_{name}.csv")
     if result.grade is not Grade.REFUSED and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
+
+
+def _write_graded(estimate: Estimate, result: JudgedView, folder: Path) -> None:
+    """structure.toml with what was identified, which states the grade of the result."""
+    text = grade_comment(result.grade, status_of(result.verdicts)) + format_structure(estimate.structure)
+    (folder / "structure.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
 def _write_force(estimate: Estimate, name: str, path: Path) -> None:
@@ -372,37 +369,28 @@ ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
 """What `identify` hands over."""
 
 
-def _side_by_side(reported: Reported[Comparison]) -> Section:
+def _side_by_side(comparison: Comparison) -> Section:
     text = (
         "Maximum likelihood (ml) fits the raw samples, the weak form integrates the equations against test functions, and "
         "sindy is the sparse regression of the paper on differentiated signals. A free run starts from the first samples "
         "and follows the inputs alone, or from those of windows where the motion is chaotic; its error is a root mean "
         "square in % of the deviation of the channel, of which noise alone leaves a part."
     )
-    return Section("Side by side", [text], items=reported.result.findings, rows=reported.result.rows)
+    return Section("Side by side", [text], items=comparison.findings, rows=comparison.rows)
 
 
-def _compared_forces(reported: Reported[Comparison]) -> Section:
+def _compared_forces(comparison: Comparison) -> Section:
     text = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
-    figure = partial(link_figures.comparison_figure, reported.result)
-    return Section("Forces", [text], figure=figure)
+    return Section("Forces", [text], figure=partial(link_figures.comparison_figure, comparison))
 
 
 COMPARISON_SECTIONS: dict[str, Build[Comparison]] = {"table": _side_by_side, "forces": _compared_forces}
 """The sections of a comparison, in order; the name of a section is that of its figure's files."""
 
-
-def _write_best(reported: Reported[Comparison], folder: Path) -> None:
-    """The structure that maximum likelihood identified, which states its grade."""
-    best = reported.result.best
-    text = grade_comment(best.grade, best.status) + format_structure(best.structure)
-    (folder / "structure.toml").write_text(text, encoding="utf-8", newline="\n")
-
-
-COMPARISON_FOLDER: ResultFolder[Comparison] = ResultFolder(
-    mark=COMPARISON,
-    data=_write_best,
-    sections=partial(sections_of, COMPARISON_SECTIONS),
-    page=headed(lambda result: Head(result.head, result.best.structure)),
+COMPARISON_FOLDER: ResultFolder[Comparison] = sectioned(
+    COMPARISON,
+    lambda result: Head(result.head, result.best.structure),
+    partial(sections_of, COMPARISON_SECTIONS),
+    lambda result, folder: _write_graded(result.best, result.best, folder),
 )
 """What `compare` hands over."""

@@ -17,15 +17,7 @@ from linkwise.inspection.levels.result import headline as level_headline
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline, labels
 from linkwise.output import INSPECTION
 from linkwise.registry import lazy_module
-from linkwise.report.page import (
-    Build,
-    Head,
-    Reported,
-    ResultFolder,
-    Section,
-    headed,
-    sections_of,
-)
+from linkwise.report.page import Build, Head, Section, sectioned, sections_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,8 +31,8 @@ else:  # matplotlib loads where a figure is drawn
 PICTURED = 8  # records with figures; the others have their table
 
 
-def _levels(reported: Reported[Inspection]) -> Section | None:
-    levels = reported.result.levels
+def _levels(result: Inspection) -> Section | None:
+    levels = result.levels
     if levels is None:
         return None
     title, figure = "Modes", None
@@ -58,8 +50,8 @@ def _of_levels(
 ) -> Build[Inspection]:
     """A section of what levels may have; the text is followed by that of gaps in a ring-down."""
 
-    def build(reported: Reported[Inspection]) -> Section | None:
-        levels = reported.result.levels
+    def build(result: Inspection) -> Section | None:
+        levels = result.levels
         if levels is None or not shown(levels):
             return None
         words = f"{text} {gaps_text(levels)}".rstrip() if rows is ring_down_rows else text
@@ -100,9 +92,8 @@ _surfaces = _of_levels(
 )
 
 
-def _alerts(reported: Reported[Inspection]) -> Section | None:
+def _alerts(inspection: Inspection) -> Section | None:
     """What is wrong with the records."""
-    inspection = reported.result
     items = [alert_text(inspection, alert) for alert in inspection.alerts]
     return Section("Alerts", items=items) if items else None
 
@@ -121,11 +112,7 @@ def _histories(inspection: Inspection, number: int) -> Section:
 
 
 def _pictured(
-    title: str,
-    text: str,
-    draw: Callable[[Inspection, int], Figure],
-    *,
-    channels: int = 1,
+    title: str, text: str, draw: Callable[[Inspection, int], Figure], *, channels: int = 1
 ) -> Callable[[Inspection, int], Section | None]:
     """A section of a picture of a record with at least so many channels, for the first records."""
 
@@ -177,16 +164,16 @@ RECORD_SECTIONS: dict[str, Callable[[Inspection, int], Section | None]] = {
 """What is shown of each record, from the inspection and the number of the record."""
 
 
-def inspection_sections(reported: Reported[Inspection]) -> dict[str, Section]:
+def inspection_sections(result: Inspection) -> dict[str, Section]:
     """All sections by the names of their files, those of one record among several with its number, as `histories_2`."""
-    count = len(reported.result.records)
+    count = len(result.records)
     of_records = {
         name if count == 1 else f"{name}_{number + 1}": section
         for number in range(count)
         for name, build in RECORD_SECTIONS.items()
-        if (section := build(reported.result, number)) is not None
+        if (section := build(result, number)) is not None
     }
-    return {**sections_of(SECTIONS, reported), **of_records}
+    return {**sections_of(SECTIONS, result), **of_records}
 
 
 def _head(inspection: Inspection) -> Head:
@@ -194,10 +181,5 @@ def _head(inspection: Inspection) -> Head:
     return Head(verdict, title="Inspection")
 
 
-INSPECTION_FOLDER: ResultFolder[Inspection] = ResultFolder(
-    mark=INSPECTION,
-    data=lambda reported, folder: None,
-    sections=inspection_sections,
-    page=headed(_head),
-)
+INSPECTION_FOLDER = sectioned(INSPECTION, _head, inspection_sections, lambda inspection, folder: None)
 """What `inspect` hands over."""

@@ -1,12 +1,8 @@
 """What a command hands over in a folder: a document, data files, figures, and a page of sections from lists that it
 keeps.
 
-A new figure is one function and one line in such a list:
-
-    SECTIONS = {..., "forces": figure_section("Forces", lambda fit: links.forces_figure(fit))}
-
-It is then drawn once, saved as forces.png beside the page and shown on it. `linkwise.plot` loads matplotlib
-when the figure is drawn.
+A new figure is one function that makes a `Section` of a result, and one line in such a list. It is then drawn once, saved
+as forces.png beside the page and shown on it. `linkwise.plot` loads matplotlib when the figure is drawn.
 Templates escape what they print and miss nothing silently.
 """
 
@@ -17,7 +13,7 @@ import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -77,18 +73,12 @@ class Section:
     folded: bool = False
 
 
-Build = Callable[[Reported[R]], Section | None]
-Page = Callable[[Reported[R], Mapping[str, Section], Mapping[str, Markup]], str]
+Build = Callable[[R], Section | None]
 
 
-def figure_section(title: str, draw: Callable[[R], Figure]) -> Build[R]:
-    """A section that shows the figure that `draw` makes of a result, and nothing else."""
-    return lambda reported: Section(title, figure=partial(draw, reported.result))
-
-
-def sections_of(builders: Mapping[str, Build[R]], reported: Reported[R]) -> dict[str, Section]:
+def sections_of(builders: Mapping[str, Build[R]], result: R) -> dict[str, Section]:
     """The sections of a page by name, in order; those that have nothing to say are left out."""
-    built = {name: build(reported) for name, build in builders.items()}
+    built = {name: build(result) for name, build in builders.items()}
     return {name: section for name, section in built.items() if section is not None}
 
 
@@ -165,7 +155,7 @@ class ResultFolder(Generic[R]):
 
     data: Callable[[Reported[R], Path], None]
     sections: Callable[[Reported[R]], Mapping[str, Section]]
-    page: Page[R]
+    page: Callable[[Reported[R], Mapping[str, Section], Mapping[str, Markup]], str]
     document: Callable[[R, Structure | None], dict[str, Any]] = _document
     mark: str = RESULT
     shown: Callable[[R], R] = lambda result: result
@@ -215,8 +205,13 @@ class Head:
     title: str = ""
 
 
-def headed(head: Callable[[R], Head]) -> Page[R]:
-    """The page of a result that is its head and its sections, HTML that carries everything in itself."""
+def sectioned(
+    mark: str,
+    head: Callable[[R], Head],
+    sections: Callable[[R], Mapping[str, Section]],
+    data: Callable[[R, Path], None],
+) -> ResultFolder[R]:
+    """The folder of a result whose page is its head and its sections, HTML that carries everything in itself."""
 
     def page(reported: Reported[R], sections: Mapping[str, Section], pictures: Mapping[str, Markup]) -> str:
         result: Any = reported.result
@@ -231,7 +226,12 @@ def headed(head: Callable[[R], Head]) -> Page[R]:
             structure="" if shown.structure is None else format_structure(shown.structure),
         )
 
-    return page
+    return ResultFolder(
+        data=lambda reported, folder: data(reported.result, folder),
+        sections=lambda reported: sections(reported.result),
+        page=page,
+        mark=mark,
+    )
 
 
 def csv_table(path: Path, head: Iterable[str], rows: Iterable[Iterable[object]]) -> None:

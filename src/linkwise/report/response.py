@@ -13,13 +13,11 @@ from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.registry import lazy_module
 from linkwise.report.page import (
-    Build,
     Head,
-    Reported,
     ResultFolder,
     Section,
     csv_table,
-    headed,
+    sectioned,
     sections_of,
 )
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
@@ -32,24 +30,19 @@ else:  # matplotlib loads where a figure is drawn
     response_figures = lazy_module("linkwise.plot.responses")
 
 
-def _amplitudes(reported: Reported[Response]) -> Section:
+def _amplitudes(result: Response) -> Section:
     """Amplitudes over frequency."""
     text = (
         "Amplitude is half of peak to peak over a period. Unstable motion, which no test shows, is dotted; between folds "
         "the motion jumps from one stable branch to another."
     )
-    text += " Grey points are measured." if reported.result.measured else ""
-    figure = partial(response_figures.response_figure, reported.result)
-    return Section("Amplitude over frequency", [text], rows=peak_rows(reported.result), figure=figure)
+    text += " Grey points are measured." if result.measured else ""
+    figure = partial(response_figures.response_figure, result)
+    return Section("Amplitude over frequency", [text], rows=peak_rows(result), figure=figure)
 
 
-SECTIONS: dict[str, Build[Response]] = {"response": _amplitudes}
-"""The sections of a response, in order; the name of a section is that of its figure's files."""
-
-
-def _write_data(reported: Reported[Response], folder: Path) -> None:
+def _write_data(result: Response, folder: Path) -> None:
     """The structure, and branches.csv: a line for every point of a branch."""
-    result = reported.result
     write_structure(result.structure, folder / "structure.toml")
     kinds = ("amplitude", "first harmonic", "phase in degrees", "lower", "upper")
     names = [f"{channel} {kind}" for channel in result.channels for kind in kinds]
@@ -69,74 +62,61 @@ def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
     bounds = (unknown if end is None else end for end in (branch.lower, branch.upper))
     values = [branch.amplitude, np.abs(harmonic), np.degrees(np.angle(harmonic)), *bounds]
     columns = np.stack(values, axis=2).reshape(len(branch.hz), -1).tolist()
-    states = (
-        branch.hz.tolist(),
-        branch.stable.astype(int).tolist(),
-        branch.largest_multiplier.tolist(),
-        branch.bifurcations,
-    )
-    for *state, row in zip(*states, columns, strict=True):
+    states = [part.tolist() for part in (branch.hz, branch.stable.astype(int), branch.largest_multiplier)]
+    for *state, row in zip(*states, branch.bifurcations, columns, strict=True):
         yield *state, *("" if np.isnan(value) else value for value in row)
 
 
-RESPONSE_FOLDER: ResultFolder[Response] = ResultFolder(
-    mark=RESPONSE,
-    data=_write_data,
-    sections=partial(sections_of, SECTIONS),
-    page=headed(lambda result: Head(headline(result), result.structure, result.findings)),
+RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
+    RESPONSE,
+    lambda result: Head(headline(result), result.structure, result.findings),
+    partial(sections_of, {"response": _amplitudes}),
+    _write_data,
 )
 """What `respond` hands over."""
 
 
-def _curve(reported: Reported[Backbone]) -> Section:
+def _curve(result: Backbone) -> Section:
     """Amplitudes over the frequency of a mode."""
-    figure = partial(response_figures.backbone_figure, reported.result)
-    text = ["Grey points are measured."] if reported.result.measured else []
-    return Section("Amplitude over frequency", text, rows=backbone_rows(reported.result), figure=figure)
+    figure = partial(response_figures.backbone_figure, result)
+    text = ["Grey points are measured."] if result.measured else []
+    return Section("Amplitude over frequency", text, rows=backbone_rows(result), figure=figure)
 
 
-def _write_backbone_data(reported: Reported[Backbone], folder: Path) -> None:
+def _write_backbone_data(result: Backbone, folder: Path) -> None:
     """The structure, and backbone.csv: frequency in Hz, energy in J and amplitudes."""
-    result = reported.result
     write_structure(result.structure, folder / "structure.toml")
     table = np.column_stack([result.hz, result.energy, result.amplitude]).tolist()
     csv_table(folder / "backbone.csv", ("hz", "energy", *result.channels), table)
 
 
-BACKBONE_SECTIONS: dict[str, Build[Backbone]] = {"backbone": _curve}
-"""The sections of a backbone, in order."""
-
-BACKBONE_FOLDER: ResultFolder[Backbone] = ResultFolder(
-    mark=BACKBONE,
-    data=_write_backbone_data,
-    sections=partial(sections_of, BACKBONE_SECTIONS),
-    page=headed(lambda result: Head(backbone_headline(result), result.structure, result.findings)),
+BACKBONE_FOLDER: ResultFolder[Backbone] = sectioned(
+    BACKBONE,
+    lambda result: Head(backbone_headline(result), result.structure, result.findings),
+    partial(sections_of, {"backbone": _curve}),
+    _write_backbone_data,
 )
 """What `backbone` hands over."""
 
 
-def _write_basins_data(reported: Reported[Basins], folder: Path) -> None:
+def _write_basins_data(result: Basins, folder: Path) -> None:
     """The structure, and basins.csv: the initial values and the number of the rest position, from 1, 0 where not decided."""
-    result = reported.result
     write_structure(result.structure, folder / "structure.toml")
     first, second = np.meshgrid(*result.values, indexing="ij")
     rows = np.column_stack([first.ravel(), second.ravel(), result.ends.ravel() + 1]).tolist()
     csv_table(folder / "basins.csv", [*result.plane, "rest"], rows)
 
 
-def _plane(reported: Reported[Basins]) -> Section:
+def _plane(result: Basins) -> Section:
     """The plane of initial states."""
-    figure = partial(response_figures.basins_figure, reported.result)
-    return Section("Where motion ends", rows=basins_rows(reported.result), figure=figure)
+    figure = partial(response_figures.basins_figure, result)
+    return Section("Where motion ends", rows=basins_rows(result), figure=figure)
 
 
-BASINS_SECTIONS: dict[str, Build[Basins]] = {"basins": _plane}
-"""The sections of basins, in order."""
-
-BASINS_FOLDER: ResultFolder[Basins] = ResultFolder(
-    mark=BASINS,
-    data=_write_basins_data,
-    sections=partial(sections_of, BASINS_SECTIONS),
-    page=headed(lambda result: Head(basins_headline(result), result.structure)),
+BASINS_FOLDER: ResultFolder[Basins] = sectioned(
+    BASINS,
+    lambda result: Head(basins_headline(result), result.structure),
+    partial(sections_of, {"basins": _plane}),
+    _write_basins_data,
 )
 """What `basins` hands over."""

@@ -8,6 +8,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,12 +78,8 @@ class StudyReport:
     def beyond(self) -> list[tuple[str, float]]:
         """Structures and noise levels in dB that Table 2 does not have."""
         shown = {(cell.snr_db, name) for cell in self.comparison.cells for name in self.paper.masses}
-        return [
-            (name, level)
-            for name in self.table.structures
-            for level in self.table.decibels
-            if (level, name) not in shown
-        ]
+        pairs = product(self.table.structures, self.table.decibels)
+        return [(name, level) for name, level in pairs if (level, name) not in shown]
 
     @property
     def headline(self) -> str:
@@ -90,9 +87,8 @@ class StudyReport:
         unmet = [claim for claim in self.claims if claim.met is False]
         open_ = [claim for claim in self.claims if claim.met is None]
         if unmet:
-            return (
-                f"{len(unmet)} of {len(self.claims)} claims {'does' if len(unmet) == 1 else 'do'} not hold."
-            )
+            do = "does" if len(unmet) == 1 else "do"
+            return f"{len(unmet)} of {len(self.claims)} claims {do} not hold."
         if open_:
             return "No claim is contradicted so far, but there are too few results to decide all of them."
         if self.comparison.cells:
@@ -165,10 +161,8 @@ def _row(report: StudyReport, number: int) -> dict[str, Any]:
 
 
 def _spread(cell: Cell) -> str:
-    low, high = percent(cell.low), percent(cell.high)
-    return (
-        f"{low} to {high} % over {cell.done} of {cell.expected} cycles, {len(cell.failures)} without answer"
-    )
+    cycles = f"{cell.done} of {cell.expected} cycles, {len(cell.failures)} without answer"
+    return f"{percent(cell.low)} to {percent(cell.high)} % over {cycles}"
 
 
 def _reasons(comparison: Table2) -> list[tuple[str, str]]:
@@ -219,13 +213,10 @@ def _failures(table: StudySummary) -> list[str]:
 def _exact(success: SuccessMap) -> tuple[str, str, int, Mapping[str, str]]:
     """A line of the table of right terms: structure, method, cases, and parts of them in %."""
     cases = int(success.cases.sum())
-    counts = {
-        "exact": success.exact,
-        "wrong, trusted": success.wrong_trusted,
-        "extra, trusted": success.extra_trusted,
-    }
-    parts = {name: 100.0 * float(count.sum()) / cases if cases else None for name, count in counts.items()}
-    return success.name, success.method, cases, {name: percent(part) for name, part in parts.items()}
+    counts = (success.exact, success.wrong_trusted, success.extra_trusted)
+    parts = [percent(100.0 * float(count.sum()) / cases if cases else None) for count in counts]
+    names = ("exact", "wrong, trusted", "extra, trusted")
+    return success.name, success.method, cases, dict(zip(names, parts, strict=True))
 
 
 def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
@@ -285,9 +276,8 @@ def _force(draw: Callable[..., Figure | None], title: str) -> StudyFigure:
         best = report.comparison.best
         return None if best is None else draw(report.study, report.table, report.paper, best)
 
-    caption = (
-        "In the cycle whose error is the median of its cell. The error is shown against the largest force."
-    )
+    cycle = "In the cycle whose error is the median of its cell."
+    caption = f"{cycle} The error is shown against the largest force."
     return StudyFigure(FORCE, title, drawn, lambda report: caption)
 
 
@@ -418,14 +408,8 @@ def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> No
         for cell in comparison.cells:
             line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
             for method in methods:
-                study_cell = cell.cells[method]
-                numbers = (
-                    study_cell.nmse,
-                    study_cell.low,
-                    study_cell.high,
-                    cell.ratio(method),
-                    study_cell.seconds,
-                )
+                own = cell.cells[method]
+                numbers = (own.nmse, own.low, own.high, cell.ratio(method), own.seconds)
                 line += ["" if value is None else f"{value:.6g}" for value in numbers]
-                line += [study_cell.done, len(study_cell.failures)]
+                line += [own.done, len(own.failures)]
             writer.writerow(line)

@@ -20,7 +20,7 @@ from linkwise.identification.validation.result import (
 from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
 from linkwise.registry import lazy_module
-from linkwise.report.page import Build, Head, Reported, ResultFolder, Section, headed, sections_of
+from linkwise.report.page import Build, Head, ResultFolder, Section, sectioned, sections_of
 
 if TYPE_CHECKING:
     from linkwise.plot import validations as validation_figures
@@ -28,9 +28,8 @@ else:  # matplotlib loads where a figure is drawn
     validation_figures = lazy_module("linkwise.plot.validations")
 
 
-def _scores(reported: Reported[Validation]) -> Section:
+def _scores(validation: Validation) -> Section:
     """The scores of the channels, and the record against the prediction."""
-    validation = reported.result
     record = validation.record
     text = (
         f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
@@ -44,41 +43,39 @@ def _scores(reported: Reported[Validation]) -> Section:
     return Section("Prediction", [text], items=record.notes, rows=rows, figure=figure)
 
 
-def _findings(reported: Reported[Validation]) -> Section | None:
+def _findings(result: Validation) -> Section | None:
     """What disagrees."""
-    findings = reported.result.findings
-    return Section("Findings", items=findings) if findings else None
+    return Section("Findings", items=result.findings) if result.findings else None
 
 
-def _error(reported: Reported[Validation]) -> Section:
+def _error(result: Validation) -> Section:
     """The error over time."""
     text = "The band is twice the standard deviation that noise and the errors of the answer give the difference."
-    figure = partial(validation_figures.prediction_error_figure, reported.result)
+    figure = partial(validation_figures.prediction_error_figure, result)
     return Section("Error over time", [text], figure=figure)
 
 
-def _profiles(reported: Reported[Validation]) -> Section:
+def _profiles(result: Validation) -> Section:
     """The error over the motion of the links."""
     text = (
         "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
         "of the links along the predicted motion."
     )
-    figure = partial(validation_figures.prediction_profile_figure, reported.result)
+    figure = partial(validation_figures.prediction_profile_figure, result)
     return Section("Where in the motion it fails", [text], figure=figure)
 
 
-def _spectra(reported: Reported[Validation]) -> Section | None:
+def _spectra(result: Validation) -> Section | None:
     """The error over frequency, where the record is long enough."""
-    if not reported.result.spectra:
+    if not result.spectra:
         return None
     text = "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
-    figure = partial(validation_figures.prediction_spectrum_figure, reported.result)
+    figure = partial(validation_figures.prediction_spectrum_figure, result)
     return Section("Error over frequency", [text], figure=figure)
 
 
-def _coefficients(reported: Reported[Validation]) -> Section | None:
+def _coefficients(validation: Validation) -> Section | None:
     """The coefficients estimated again from this record, where the answer has a covariance."""
-    validation = reported.result
     if not validation.coefficients:
         return None
     limit = validation.coefficients[0].limit
@@ -100,16 +97,16 @@ SECTIONS: dict[str, Build[Validation]] = {
 """The sections of a validation, in order; the name of a section is that of its figure's files."""
 
 
-def _write_data(reported: Reported[Validation], folder: Path) -> None:
+def _write_data(result: Validation, folder: Path) -> None:
     """The structure, and the responses as it predicts them, empty where they are not scored."""
-    write_structure(reported.result.structure, folder / "structure.toml")
-    write_record(reported.result.predicted, folder / "predicted.csv")
+    write_structure(result.structure, folder / "structure.toml")
+    write_record(result.predicted, folder / "predicted.csv")
 
 
-VALIDATION_FOLDER: ResultFolder[Validation] = ResultFolder(
-    mark=VALIDATION,
-    data=_write_data,
-    sections=partial(sections_of, SECTIONS),
-    page=headed(lambda result: Head(headline(result), result.structure)),
+VALIDATION_FOLDER: ResultFolder[Validation] = sectioned(
+    VALIDATION,
+    lambda result: Head(headline(result), result.structure),
+    partial(sections_of, SECTIONS),
+    _write_data,
 )
 """What `validate` hands over."""

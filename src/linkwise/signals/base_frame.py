@@ -95,14 +95,11 @@ def framed(record: Record, structure: Structure, *, integrated: bool = False) ->
             f"{relative[0]} is relative to the base, whose displacement the record lacks: with links to the ground alone, "
             f"give a channel x:{BASE}"
         )
-    names: dict[str, Channel] = {
-        channel: Channel(channel.kind, channel.place) for channel in record.responses
-    }
-    for (first, motion_of_first), (second, motion_of_second) in combinations(names.items(), 2):
-        if motion_of_first == motion_of_second:
-            raise IdentificationError(
-                f"{first} and {second} show the same motion, relative to the base or not: select one of them"
-            )
+    names: dict[str, Channel] = {name: Channel(name.kind, name.place) for name in record.responses}
+    for first, second in combinations(names, 2):
+        if names[first] == names[second]:
+            same = f"{first} and {second} show the same motion"
+            raise IdentificationError(f"{same}, relative to the base or not: select one of them")
     motion = _BaseMotion(record, integrated and moves)
     carried, drifting = {}, []
     for channel, plain in zip(record.responses, names.values(), strict=True):
@@ -125,17 +122,11 @@ def _changed(
     acceleration: Floats | None,
 ) -> Record:
     """The record with responses less what they carry, and the forces of inertia of all masses."""
-    columns: dict[Channel, Floats] = {}
-    noise: dict[str, float] = {}
-    for name, plain in names.items():
-        columns[plain] = record.channel(name) - (carried[plain][0] if plain in carried else 0.0)
-        if name in record.noise:
-            noise[plain] = record.noise[name]
-    for name in record.inputs:
-        if acceleration is None or name.place != BASE:
-            columns[name] = record.channel(name)
-            if name in record.noise:
-                noise[name] = record.noise[name]
+    inputs = [name for name in record.inputs if acceleration is None or name.place != BASE]
+    kept: dict[str, Channel] = {**names, **{name: name for name in inputs}}
+    columns = {plain: record.channel(name) for name, plain in kept.items()}
+    columns |= {plain: columns[plain] - motion[0] for plain, motion in carried.items()}
+    noise: dict[str, float] = {kept[name]: sigma for name, sigma in record.noise.items() if name in kept}
     if acceleration is not None:
         for name in record.inputs:  # with inertia, which joins them
             if (kind := record.interpolation.get(name, BAND_LIMITED)) != BAND_LIMITED:
@@ -209,10 +200,8 @@ class _BaseMotion:
         count = self.integrations(order)
         values = self.record.channel(f"{MOTIONS[order + count]}:{BASE}")
         require_complete(f"{MOTIONS[order + count]}:{BASE}", values, self.record.start, self.record.rate)
-        time = np.arange(len(values)) * self.record.step
-        spline = scipy.interpolate.make_interp_spline(
-            time, values, k=min(_SPLINE, max(1, (len(values) - 1) // 2 * 2 - 1))
-        )
+        time, order = np.arange(len(values)) * self.record.step, max(1, (len(values) - 1) // 2 * 2 - 1)
+        spline = scipy.interpolate.make_interp_spline(time, values, k=min(_SPLINE, order))
         return np.asarray(spline.antiderivative(count)(time))
 
     def _derivative(self, order: int, wanted_by: str) -> Floats:

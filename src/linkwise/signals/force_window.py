@@ -24,7 +24,7 @@ _PEAK = 20.0  # standard deviations that a hit reaches at least: lower pulses ma
 _QUIET = 0.5  # of a record, at least, in which there is no hit
 _FEWEST = 40  # samples without a hit, from which the noise is known to within a ninth
 _FLANK = (
-    0.25  # of the width of a pulse, by which it begins before and ends behind its samples above the threshold
+    0.25  # of the width of a pulse, by which it begins before and ends behind its samples above the level
 )
 _LAGS = 10  # of the autocorrelation by which noise is judged to be white
 _CHANCE = 1e-4  # of what is white

@@ -106,10 +106,8 @@ def _samples(record: Record, period: float) -> int:
             arguments=("period",),
         )
     if len(record) < 2 * size:
-        raise RecordError(
-            f"a period of {period:g} s is {size} samples, and the record has {len(record)}: two periods are needed",
-            arguments=("period",),
-        )
+        message = f"a period of {period:g} s is {size} samples, and the record has {len(record)}: two periods are needed"
+        raise RecordError(message, arguments=("period",))
     if abs(exact - size) * (len(record) // size) > _WHOLE:
         raise RecordError(
             f"a period of {period:.9g} s is {exact:.6f} samples at {record.rate:.9g} Hz, not a whole number: check it, or "
@@ -140,12 +138,11 @@ def _not_white(record: Record, cube: Floats) -> tuple[str, ...]:
     white = np.nanmean(np.diff(change, 2, axis=0) ** 2, axis=0) / 6.0
     smooth = white < _WHITE * np.nanvar(change, axis=0)
     names = [name for name in record.responses if smooth[record.channels.index(name)]]
-    if not names:
-        return ()
-    return (
+    note = (
         f"{', '.join(names)}: the last two periods differ by more than white noise: the motion has not settled or does not "
-        "repeat, or its noise is coloured; an identification from the whole record needs no period.",
+        "repeat, or its noise is coloured; an identification from the whole record needs no period."
     )
+    return (note,) if names else ()
 
 
 def _settled(cube: Floats) -> int:
@@ -233,15 +230,12 @@ def denser(record: Record) -> tuple[Record, int]:
     dense it is; it states the noise of its responses. The given one where it is dense or long, where samples are missing,
     or an input does not run band-limited between its samples.
     """
-    if np.isnan(record.values).any() or not is_sparse([record]):
-        return record, 1
-    if any(record.interpolation.get(name, BAND_LIMITED) != BAND_LIMITED for name in record.inputs):
+    stated = any(record.interpolation.get(name, BAND_LIMITED) != BAND_LIMITED for name in record.inputs)
+    if stated or np.isnan(record.values).any() or not is_sparse([record]):
         return record, 1
     factor = ceil(_DENSE * highest_frequency(record) / record.rate)
-    noise = dict(record.noise) | channel_noise(record)
-    return replace(
-        record, values=_between(record.values, factor), rate=factor * record.rate, noise=noise
-    ), factor
+    noise, values = dict(record.noise) | channel_noise(record), _between(record.values, factor)
+    return replace(record, values=values, rate=factor * record.rate, noise=noise), factor
 
 
 def _between(values: Floats, factor: int) -> Floats:

@@ -89,9 +89,8 @@ def outliers_exceed_noise(residuals: Floats) -> bool:
     heavy_tailed = False
     for column in residuals.T:
         series = column[np.isfinite(column) & (column != 0.0)]
-        if len(series) < _FEWEST_FOR_KURTOSIS:
-            return False
-        if (np.median(np.abs(series)) / _NORMAL_MEDIAN) ** 2 > _TYPICAL:
+        few = len(series) < _FEWEST_FOR_KURTOSIS
+        if few or (np.median(np.abs(series)) / _NORMAL_MEDIAN) ** 2 > _TYPICAL:
             return False
         kurtosis = np.mean(series**4) / np.mean(series**2) ** 2
         heavy_tailed = heavy_tailed or bool(kurtosis - 3.0 > _EXCESS)
@@ -166,10 +165,9 @@ def noise_and_bandwidth(
     """
     channels = _channels(samples)
     spectra = _spectra(channels, _block(channels))
-    known = np.full(len(channels), np.nan) if stated is None else np.array(stated, dtype=float)
-    sigma = (
-        known if np.isfinite(known).all() else np.where(np.isfinite(known), known, _sigma(channels, spectra))
-    )
+    sigma = np.full(len(channels), np.nan) if stated is None else np.array(stated, dtype=float)
+    if not np.isfinite(sigma).all():
+        sigma = np.where(np.isfinite(sigma), sigma, _sigma(channels, spectra))
     margin = np.maximum(2.0, 1.0 + 4.0 / np.sqrt(np.maximum(spectra.counts, 1)))
     bins = np.arange(1, spectra.mean.shape[1] + 1)
     highest = np.where(spectra.mean > (sigma**2 * margin)[:, None], bins, 1).max(axis=1)
@@ -277,10 +275,8 @@ def _spectra(channels: Floats, block: int) -> BlockSpectra:
 
 def _at_rest(samples: Floats, block: int) -> Bools:
     """(B,) whether `samples` (N,) are the same in all of a block and the samples that its differences need."""
-    changes = np.concatenate([[0], np.cumsum(np.diff(samples) != 0.0)])
-    return np.asarray(
-        changes[block + _ORDER - 1 :: block // 2] == changes[: -(block + _ORDER - 1) : block // 2]
-    )
+    changes, reach = np.concatenate([[0], np.cumsum(np.diff(samples) != 0.0)]), block + _ORDER - 1
+    return np.asarray(changes[reach :: block // 2] == changes[: -reach : block // 2])
 
 
 @lru_cache(maxsize=32)

@@ -46,10 +46,8 @@ def savitzky_golay(
         unit = (rate / half) ** order
         kernel = fit[order] * factorial(order) * unit
         derivative = np.empty_like(values)
-        for channel in range(values.shape[1]):
-            derivative[half : len(values) - half, channel] = np.correlate(
-                values[:, channel], kernel, mode="valid"
-            )
+        for samples_in, derived in zip(values.T, derivative.T, strict=True):
+            derived[half : len(values) - half] = np.correlate(samples_in, kernel, mode="valid")
         rows = np.zeros((length, degree + 1))  # derivatives of the powers
         for power in range(order, degree + 1):
             rows[:, power] = factorial(power) / factorial(power - order) * u ** (power - order)
@@ -102,10 +100,8 @@ class SmoothingSpline:
         coefficients of the B-splines (N + 4, q).
         """
         rows = len(self.coefficients)
-        bands = _normal_bands(_VALUE, rows - 4) + self.smoothing[0] * _normal_bands(
-            _DIFFERENCES, rows - _PENALTY
-        )
-        factor = cholesky_banded(bands, lower=True, check_finite=False)
+        penalty = self.smoothing[0] * _normal_bands(_DIFFERENCES, rows - _PENALTY)
+        factor = cholesky_banded(_normal_bands(_VALUE, rows - 4) + penalty, lower=True, check_finite=False)
         return _stencil(cho_solve_banded((factor, True), by_coefficient, check_finite=False), _VALUE)
 
     @property

@@ -111,15 +111,13 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
         raise RecordError(f"unknown method {method!r}; choose from {listed}")
     _require_complete(record)
     if not record.masses:
-        raise RecordError(
-            f"the record has no response channel to differentiate, only {', '.join(record.channels)}"
-        )
+        named = ", ".join(record.channels)
+        raise RecordError(f"the record has no response channel to differentiate, only {named}")
     bodies = (*record.masses, *(["base"] if any(name.endswith(":base") for name in record.channels) else []))
     x, v, a, margin = _motions(record, bodies, method, order)
     if len(record) <= 2 * margin:
-        raise RecordError(
-            f"{len(record)} samples are too few, since {margin} at each end have one-sided derivatives only"
-        )
+        why = f"{margin} at each end have one-sided derivatives only"
+        raise RecordError(f"{len(record)} samples are too few, since {why}")
     inner = slice(margin, len(record) - margin)
     count = len(record.masses)
     driven = tuple(mass for mass in record.masses if f"force:{mass}" in record.channels)
@@ -144,9 +142,8 @@ def finite_differences(samples: Floats, rate: float, derivative: int, *, order: 
     `order` 2, 4 or 6 up to both ends; RecordError for another order or too few samples.
     """
     if order not in (2, 4, 6) or derivative not in (1, 2):
-        raise RecordError(
-            f"order must be 2, 4 or 6 and derivative 1 or 2, got order {order!r} and derivative {derivative!r}"
-        )
+        message = f"order must be 2, 4 or 6 and derivative 1 or 2, got order {order!r} and derivative {derivative!r}"
+        raise RecordError(message)
     half = order // 2
     length = order + derivative  # points of a one-sided stencil of this order
     if len(samples) < max(length, 2 * half + 1):
@@ -172,13 +169,11 @@ def _motions(
     if sources:
         samples = np.column_stack([record.channel(source) for source in sources.values()])
         *derivatives, margin = _derivatives(samples, record.rate, method, order)
-        derived = {
-            body: tuple(values[:, column] for values in derivatives) for column, body in enumerate(sources)
-        }
+        derived = dict(zip(sources, zip(*(values.T for values in derivatives), strict=True), strict=True))
     motions: list[dict[str, Floats]] = []
     for body in bodies:
         motion = {
-            kind: record.channel(name) for kind in MOTIONS if (name := f"{kind}:{body}") in record.channels
+            kind: record.channel(f"{kind}:{body}") for kind in MOTIONS if f"{kind}:{body}" in record.channels
         }
         first = sources.get(body, "a")[0]  # the kind that was differentiated, "x" or "v"
         for kind, values in zip(MOTIONS[MOTIONS.index(first) :], derived.get(body, ()), strict=False):
@@ -215,9 +210,7 @@ def _derivatives(
         return spline.value(), spline.first(), spline.second(), spline.reach
     halves = [savitzky_golay_half(float(band), rate) for band in bandwidth(samples, rate)]
     smoothed = [savitzky_golay(samples[:, column], rate, half=half) for column, half in enumerate(halves)]
-    value, first, second = (
-        np.concatenate([column[kind] for column in smoothed], axis=1) for kind in range(3)
-    )
+    value, first, second = (np.concatenate(columns, axis=1) for columns in zip(*smoothed, strict=True))
     return value, first, second, max(halves)
 
 
@@ -231,11 +224,9 @@ def _require_complete(record: Record) -> None:
     edges = np.flatnonzero(np.concatenate([[True], missing.any(axis=1), [True]]))
     longest = int(np.argmax(np.diff(edges)))
     piece = record.time[edges[longest] : edges[longest + 1] - 1]
-    advice = (
-        f"record.between({piece[0]:g}, {piece[-1]:g}) is the longest complete piece"
-        if piece.size
-        else "no row is complete"
-    )
+    advice = "no row is complete"
+    if piece.size:
+        advice = f"record.between({piece[0]:g}, {piece[-1]:g}) is the longest complete piece"
     raise RecordError(
         f"{int(missing[:, column].sum())} samples are missing, the first at {first:g} s, and derivatives cannot cross a gap; "
         f"{advice}, and the weak form needs no derivatives",

@@ -66,9 +66,8 @@ def run_batch(schedules: Sequence[RunSchedule], levels: Sequence[Floats]) -> Bat
     while True:
         runs = np.flatnonzero(completed)
         lanes = np.resize(runs, LANES)  # an empty lane repeats a completed run
-        batch = _Batch(
-            integrator, system.layout, [schedules[run] for run in lanes.tolist()], all_levels[lanes]
-        )
+        own = [schedules[run] for run in lanes.tolist()]
+        batch = _Batch(integrator, system.layout, own, all_levels[lanes])
         failed = batch.run()[: len(runs)]
         completed[runs[failed]] = False
         if failed.all() or not failed.any():

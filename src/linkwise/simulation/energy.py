@@ -52,10 +52,10 @@ class LinkForces:
 
     def _inside(self, law: Law, numbers: Indices, time: Floats, states: Floats) -> dict[str, Floats]:
         """The states (M, m) by name of links that have one law, and its signals (M, 1)."""
-        signals = {name: self.excitation.signals[name].value(time)[:, None] for name in law.signals}
-        return signals | {
-            name: states[:, [self._columns[k, name] for k in numbers.tolist()]] for name in law.states
-        }
+        inside = {name: self.excitation.signals[name].value(time)[:, None] for name in law.signals}
+        for name in law.states:
+            inside[name] = states[:, [self._columns[k, name] for k in numbers.tolist()]]
+        return inside
 
     def links(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Force (M, L) of every link in N at displacements and velocities (M, n) and states (M, S)."""

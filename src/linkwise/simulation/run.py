@@ -65,17 +65,12 @@ class RunSchedule:
     @cached_property
     def shape(self) -> SystemShape:
         """The key of the compiled equations of motion."""
-        topology = self.structure.topology
-        inputs = tuple(
-            (
-                name.removeprefix(_SIGNAL)
-                if name.startswith(_SIGNAL)
-                else topology.weights(topology.index[name]),
-                drive.order if isinstance(drive, Sampled) else drive.expression,
-            )
-            for name, drive in self.excitation.drives.items()
-        )
-        return SystemShape(*self.structure.shape_key, inputs)
+        topology, inputs = self.structure.topology, []
+        for name, drive in self.excitation.drives.items():
+            signal = name.removeprefix(_SIGNAL) if name.startswith(_SIGNAL) else None
+            where = signal or topology.weights(topology.index[name])
+            inputs.append((where, drive.order if isinstance(drive, Sampled) else drive.expression))
+        return SystemShape(*self.structure.shape_key, tuple(inputs))
 
     @cached_property
     def block(self) -> int:
@@ -85,10 +80,8 @@ class RunSchedule:
     @cached_property
     def stops(self) -> Floats:
         """Times (S,) in s at which integration stops, including 0 and `end`."""
-        inner = [
-            self.times[self.block : -1 : self.block],
-            [impulse.time for impulse in self.excitation.impulses],
-        ]
+        impulses = [impulse.time for impulse in self.excitation.impulses]
+        inner = [self.times[self.block : -1 : self.block], impulses]
         inner += [drive.pieces.edges for drive in self._sampled]
         stops = np.unique(np.concatenate([np.asarray(part, dtype=float) for part in inner]))
         return np.concatenate([[0.0], stops[(stops > 0.0) & (stops < self.end)], [self.end]])
@@ -215,11 +208,8 @@ def choose_branches(system: CompiledSystem, start: Placement, longest: float) ->
         then = system.kink_values(later_state, parameters, later)
         on_kink = np.abs(values) <= _ON_KINK * np.abs(then - values)
         passed = ~on_kink & (values * then < 0.0)
-        if (
-            passed.any()
-            and fraction > _SHORTEST
-            and 0.1 * (later - time) > _RESOLUTION_OF_TIME * np.spacing(time)
-        ):
+        resolved = 0.1 * (later - time) > _RESOLUTION_OF_TIME * np.spacing(time)
+        if passed.any() and fraction > _SHORTEST and resolved:
             fraction *= 0.1  # another kink is passed within this moment
             continue
         on_kink |= passed  # nearer to it than time can tell
@@ -252,9 +242,8 @@ def output_times(duration: float | None, rate: float | None, times: ArrayLike | 
     grid = np.array(times, dtype=float)
     valid = grid.ndim == 1 and grid.size >= 2 and bool(np.all(np.isfinite(grid)))
     if not valid or grid[0] < 0.0 or np.any(np.diff(grid) <= 0.0):
-        raise SimulationError(
-            "times must be a one-dimensional array of at least two increasing numbers, not negative"
-        )
+        wanted = "a one-dimensional array of at least two increasing numbers, not negative"
+        raise SimulationError(f"times must be {wanted}")
     even = np.linspace(grid[0], grid[-1], grid.size)
     if np.abs(grid - even).max() > 1e-6 * (even[1] - even[0]):
         raise SimulationError("times must be evenly spaced, since a record has one sampling rate")
@@ -289,11 +278,8 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     for impulse in excitation.impulses:
         check_place(Channel("force", impulse.mass), structure, "an impulse")
         if impulse.time >= end:
-            raise SimulationError(
-                f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)",
-                impulse.time,
-                impulse.mass,
-            )
+            message = f"the impulse on {impulse.mass} at {impulse.time:g} s is after the end of the simulation ({end:g} s)"
+            raise SimulationError(message, impulse.time, impulse.mass)
     for mass in excitation.forces:
         check_place(Channel("force", mass), structure, "a force")
     _check_base(structure, excitation)
@@ -324,9 +310,8 @@ def released(structure: Structure, excitation: Excitation) -> dict[Channel, floa
                 release[channel] = value
                 continue
         example = next(iter(structure.mass_names), "m1")
-        raise SimulationError(
-            f"unknown release {name!r}; expected a displacement, such as x:{example}, or a velocity, v:{example}"
-        )
+        message = f"unknown release {name!r}; expected a displacement, such as x:{example}, or a velocity, v:{example}"
+        raise SimulationError(message)
     return release
 
 
@@ -347,9 +332,8 @@ def check_place(channel: Channel, structure: Structure, where: str) -> None:
     if place in names or (of == "mass" and place in structure.mass_names):
         return
     shown = ", ".join(names if len(names) <= _SHOWN else (*names[: _SHOWN - 2], "...", names[-1])) or "none"
-    listed = (
-        "masses and points" if of == "mass" and structure.hosts else "masses" if of == "mass" else f"{of}s"
-    )
+    places = "masses and points" if structure.hosts else "masses"
+    listed = places if of == "mass" else f"{of}s"
     message = f"unknown {of} {place!r} in {where}{near_miss(place, names)}; the {listed} are {shown}"
     raise SimulationError(message, mass=place if of == "mass" else None)
 
@@ -488,12 +472,8 @@ class RunOptions:
 
 def room(structure: Structure, count: int) -> Motion:
     """Room for the motion of a structure at a number of times."""
-    size = structure.size
-    return (
-        np.empty((count, size)),
-        np.empty((count, size)),
-        np.empty((count, structure.topology.dimension - 2 * size)),
-    )
+    size, states = structure.size, len(structure.topology.states)
+    return np.empty((count, size)), np.empty((count, size)), np.empty((count, states))
 
 
 def integrate(
@@ -571,11 +551,9 @@ class _Run:
             wanted = self.times[self.next : min(limit, self.before_interruption())]
             stops = np.empty(len(wanted) + 1)
             stops[:-1], stops[-1] = wanted, end
+            most, longest = self.step_limit(), self.options.longest_step
             result = self.integrator.propagate(
-                stops,
-                most_steps=self.step_limit(),
-                longest_step=self.options.longest_step,
-                log=self.options.log,
+                stops, most_steps=most, longest_step=longest, log=self.options.log
             )
             self.steps += result.steps
             reached = result.states[: len(wanted)]
@@ -600,9 +578,8 @@ class _Run:
             x = states[:, : self.schedule.structure.size]
             self.check_distance(np.full(len(x), float(self.integrator.time)), x)
             if fruitless > self.options.most_steps // self.schedule.structure.size + 2 * CHUNK:
-                raise too_many_steps(
-                    self.schedule, float(self.integrator.time), self.integrator.state, fruitless
-                )
+                time, state = float(self.integrator.time), self.integrator.state
+                raise too_many_steps(self.schedule, time, state, fruitless)
 
     def step_limit(self) -> int:
         """Number of steps until the next check."""
@@ -612,9 +589,8 @@ class _Run:
 
     def unwatched(self) -> bool:
         """Whether a kink is exactly zero and not watched; only symmetry or rest keeps it there."""
-        return bool(self.system.kinks) and bool(
-            self.integrator.parameters[self.system.layout.unwatched].any()
-        )
+        unwatched = self.system.layout.unwatched
+        return bool(self.system.kinks and self.integrator.parameters[unwatched].any())
 
     def before_interruption(self) -> int:
         """Index of the first output time after the next interruption of the run that is repeated."""
@@ -629,10 +605,8 @@ class _Run:
         for first in range(0, len(states), block):
             part = states[first : first + block]
             rows = slice(self.next - self.first, self.next - self.first + len(part))
-            for columns, motion in zip(
-                (slice(size), slice(size, 2 * size), slice(2 * size, None)), self.motion, strict=True
-            ):
-                np.multiply(part[:, columns], SCALE, out=motion[rows], casting="same_kind")
+            for own, motion in zip(np.split(part, [size, 2 * size], axis=1), self.motion, strict=True):
+                np.multiply(own, SCALE, out=motion[rows], casting="same_kind")
             self.next += len(part)
             if self.next - self.handed >= block:
                 self.flush()

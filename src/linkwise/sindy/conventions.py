@@ -84,18 +84,14 @@ def noisy_states(
         raise RecordError(f"unknown noise convention {convention!r}; choose from {listed}")
     _require_clean(record)
     noisy = {"displacement": "x", "states": "xv", "differenced": "xv", "derivatives": "a"}[convention]
-    noisy_record = record.select([name for name in record.responses if name[0] in noisy]).with_noise(
-        snr_db, seed=seed
-    )
+    named = [name for name in record.responses if name[0] in noisy]
+    noisy_record = record.select(named).with_noise(snr_db, seed=seed)
     if convention in ("displacement", "differenced"):
-        inputs = [record.channel(name) for name in record.inputs]
         channels = (*noisy_record.channels, *record.inputs)
-        noisy_record = replace(
-            record, channels=channels, values=np.column_stack([noisy_record.values, *inputs]), uncertainty={}
-        )
-        return differentiate(
-            noisy_record, derivative if convention == "displacement" else "differences", order=4
-        )
+        values = np.column_stack([noisy_record.values, *map(record.channel, record.inputs)])
+        noisy_record = replace(record, channels=channels, values=values, uncertainty={})
+        method = derivative if convention == "displacement" else "differences"
+        return differentiate(noisy_record, method, order=4)
     values = record.values.copy()
     values[:, [record.channels.index(name) for name in noisy_record.channels]] = noisy_record.values
     return differentiate(replace(record, values=values))
@@ -103,15 +99,14 @@ def noisy_states(
 
 def _require_clean(record: Record) -> None:
     if record.simulated is None:
-        raise RecordError(
-            "a study of noise needs a simulated record, whose noise-free motion is known; this one was measured"
-        )
+        message = "a study of noise needs a simulated record, whose noise-free motion is known; this one was measured"
+        raise RecordError(message)
     added = [name for name, sigma in record.simulated.noise.items() if sigma > 0]
     if added:
-        raise RecordError(
-            "has noise already; give the record as it was simulated, since `noisy_states` adds the noise",
-            channel=added[0],
+        message = (
+            "has noise already; give the record as it was simulated, since `noisy_states` adds the noise"
         )
+        raise RecordError(message, channel=added[0])
     for mass in record.simulated.structure.mass_names:
         for kind in "xva":
             if f"{kind}:{mass}" not in record.channels:

@@ -117,6 +117,7 @@ class PhysicsInformedSindy(Estimator):
         dropped = [name for name, selected in zip(fit.names, fit.support[:, 0], strict=True) if not selected]
         identified = structure.with_values(dict(zip(fit.names, map(float, values), strict=True)))
         verdict, message = _verdict(float(fit.residual[0]))
+        residual = partial(_residual, system, values, structure.size)
         return Estimate(
             method="sindy",
             fit_verdicts=(verdict,),
@@ -131,9 +132,7 @@ class PhysicsInformedSindy(Estimator):
             noise=_noise(record),
             chi_square_per_sample=None,
             samples=len(states) * len(states.masses),
-            compute_motion=partial(
-                _link_motion, states, identified, partial(_residual, system, values, structure.size)
-            ),
+            compute_motion=partial(_link_motion, states, identified, residual),
             record=record,
             remarks=tuple(f"{name} was dropped: its term adds less than the threshold." for name in dropped),
         )
@@ -144,14 +143,7 @@ def _link_motion(states: States, identified: Structure, compute_residual: Callab
     order = [states.masses.index(name) for name in identified.mass_names]
     d = identified.elongations(states.x[:, order], states.base)
     v = identified.elongations(states.v[:, order], states.base_velocity)
-    return LinkMotion(
-        structure=identified,
-        time=states.time,
-        d=d,
-        v=v,
-        d_range=extremes(d),
-        compute_residual=compute_residual,
-    )
+    return LinkMotion(identified, states.time, d, v, extremes(d), compute_residual)
 
 
 def _residual(system: DenseSystem, values: Floats, size: int) -> Floats:
@@ -175,10 +167,8 @@ def _verdict(unexplained: float) -> tuple[Verdict, str]:
 def _noise(record: Record) -> dict[str, NoiseEstimate]:
     named = [name for name in record.responses if name.kind == "x"]
     variances = noise_variance(record, named, np.stack([record.channel(name) for name in named]))
-    return {
-        name: NoiseEstimate.of(record, name, float(np.sqrt(variance)), record.unit(name))
-        for name, variance in zip(named, variances, strict=True)
-    }
+    deviations = zip(named, np.sqrt(variances), strict=True)
+    return {name: NoiseEstimate.of(record, name, float(sigma)) for name, sigma in deviations}
 
 
 def _require_no_priors(structure: Structure) -> None:

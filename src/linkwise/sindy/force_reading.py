@@ -7,6 +7,7 @@ mass that carries this link alone (a sink), m x'' = -f, where no other force act
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import count
 from typing import Literal, get_args
 
@@ -75,9 +76,8 @@ def monomial_force(
     if reading not in READINGS:
         raise IdentificationError(f"unknown reading {reading!r}; choose from {', '.join(READINGS)}")
     if record.simulated is None:
-        raise RecordError(
-            "the true motion of a link is known for a simulated record only; this one was measured"
-        )
+        message = "the true motion of a link is known for a simulated record only; this one was measured"
+        raise RecordError(message)
     chosen, truth = structure.link(link), record.simulated
     sink = _sink(structure, chosen)
     named = {mass: f"x{tag}" for mass, tag in zip(record.masses, tags(record.masses), strict=True)}
@@ -97,10 +97,8 @@ def monomial_force(
     else:
         masses = [mass for mass in record.masses if reading == "displacements" or mass in chosen.between]
         library = Monomials(tuple(named[mass] for mass in masses), _order(fit, named[sink]))
-        names = list(library.names)
-        columns = library.evaluate(
-            truth.displacement[:, [truth.structure.mass_names.index(mass) for mass in masses]]
-        )
+        names, at = list(library.names), [truth.structure.mass_names.index(mass) for mass in masses]
+        columns = library.evaluate(truth.displacement[:, at])
     # A constant force, such as a weight, is not a stiffness force: the constant column is left out.
     values = np.array([0.0 if name == "1" else terms.get(name, 0.0) for name in names])
     return d, np.asarray(-sign * structure.mass_values[structure.mass_names.index(sink)] * (columns @ values))
@@ -157,11 +155,9 @@ def monomial_nmse(
 
 def _sink(structure: Structure, link: Link) -> str:
     """The end of the link that carries no other link."""
+    carried = Counter(end for one in structure.links for end in one.between)
     for end in link.between:
-        if (
-            end in structure.mass_names
-            and sum(end in candidate.between for candidate in structure.links) == 1
-        ):
+        if end in structure.mass_names and carried[end] == 1:
             return end
     raise IdentificationError(
         f"both ends of link {link.name} carry other links, so no equation of a monomial model contains its force alone; "

@@ -84,14 +84,8 @@ class Monomials:
     def _degrees(self) -> list[list[tuple[int, ...]]]:
         """The monomials of each degree as rising indices of their variables."""
         indices = range(len(self.variables))
-        return [
-            [
-                chosen
-                for chosen in combinations_with_replacement(indices, degree)
-                if len(set(chosen)) <= self._limit
-            ]
-            for degree in range(self.order + 1)
-        ]
+        degrees = (combinations_with_replacement(indices, degree) for degree in range(self.order + 1))
+        return [[chosen for chosen in degree if len(set(chosen)) <= self._limit] for degree in degrees]
 
     @cached_property
     def _products(self) -> list[tuple[int, slice | Indices, int]]:
@@ -103,15 +97,10 @@ class Monomials:
         first = 0
         for before in self._degrees[:-1]:
             for variable in range(len(self.variables)):
-                parents = np.array(
-                    [
-                        first + index
-                        for index, chosen in enumerate(before)
-                        if variable <= min(chosen, default=variable)
-                        and len({variable, *chosen}) <= self._limit
-                    ],
-                    dtype=np.intp,
-                )
+                every = enumerate(before, first)
+                rising = ((index, own) for index, own in every if variable <= min(own, default=variable))
+                fitting = [index for index, own in rising if len({variable, *own}) <= self._limit]
+                parents = np.array(fitting, dtype=np.intp)
                 if parents.size:
                     last = int(parents[-1]) + 1
                     run = last - int(parents[0]) == parents.size
@@ -321,9 +310,8 @@ def local_equations(
     for mass in structure.mass_names:
         linked = {end for link in structure.links if mass in link.between for end in link.between}
         inner = [name for name in states.masses if name in linked | {mass}]
-        systems[mass] = monomial_equations(
-            states, order, mixing=mixing, columns_of=inner, equations_of=(mass,)
-        )
+        own = (mass,)
+        systems[mass] = monomial_equations(states, order, mixing=mixing, columns_of=inner, equations_of=own)
     return systems
 
 
@@ -375,9 +363,7 @@ def link_columns(states: States, structure: Structure) -> DenseSystem:
     count, samples = structure.size, len(states)
     matrix = np.zeros((count, samples, len(parameters)))
     target = states.forces[:, order].T.copy()
-    column_of = {
-        member: column for column, parameter in enumerate(parameters) for member in parameter.members
-    }
+    column_of = {member: column for column, one in enumerate(parameters) for member in one.members}
     incidence = structure.incidence.tocsc()
     for index, link in enumerate(structure.links):
         force, by_coefficient = _evaluate(link, d[:, index], rates[:, index])
@@ -435,11 +421,8 @@ def _chosen(states: States, masses: Sequence[str] | None) -> tuple[str, ...]:
         return states.masses
     absent = [mass for mass in masses if mass not in states.masses]
     if absent or not masses:
-        raise IdentificationError(
-            (f"there are no states of {absent[0]}" if absent else "no mass was chosen")
-            + "; there are states of "
-            f"{', '.join(states.masses)}"
-        )
+        wrong = f"there are no states of {absent[0]}" if absent else "no mass was chosen"
+        raise IdentificationError(f"{wrong}; there are states of {', '.join(states.masses)}")
     return tuple(mass for mass in states.masses if mass in masses)
 
 
@@ -448,16 +431,12 @@ def _require_room(library: Monomials, masses: int) -> None:
     needed, free = fit_bytes(len(library)), available_memory()
     if needed <= free:
         return
-    smaller = {
-        f"{change} ({len(reduced)} columns, {_gigabytes(fit_bytes(len(reduced)))})": fit_bytes(len(reduced))
-        for change, reduced in (
-            ("mixing=2", replace(library, mixing=2)),
-            ("mixing=1", replace(library, mixing=1)),
-            ("order=2", replace(library, order=2)),
-        )
-        if len(reduced) < len(library)
-    }
-    fitting = [change for change, size in smaller.items() if size <= free]
+    fitting = []
+    changes = {f"mixing={mixing}": replace(library, mixing=mixing) for mixing in (2, 1)}
+    for change, reduced in {**changes, "order=2": replace(library, order=2)}.items():
+        columns = len(reduced)
+        if columns < len(library) and fit_bytes(columns) <= free:
+            fitting.append(f"{change} ({columns} columns, {_gigabytes(fit_bytes(columns))})")
     raise IdentificationError(
         f"the monomials up to order {library.order} in the {len(library.variables)} states of {masses} masses are "
         f"{len(library)} columns; their Gram matrix alone takes {_gigabytes(8 * len(library) ** 2)}, a fit "
@@ -485,9 +464,8 @@ def _order(states: States, structure: Structure) -> Indices:
 def _require_solvable(structure: Structure, samples: int) -> None:
     unknowns = len(structure.parameters)
     if not unknowns:
-        raise IdentificationError(
-            f"every coefficient of {structure.name} is known: there is nothing to identify"
-        )
+        message = f"every coefficient of {structure.name} is known: there is nothing to identify"
+        raise IdentificationError(message)
     size = 8 * samples * structure.size * unknowns
     if size > _MAX_BYTES:
         raise IdentificationError(
@@ -506,11 +484,7 @@ def _evaluate(link: Link, d: Floats, v: Floats) -> tuple[Floats, dict[str, Float
                 f"the law {link.law.text} of link {link.name} is not linear in its unknown {', '.join(sorted(shared))}, "
                 f"so no column represents {name}; give {sorted(shared)[0]} a number, or use the method ml"
             )
-    values = {
-        name: 0.0 if name in unknown else coefficient.value or 0.0
-        for name, coefficient in link.coefficients.items()
-    }
-    partials = link.law.partials(d, v, values)
-    return partials.force, {
-        name: partials.by_coefficient[name] for name in link.coefficients if name in unknown
-    }
+    values = {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
+    partials = link.law.partials(d, v, values | dict.fromkeys(unknown, 0.0))
+    free = (name for name in link.coefficients if name in unknown)
+    return partials.force, {name: partials.by_coefficient[name] for name in free}

@@ -11,7 +11,7 @@ from distributed import Client, KilledWorker
 from distributed.comm import get_address_host_port
 
 from linkwise.errors import StudyError
-from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, run_batch
+from linkwise.study.executor import CaseBatch, CaseResult, ErrorType, Executor, FailureKind, run_batch
 
 _TIMEOUT = 30.0  # s for the scheduler to answer, and for a first worker to connect
 _BATCHES_PER_THREAD = 2  # submitted at a time, so that no worker waits for the next
@@ -60,8 +60,6 @@ class DaskExecutor(Executor):
         died = isinstance(future.exception(), KilledWorker)
         return FailureKind.WORKER_DIED if died else FailureKind.CANNOT_RUN
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: ErrorType, error: BaseException | None, trace: TracebackType | None) -> None:
         self._executor.shutdown(wait=kind is None)
         self._client.close()

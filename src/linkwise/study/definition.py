@@ -18,14 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 
 from linkwise.display import near_miss
-from linkwise.errors import (
-    IdentificationError,
-    LawError,
-    LinkwiseError,
-    StudyError,
-    expect,
-    require_known,
-)
+from linkwise.errors import IdentificationError, LawError, LinkwiseError, StudyError, expect, require_known
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
@@ -93,16 +86,11 @@ class Study:
             _check_distinct(key, values)
         for level in self.snr_db:
             if not math.isfinite(level):
-                raise StudyError(
-                    f"a signal-to-noise ratio must be a finite number of dB, got {level!r}", "snr_db"
-                )
-        for key, value, least in (
-            ("first_seed", self.first_seed, 0),
-            ("cycles", self.cycles, 1),
-            ("quick", self.quick, 1),
-        ):
-            if value < least:
-                raise StudyError(f"must be at least {least}, got {value}", key)
+                wanted = "a signal-to-noise ratio must be a finite number of dB"
+                raise StudyError(f"{wanted}, got {level!r}", "snr_db")
+        for key, least in (("first_seed", 0), ("cycles", 1), ("quick", 1)):
+            if getattr(self, key) < least:
+                raise StudyError(f"must be at least {least}, got {getattr(self, key)}", key)
 
     def quickly(self) -> Study:
         """The same study with its quick number of cycles at most.
@@ -263,6 +251,7 @@ def _check_distinct(key: str, values: Sequence[object]) -> None:
 
 
 _SOURCES = ("bnes", "file", "toml")
+_AS_GIVEN = ("release", "forces", "base", "sensors", "unknown", "judge", "scatter", "frequency")
 
 
 class _Impulse(msgspec.Struct, forbid_unknown_fields=True):
@@ -344,14 +333,11 @@ def read_study(study: str | Path) -> Study:
     """
     expect("read_study(study): study", study, str, Path)
     path = Path(study)
-    shipped = files("linkwise.study")
-    names = sorted(
-        entry.name.removesuffix(".toml") for entry in shipped.iterdir() if entry.name.endswith(".toml")
-    )
+    shipped = {entry.name: entry for entry in files("linkwise.study").iterdir()}
+    names = sorted(name.removesuffix(".toml") for name in shipped if name.endswith(".toml"))
     if str(study) in names:
-        return parse_study(
-            shipped.joinpath(f"{study}.toml").read_text(encoding="utf-8"), f"{study}.toml", Path()
-        )
+        name = f"{study}.toml"
+        return parse_study(shipped[name].read_text(encoding="utf-8"), name, Path())
     if not path.is_file():
         raise StudyError(
             f"there is no such study{near_miss(str(study), names)}; give a TOML file, or a study that ships with linkwise: "
@@ -378,16 +364,10 @@ def build_study(data: dict[str, Any], source: str, folder: Path) -> Study:
         for length in _lengths(entry, f"{source}, {path}")
     )
     methods = tuple(_method(entry, f"method[{i}]", source) for i, entry in enumerate(document.method))
+    counts = {key: getattr(document, key) for key in ("first_seed", "cycles", "quick")}
     try:
-        return Study(
-            name=document.name or Path(source).stem,
-            subjects=subjects,
-            snr_db=tuple(document.snr_db),
-            methods=methods,
-            first_seed=document.first_seed,
-            cycles=document.cycles,
-            quick=document.quick,
-        )
+        name = document.name or Path(source).stem
+        return Study(name, subjects, tuple(document.snr_db), methods, **counts)
     except StudyError as error:
         raise StudyError(error.message, f"{source}, {error.where}") from None
 
@@ -401,9 +381,8 @@ def _with_variants(
         place = f"{path}.variant[{i}]"
         own: _Structure = decode({**table, **variant, "variant": []}, _Structure, source, place, StudyError)
         if not variant.get("name"):
-            raise StudyError(
-                "give the variant a name, which is added to that of the structure", f"{source}, {place}.name"
-            )
+            wanted = "give the variant a name, which is added to that of the structure"
+            raise StudyError(wanted, f"{source}, {place}.name")
         name = f"{_name(entry)}, {own.name}" if _name(entry) else own.name
         yield msgspec.structs.replace(own, name=name, values={**entry.values, **own.values}), place
 
@@ -443,17 +422,8 @@ def _subject(entry: _Structure, length: _Length, path: str, source: str, folder:
             structure=structure,
             duration=length.duration,
             rate=length.rate,
-            release=entry.release,
-            impulses=tuple(
-                Impulse(impulse.mass, impulse.momentum, impulse.time) for impulse in entry.impulse
-            ),
-            forces=entry.forces,
-            base=entry.base,
-            sensors=entry.sensors,
-            unknown=entry.unknown,
-            judge=entry.judge,
-            scatter=entry.scatter,
-            frequency=entry.frequency,
+            impulses=tuple(Impulse(**msgspec.structs.asdict(impulse)) for impulse in entry.impulse),
+            **{key: getattr(entry, key) for key in _AS_GIVEN},
         )
     except StudyError as error:
         raise StudyError(error.message, f"{source}, {path}.{error.where}") from None
@@ -479,7 +449,7 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
     except LinkwiseError as error:
         raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
     try:
-        structure = structure.with_values(entry.values) if entry.values else structure
+        structure = structure.with_values(entry.values)
     except LinkwiseError as error:
         raise StudyError(str(error), f"{source}, {path}.values") from None
     unknown = [p.name for p in structure.parameters if p.start is None or not isfinite(p.sigma)]
@@ -496,10 +466,8 @@ def _method(entry: dict[str, Any], path: str, source: str) -> StudyMethod:
     kind = entry.get("kind")
     if not isinstance(kind, str) or kind not in METHOD_KINDS:
         hint = near_miss(kind, METHOD_KINDS) if isinstance(kind, str) else ""
-        got = "nothing" if kind is None else repr(kind)
-        raise StudyError(
-            f"expected one of {', '.join(METHOD_KINDS)}; got {got}{hint}", f"{source}, {path}.kind"
-        )
+        got = f"got {'nothing' if kind is None else repr(kind)}{hint}"
+        raise StudyError(f"expected one of {', '.join(METHOD_KINDS)}; {got}", f"{source}, {path}.kind")
     try:
         return decode(entry, METHOD_KINDS[kind], source, path, StudyError)
     except (IdentificationError, LawError) as error:

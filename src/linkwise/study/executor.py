@@ -36,6 +36,7 @@ from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study, build_study
 from linkwise.study.row import FAILED, INTERNAL_ERROR, Case, MethodResult, Row
 
+ErrorType = type[BaseException] | None  # of the error that ends the work
 _RECORDS = 64  # clean records that a worker caches
 _ONE_AT_A_TIME = Lock()  # compiled integrators are not thread-safe, and a worker may have several threads
 
@@ -264,13 +265,11 @@ class Executor(ABC):
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         """Why a future ended with an exception; the batch can be submitted again unless the worker cannot run it."""
 
-    @abstractmethod
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     @abstractmethod
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, kind: ErrorType, error: BaseException | None, trace: TracebackType | None) -> None: ...
 
 
 @final
@@ -292,12 +291,7 @@ class GivenExecutor(Executor):
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         return FailureKind.CANNOT_RUN
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, kind: ErrorType, error: BaseException | None, trace: TracebackType | None) -> None: ...
 
 
 @final
@@ -319,14 +313,13 @@ class ProcessExecutor(Executor):
         self._pools: list[ProcessPoolExecutor] = []
         self._submitted: list[list[Future[list[CaseResult]]]] = [[] for _ in range(count)]  # oldest first
         self._context = multiprocessing.get_context("spawn")
-        self._pipe: tuple[Connection, Connection] | None = None
 
     @property
     def slots(self) -> int:
         return _BATCHES_PER_WORKER * self._count
 
     def __enter__(self) -> Self:
-        self._pipe = self._context.Pipe(duplex=False)
+        self._pipe: tuple[Connection, Connection] = self._context.Pipe(duplex=False)
         self._pools = [self._pool() for _ in range(self._count)]
         try:
             for worker, started in enumerate([_submit(pool, os.getpid) for pool in self._pools]):
@@ -350,15 +343,10 @@ class ProcessExecutor(Executor):
     def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
         if not _is_broken(future):
             return FailureKind.CANNOT_RUN
-        running = [
-            next((future for future in futures if _is_broken(future)), None) for futures in self._submitted
-        ]
+        running = [next(filter(_is_broken, futures), None) for futures in self._submitted]
         return FailureKind.WORKER_DIED if future in running else FailureKind.NOT_STARTED
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        assert self._pipe is not None
+    def __exit__(self, kind: ErrorType, error: BaseException | None, trace: TracebackType | None) -> None:
         if kind is not None:
             self._pipe[1].close()  # every worker ends at once
         for pool in self._pools:
@@ -367,10 +355,7 @@ class ProcessExecutor(Executor):
             end.close()
 
     def _pool(self) -> ProcessPoolExecutor:
-        assert self._pipe is not None
-        return ProcessPoolExecutor(
-            1, self._context, initializer=_initialize_worker, initargs=(self._pipe[0],)
-        )
+        return ProcessPoolExecutor(1, self._context, initializer=_watch, initargs=(self._pipe[0],))
 
     def _replace(self, worker: int) -> None:
         self._pools[worker].shutdown(wait=True)
@@ -413,7 +398,7 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _initialize_worker(end: Connection) -> None:
+def _watch(end: Connection) -> None:
     """In a new worker: ignore Ctrl-C, and end with the coordinator."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with, args=(end,), daemon=True).start()

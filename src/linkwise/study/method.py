@@ -118,18 +118,14 @@ def _identify(
     record = subject.measured(clean).with_noise(snr_db, seed=seed)
     estimate = identify(record, subject.stated_structure(seed), method=estimator)
     names = [parameter.name for parameter in estimate.parameters]
-    errors = (
-        np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0))
-        if estimate.grade is not Grade.REFUSED
-        else ()
-    )
+    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0))
+    if estimate.grade is Grade.REFUSED:
+        errors = errors[:0]
+    true, found = subject.true_structure, estimate.structure
     return MethodResult(
         status=estimate.status,
         seconds=estimate.seconds,
-        links={
-            name: nmse(subject.true_structure.link(name), estimate.structure.link(name), clean)
-            for name in subject.judged_links
-        },
+        links={name: nmse(true.link(name), found.link(name), clean) for name in subject.judged_links},
         coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
         standard_errors=dict(zip(names, map(float, errors), strict=False)),
         reason="" if estimate.trusted else estimate.explanation,

@@ -56,21 +56,20 @@ def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[
     truth = subject.true_structure
     score = term_score(structure, truth)
     aligned, links = align_truth(structure, truth), {}
+    found = {frozenset(link.between): link for link in reversed(structure.links)}
     for name in subject.judged_links:
         true = truth.link(name)
-        link = _between(structure, true.between)
+        link = found.get(frozenset(true.between))
         if link is None:
             links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
         else:
             links[name] = nmse(aligned.link(link.name), link, clean)
-    return links, term_counts(score.right, score.missing, score.extra)
+    return links, term_counts(right=score.right, missing=score.missing, extra=score.extra)
 
 
-def term_counts(
-    right: Collection[object], missing: Collection[object], extra: Collection[object]
-) -> dict[str, int]:
-    """The numbers of terms as a row has them."""
-    return {"right": len(right), "missing": len(missing), "extra": len(extra)}
+def term_counts(**terms: Collection[object]) -> dict[str, int]:
+    """The numbers of terms, by how they were judged, as a row has them."""
+    return {judged: len(those) for judged, those in terms.items()}
 
 
 def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
@@ -83,13 +82,7 @@ def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
     refuse_memory(structure.links, method, "maximum likelihood takes it")
     refuse_hosts(structure, method)
     values = zip(structure.masses, structure.mass_values.tolist(), strict=True)
-    return {
-        mass.name: value if mass.unit == LENGTH else f"{value!r} {mass.mass_unit}" for mass, value in values
-    }
-
-
-def _between(structure: Structure, ends: tuple[str, str]) -> Link | None:
-    return next((link for link in structure.links if set(link.between) == set(ends)), None)
+    return {m.name: value if m.unit == LENGTH else f"{value!r} {m.mass_unit}" for m, value in values}
 
 
 @final
@@ -132,9 +125,8 @@ class MonomialMethod(StudyMethod, frozen=True, kw_only=True):
             links[name] = monomial_nmse(fit, structure, name, clean, reading=self.reading)
             d, force = monomial_force(fit, structure, name, clean, reading=self.reading)
             coefficients.update(_coefficients(structure.link(name), d, force))
-        return MethodResult(
-            status=Verdict.CONVERGED.status, seconds=seconds, links=links, coefficients=coefficients
-        )
+        status = Verdict.CONVERGED.status
+        return MethodResult(status=status, seconds=seconds, links=links, coefficients=coefficients)
 
 
 @lru_cache(maxsize=1)
@@ -205,30 +197,19 @@ def true_monomials(structure: Structure) -> set[tuple[str, str]]:
 def _force(link: Link, mass: str, ends: dict[str, str]) -> Expression:
     """What a link adds to M x'' of a mass, with its numbers, in the states of its ends."""
     numbers: dict[str, Expression] = {name: Number(value) for name, value in link.values.items()}
+    signed = zip((1.0, -1.0), link.between, strict=True)
+    moving = [(Number(sign), ends[end]) for sign, end in signed if end != GROUND]
     elongations = {
-        variable: add(*(part for part in _signed(link, kind, ends)))
+        variable: add(*(multiply(sign, Symbol(f"{kind}{tag}")) for sign, tag in moving))
         for variable, kind in zip(VARIABLES, "xv", strict=True)
     }
     sign = Number(-1.0 if mass == link.between[0] else 1.0)
     return multiply(sign, substitute(substitute(link.law.expression, numbers), elongations))
 
 
-def _signed(link: Link, kind: str, ends: dict[str, str]) -> list[Expression]:
-    """The states, "x" or "v", of the ends of a link, the first less the second; the ground has none."""
-    return [
-        multiply(Number(sign), Symbol(f"{kind}{ends[end]}"))
-        for sign, end in zip((1.0, -1.0), link.between, strict=True)
-        if end != GROUND
-    ]
-
-
 def _name(variables: tuple[str, ...], exponents: tuple[int, ...]) -> str:
-    factors = [
-        name + (f"**{exponent}" if exponent > 1 else "")
-        for name, exponent in zip(variables, exponents, strict=True)
-        if exponent
-    ]
-    return "*".join(factors) or "1"
+    powers = [(name, exponent) for name, exponent in zip(variables, exponents, strict=True) if exponent]
+    return "*".join(name if exponent == 1 else f"{name}**{exponent}" for name, exponent in powers) or "1"
 
 
 @final
@@ -312,9 +293,8 @@ class SindyMethod(StudyMethod, frozen=True):
     ) -> MethodResult:
         started = perf_counter()
         full = candidates_for([record], masses, self.terms).full_structure
-        fit = _regressor(self.regressor, self.threshold).fit(
-            link_columns(differentiate(record, self.derivative), full)
-        )
+        equations = link_columns(differentiate(record, self.derivative), full)
+        fit = _regressor(self.regressor, self.threshold).fit(equations)
         seconds = perf_counter() - started
         support = fit.support[:, 0]
         values = np.where(support, fit.coefficients[:, 0], 0.0)
@@ -347,7 +327,7 @@ def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
 
 def _counted(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
     """The numbers of monomials as a row has them."""
-    return term_counts(truth & chosen, truth - chosen, chosen - truth)
+    return term_counts(right=truth & chosen, missing=truth - chosen, extra=chosen - truth)
 
 
 _KIND = 'methods of the kind "pysindy"'
@@ -378,15 +358,13 @@ class PySindyMethod(StudyMethod, frozen=True):
                 f'{_KIND} take no inputs, and the record has {", ".join(record.inputs)}; use the kind "sindy"'
             )
         if len(record) <= self.window:
-            raise IdentificationError(
-                f"{len(record)} samples are too few for smoothed differences over {self.window}"
-            )
+            few = f"{len(record)} samples are too few"
+            raise IdentificationError(f"{few} for smoothed differences over {self.window}")
         library = _pysindy()
         masses, started = subject.true_structure.mass_names, perf_counter()
         tagged = tags(masses)
-        smooth = library.SmoothedFiniteDifference(
-            smoother_kws={"window_length": self.window, "polyorder": min(3, self.window - 1)}
-        )
+        smoother = {"window_length": self.window, "polyorder": min(3, self.window - 1)}
+        smooth = library.SmoothedFiniteDifference(smoother_kws=smoother)
         x = np.column_stack([record.channel(f"x:{mass}") for mass in masses])
         v = np.asarray(smooth(x, record.step))
         a = np.asarray(smooth(v, record.step))
@@ -394,9 +372,8 @@ class PySindyMethod(StudyMethod, frozen=True):
         states = np.stack([x, v], axis=2).reshape(len(x), -1)
         with warnings.catch_warnings():  # where nothing is left of an equation it warns and goes on
             warnings.simplefilter("ignore")
-            columns = np.asarray(
-                library.PolynomialLibrary(degree=self.order).fit_transform(states / np.std(states, axis=0))
-            )
+            scaled = states / np.std(states, axis=0)
+            columns = np.asarray(library.PolynomialLibrary(degree=self.order).fit_transform(scaled))
             targets = a / np.linalg.norm(a, axis=0)
             optimizer = library.STLSQ(threshold=self.threshold, alpha=_RIDGE, normalize_columns=True)
             optimizer.fit(columns, targets)
@@ -415,6 +392,5 @@ def _pysindy() -> Any:
     try:
         return import_module("pysindy")
     except ModuleNotFoundError as error:
-        raise IdentificationError(
-            f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
-        ) from error
+        message = f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
+        raise IdentificationError(message) from error

@@ -81,11 +81,8 @@ def run(study: Study, cases: Sequence[Case], store: Store, executor: Executor, p
     queue = _Queue(study, executor, timing, pending)
 
     def report() -> None:
-        progress(
-            StudyProgress(
-                len(cases) - len(pending) + timing.done, len(cases), timing.rate, timing.left
-            ).report
-        )
+        done = len(cases) - len(pending) + timing.done
+        progress(StudyProgress(done, len(cases), timing.rate, timing.left).report)
 
     report()
     queue.submit()
@@ -155,9 +152,8 @@ class _Queue:
 
 def _killed(study: Study, case: Case) -> CaseResult:
     masses = study.subject(case.structure).structure.size
-    reason = (
-        f"its worker process died {_MOST_DEATHS} times while running it: killed, out of memory, or crashed"
-    )
+    died = f"its worker process died {_MOST_DEATHS} times while running it"
+    reason = f"{died}: killed, out of memory, or crashed"
     return CaseResult(failed_row(case, masses, reason, status=WORKER_DIED), 0.0)
 
 
@@ -223,9 +219,8 @@ def run_study(
     definition = study if isinstance(study, Study) else read_study(study)
     definition = definition.quickly() if quick else definition
     if scheduler is not None and (workers, executor) != (None, None):
-        raise StudyError(
-            "workers are processes of this machine, and a scheduler has workers of its own; give one of the two"
-        )
+        message = "workers are processes of this machine, and a scheduler has workers of its own; give one of the two"
+        raise StudyError(message)
     numbers = re.fullmatch(r"(\d+)/(\d+)", shard or "1/1")
     part, parts = map(int, numbers.groups()) if numbers else (0, 0)
     if not 1 <= part <= parts:
@@ -259,8 +254,7 @@ def _executor(
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise
-        raise StudyError(
-            "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
-        ) from error
+        message = "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
+        raise StudyError(message) from error
     of_cluster: Executor = cluster.DaskExecutor(scheduler)
     return of_cluster

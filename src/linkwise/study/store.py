@@ -100,10 +100,8 @@ def open_store(folder: Path, study: Study) -> Iterator[Store]:
     folder.mkdir(parents=True, exist_ok=True)
     entries = {entry.name for entry in folder.iterdir()}
     if entries and not entries & _OWN:
-        raise StudyError(
-            f"the folder is not empty and does not hold a study (no {DATABASE}); choose another folder",
-            str(folder),
-        )
+        message = f"the folder is not empty and does not hold a study (no {DATABASE}); choose another folder"
+        raise StudyError(message, str(folder))
     with _locked(folder), closing(sqlite3.connect(folder / DATABASE, timeout=60.0)) as database:
         _prepare(folder, database, study)
         yield Store(folder, database)
@@ -175,10 +173,8 @@ def _locked(folder: Path) -> Iterator[None]:
         except sqlite3.OperationalError as error:
             if error.sqlite_errorcode != sqlite3.SQLITE_BUSY:
                 raise StudyError(f"the folder cannot be locked: {error}", str(folder)) from error
-            raise StudyError(
-                "another process is running a study in this folder; wait for it, stop it, or choose another folder",
-                str(folder),
-            ) from None
+            message = "another process is running a study in this folder; wait for it, stop it, or choose another folder"
+            raise StudyError(message, str(folder)) from None
         yield
 
 
@@ -247,26 +243,19 @@ def _unreadable(folder: Path, error: Exception) -> StudyError:
 def differences(before: Any, after: Any, path: str = "") -> list[str]:
     """Sentences on the differences between two documents, with the path of the key."""
     if isinstance(before, dict) and isinstance(after, dict):
-        keys = dict.fromkeys([*before, *after])
+        pairs = {f"{path}.{key}".lstrip("."): key for key in [*before, *after]}
         return [
-            line
-            for key in keys
-            for line in differences(before.get(key), after.get(key), f"{path}.{key}".lstrip("."))
+            line for at, key in pairs.items() for line in differences(before.get(key), after.get(key), at)
         ]
-    if (
-        isinstance(before, list)
-        and isinstance(after, list)
-        and any(isinstance(value, dict) for value in [*before, *after])
-    ):
+    lists = isinstance(before, list) and isinstance(after, list)
+    if lists and any(isinstance(value, dict) for value in [*before, *after]):
         old, new = ({table["name"]: table for table in tables} for tables in (before, after))
         if list(old) == list(new):
             return [line for name in old for line in differences(old[name], new[name], f'{path} "{name}"')]
         before, after = list(old), list(new)
     if before == after:
         return []
-    was, is_ = (
-        "not given" if value is None else json.dumps(value, ensure_ascii=False) for value in (before, after)
-    )
+    was, is_ = ("not given" if v is None else json.dumps(v, ensure_ascii=False) for v in (before, after))
     return [f"{path} was {was}, now {is_}" if len(was) + len(is_) <= _LONG else f"{path} has changed"]
 
 

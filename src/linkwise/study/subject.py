@@ -13,7 +13,6 @@ import numpy as np
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, SimulationError, StudyError
 from linkwise.expression import differentiate, symbols
-from linkwise.model.coefficient import Coefficient
 from linkwise.model.excitation import Excitation, Impulse
 from linkwise.model.link import BASE
 from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
@@ -110,10 +109,8 @@ class Subject:
         for name in self.sensors:
             if name not in _KINDS:
                 self._channel(name, "sensors", _KINDS)
-        for key, check in (
-            ("unknown", lambda: self.unknown_structure.parameters),
-            ("judge", lambda: self.judged_links),
-        ):
+        unknowns = ("unknown", lambda: self.unknown_structure.parameters)
+        for key, check in (unknowns, ("judge", lambda: self.judged_links)):
             try:
                 check()
             except LinkwiseError as error:
@@ -122,8 +119,8 @@ class Subject:
     @cached_property
     def true_structure(self) -> Structure:
         """The structure that is simulated, every coefficient a number."""
-        starts: dict[str, float] = {p.name: p.start for p in self.structure.parameters if p.start is not None}
-        return self.structure.with_values(starts) if starts else self.structure
+        given = self.structure.parameters
+        return self.structure.with_values({p.name: p.start for p in given if p.start is not None})
 
     @property
     def samples_per_period(self) -> float | None:
@@ -153,11 +150,9 @@ class Subject:
         """
         structure, rng = self.unknown_structure, np.random.default_rng([seed, _PRIOR])
         slots = coefficient_slots(structure.masses, structure.links, structure.hosts)
-        stated: dict[str, Coefficient] = {
-            p.name: replace(slots[p.name].coefficient, value=_drawn(p, rng))
-            for p in structure.parameters
-            if math.isfinite(p.sigma)
-        }
+        known = [p for p in structure.parameters if math.isfinite(p.sigma)]
+        drawn: dict[str, float] = {p.name: _drawn(p, rng) for p in known}
+        stated = {name: replace(slots[name].coefficient, value=value) for name, value in drawn.items()}
         if not stated:
             return structure
         masses, links = replace_coefficients(structure.masses, structure.links, slots, stated)
@@ -166,22 +161,13 @@ class Subject:
     @cached_property
     def judged_links(self) -> tuple[str, ...]:
         """The names of the links whose force is compared with the truth."""
+        chosen = self.structure.unknown(*self.judge) if self.judge else self.unknown_structure
+        unknown = [link for link in chosen.links if not all(c.known for c in link.coefficients.values())]
         if self.judge:
-            chosen = self.structure.unknown(*self.judge)
-            return tuple(
-                link.name for link in chosen.links if any(not c.known for c in link.coefficients.values())
-            )
-        unknown = [
-            link
-            for link in self.unknown_structure.links
-            if any(not c.known for c in link.coefficients.values())
-        ]
+            return tuple(link.name for link in unknown)
         joints = [link for link in unknown if link.name not in self.structure.modes]
-        nonlinear = [
-            link
-            for link in joints
-            if link.law.states or "d" in symbols(differentiate(link.law.expression, "d"))
-        ]
+        slopes = {link.name: symbols(differentiate(link.law.expression, "d")) for link in joints}
+        nonlinear = [link for link in joints if link.law.states or "d" in slopes[link.name]]
         return tuple(link.name for link in nonlinear or joints or unknown)
 
     def simulate(self, cycle: int = 0) -> Record:
@@ -231,9 +217,7 @@ class Subject:
         owners = {
             **dict.fromkeys(_ALL, structure.places),
             "f": [link.name for link in structure.links],
-            "state": [
-                f"{structure.links[number].name}.{state}" for number, state in structure.topology.states
-            ],
+            "state": [f"{structure.links[k].name}.{state}" for k, state in structure.topology.states],
         }
         for sensor in self._sensors:
             named = [f"{sensor}:{owner}" for owner in owners[sensor]] if sensor in owners else [sensor]
@@ -283,9 +267,8 @@ class Subject:
         if self.base is not None:
             self._check_time_function("base", base=self.base)
         if (self.base is not None) != bool(self.structure.base_incidence.any()):
-            raise StudyError(
-                'the motion of the base must be given if, and only if, a link ends at "base"', "base"
-            )
+            when = 'if, and only if, a link ends at "base"'
+            raise StudyError(f"the motion of the base must be given {when}", "base")
 
     def _check_release(self, name: str, key: str) -> None:
         channel = self._channel(name, key)
@@ -294,10 +277,8 @@ class Subject:
             raise StudyError(f"a release takes displacements (x) and velocities (v), got {got}", key)
         for host in self.structure.hosts:
             if channel.place in host.points:
-                mode = f"{channel.kind}:{host.coordinates[0]}"
-                raise StudyError(
-                    f"a point moves as the modes of its host do; release these, such as {mode}", key
-                )
+                mode = f"release these, such as {channel.kind}:{host.coordinates[0]}"
+                raise StudyError(f"a point moves as the modes of its host do; {mode}", key)
 
     def _check_time_function(self, key: str, **excitation: Any) -> None:
         try:

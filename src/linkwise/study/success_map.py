@@ -113,12 +113,8 @@ def maps_of(study: Study, table: StudySummary) -> tuple[SuccessMap, ...]:
     answered = {cell.method for cell in table.cells if cell.answers}
     run = {cell.method for cell in table.cells if cell.done}
     judged |= {method.name for method in study.methods if method.looks_for_terms} & (run - answered)
-    return tuple(
-        _map(subjects, method.name, table)
-        for subjects in _alike(study.subjects)
-        for method in study.methods
-        if method.name in judged
-    )
+    names = [method.name for method in study.methods if method.name in judged]
+    return tuple(_map(subjects, name, table) for subjects in _alike(study.subjects) for name in names)
 
 
 def _alike(subjects: Sequence[Subject]) -> list[tuple[Subject, ...]]:
@@ -126,13 +122,11 @@ def _alike(subjects: Sequence[Subject]) -> list[tuple[Subject, ...]]:
     groups: list[tuple[dict[str, object], dict[float, Subject]]] = []
     for subject in subjects:
         document = {key: value for key, value in subject.document().items() if key not in ("name", "rate")}
-        group = next(
-            (rates for known, rates in groups if known == document and subject.rate not in rates), None
-        )
-        if group is None:
-            groups.append((document, {subject.rate: subject}))
-        else:
-            group[subject.rate] = subject
+        open_ = (rates for known, rates in groups if known == document and subject.rate not in rates)
+        group = next(open_, {})
+        if not group:
+            groups.append((document, group))
+        group[subject.rate] = subject
     return [tuple(rates[rate] for rate in sorted(rates)) for _, rates in groups]
 
 

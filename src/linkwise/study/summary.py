@@ -232,13 +232,9 @@ class StudySummary(JudgedView):
             key = row.structure, row.snr_db, row.method
             if row.case in expected.get(key, ()):
                 gathered[key].append(row)
-        return cls(
-            study.name,
-            tuple(
-                _cell(key, study.subject(key[0]).true_structure, len(cases), gathered[key])
-                for key, cases in expected.items()
-            ),
-        )
+        true = {subject.name: subject.true_structure for subject in study.subjects}
+        cells = (_cell(key, true[key[0]], len(cases), gathered[key]) for key, cases in expected.items())
+        return cls(study.name, tuple(cells))
 
     @classmethod
     def of_rows(cls, rows: Iterable[Row]) -> StudySummary:
@@ -257,13 +253,11 @@ class StudySummary(JudgedView):
         gathered: dict[tuple[str, float, str], list[Row]] = defaultdict(list)
         for row in rows:
             gathered[row.structure, row.snr_db, row.method].append(row)
-        return cls(
-            "",
-            tuple(
-                Cell(key[0], inside[0].masses, *key[1:], len(inside), *_answered(inside))
-                for key, inside in gathered.items()
-            ),
-        )
+        cells = [
+            Cell(structure, inside[0].masses, snr_db, method, len(inside), *_answered(inside))
+            for (structure, snr_db, method), inside in gathered.items()
+        ]
+        return cls("", tuple(cells))
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -388,11 +382,11 @@ def _cell(key: tuple[str, float, str], true: Structure, expected: int, rows: Seq
 
 def _answered(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """The rows with and without an answer: an error of forces, or terms that were judged."""
-    answered = [np.isfinite(_error(row)) or row.exact is not None for row in rows]
-    return (
-        tuple(row for row, answer in zip(rows, answered, strict=True) if answer),
-        tuple(row for row, answer in zip(rows, answered, strict=True) if not answer),
-    )
+    answers: list[Row] = []
+    failures: list[Row] = []
+    for row in rows:
+        (answers if np.isfinite(_error(row)) or row.exact is not None else failures).append(row)
+    return tuple(answers), tuple(failures)
 
 
 def _error(row: Row) -> float:
@@ -429,6 +423,12 @@ def study_summary(folder: str | Path) -> StudySummary:
     return StudySummary.of(study, read_rows(folder))
 
 
+_OF_CELL = (
+    "structure", "masses", "snr_db", "method", "cases", "done", "failed", "untrusted", "median", "low", "high", "worst",
+    "coverage", "intervals", "seconds", "exact", "wrong_trusted", "extra_trusted",
+)  # fmt: skip
+
+
 def cell_record(cell: Cell) -> dict[str, Any]:
     """A cell as a table line.
 
@@ -439,26 +439,13 @@ def cell_record(cell: Cell) -> dict[str, Any]:
     with one extra.
     """
     errors = [row.nmse for row in cell.answers if row.nmse is not None]
-    return {
-        "structure": cell.structure,
-        "masses": cell.masses,
-        "snr_db": cell.snr_db,
-        "method": cell.method,
+    other = {
         "cases": cell.expected,
-        "done": cell.done,
         "failed": len(cell.failures),
-        "untrusted": cell.untrusted,
         "median": cell.nmse,
-        "low": cell.low,
-        "high": cell.high,
         "worst": max(errors, default=None),
-        "coverage": cell.coverage,
-        "intervals": cell.intervals,
-        "seconds": cell.seconds,
-        "exact": cell.exact,
-        "wrong_trusted": cell.wrong_trusted,
-        "extra_trusted": cell.extra_trusted,
     }
+    return {name: other[name] if name in other else getattr(cell, name) for name in _OF_CELL}
 
 
 def _line(record: dict[str, Any], judged: bool) -> tuple[str, ...]:

@@ -75,17 +75,14 @@ class ValidatedAnswer:
 
 
 def _exact(why: str) -> str:
-    return (
-        f"The coefficients are taken as exact, since the answer does not say how far they may be off ({why})."
-    )
+    reason = f"the answer does not say how far they may be off ({why})"
+    return f"The coefficients are taken as exact, since {reason}."
 
 
 def _numbers(structure: Structure, file: str | Path = "") -> Structure:
     for parameter in structure.parameters:
-        raise StructureError(
-            f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one",
-            str(file),
-        )
+        message = f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one"
+        raise StructureError(message, str(file))
     return structure
 
 
@@ -151,24 +148,22 @@ def without_found_errors(
     """
     _require_kinds(corrected, record)
     taken_out, remarks = [], []
-    undone = [error for error in errors if error.kind in _ORDER]
+    undone = [error for error in errors if error.kind in _ORDER and error.channel in record.channels]
     for error in sorted(undone, key=lambda error: _ORDER.index(error.kind)):
-        if error.channel not in record.channels:
-            continue
+        name = f"{error.kind} of {error.channel}"
         if error.kind in corrected.get(error.channel, ()):
+            unit = "" if error.unit == "1" else f" {error.unit}"
             remarks.append(
-                f"The {error.kind} of {error.channel} that the answer found, {error.value:.6g}{_unit(error)}, was not "
-                "removed: what is stated of it for this record counts."
+                f"The {name} that the answer found, {error.value:.6g}{unit}, was not removed: what is stated of it for this "
+                "record counts."
             )
             continue
         try:
             record = _without(record, error)
         except RecordError as refusal:
-            remarks.append(
-                f"The {error.kind} of {error.channel} that the answer found was not removed: {refusal}"
-            )
+            remarks.append(f"The {name} that the answer found was not removed: {refusal}")
         else:
-            taken_out.append(f"{error.kind} of {error.channel}")
+            taken_out.append(name)
     if taken_out:
         remarks.append(
             f"Removed from the record, as found by the answer: {', '.join(taken_out)}. If a sensor was exchanged or "
@@ -191,20 +186,13 @@ def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> No
     for channel, kinds in corrected.items():
         wrong = next((kind for kind in kinds if kind not in _ORDER), None)
         if wrong is not None or channel not in record.channels:
-            reason = (
-                f"the {wrong} of a channel; choose from {', '.join(_ORDER)}"
-                if wrong
-                else "a channel of the record"
-            )
+            of_kind = f"the {wrong} of a channel; choose from {', '.join(_ORDER)}"
+            reason = of_kind if wrong else "a channel of the record"
             raise IdentificationError(
                 f"corrected takes errors that the record is without, by channel, got {channel}: {', '.join(kinds)}, which is "
                 f"not {reason}",
                 arguments=("corrected",),
             )
-
-
-def _unit(error: SensorErrorEstimate) -> str:
-    return "" if error.unit == "1" else f" {error.unit}"
 
 
 def _without(record: Record, error: SensorErrorEstimate) -> Record:
@@ -216,12 +204,12 @@ def _without(record: Record, error: SensorErrorEstimate) -> Record:
         record = without_delays(record, {error.channel: error.value})
     elif error.kind == "offset":
         values[:, column] -= error.value
-        record = replace(record, values=values)
     elif error.value > 0.0:
         values[:, column] /= error.value
-        record = replace(record, values=values)
     else:
         raise RecordError(f"a gain must be positive, got {error.value:g}")
+    if error.kind != "delay":
+        record = replace(record, values=values)
     stated = record.uncertainty.get(error.channel, SensorUncertainty())
     known = replace(stated, **{error.kind: error.standard_error})
     return replace(record, uncertainty={**record.uncertainty, error.channel: known})
@@ -233,10 +221,9 @@ LEVEL = 1e-3  # probability that a right answer is said to disagree
 def uncertain(posterior: Posterior) -> Structure:
     """The structure with its uncertain coefficients as unknowns."""
     masses = posterior.structure.mass_names
-    selectors = []
-    for name in posterior.names:
-        selectors.append(f"mass:{name.owner}" if name.key == MASS and name.owner in masses else name)
-    return posterior.structure.unknown(*selectors)
+    of_masses = [name.key == MASS and name.owner in masses for name in posterior.names]
+    named = zip(posterior.names, of_masses, strict=True)
+    return posterior.structure.unknown(*(f"mass:{name.owner}" if mass else name for name, mass in named))
 
 
 def estimated_again(record: Record, posterior: Posterior, progress: Progress) -> Estimate:
@@ -309,10 +296,8 @@ def sensor_noise(record: Record) -> dict[str, float]:
     within one would pass for quiet, unless nothing is left between them.
     """
     noise = _estimated(record, _LONGEST)
-    if any(sigma == 0.0 for sigma in noise.values()):
-        noise |= {
-            name: sigma for name, sigma in _estimated(record, len(record)).items() if noise[name] == 0.0
-        }
+    if not all(noise.values()):
+        noise = {name: noise[name] or sigma for name, sigma in _estimated(record, len(record)).items()}
     floor = {name: _FLOOR * float(np.sqrt(np.nanmean(record.channel(name) ** 2))) for name in noise}
     return {name: max(sigma, floor[name]) for name, sigma in noise.items()}
 

@@ -126,16 +126,15 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     frame = framed(given, structure)
     record, channels = frame.record, frame.record.responses
     if not 2 <= settling < len(record):
-        raise RecordError(
-            f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
-        )
+        message = f"settling must be at least 2 and leave samples to compare, got {settling} of {len(record)} samples"
+        raise RecordError(message)
     for name in channels:
         present = ~np.isnan(record.channel(name))
         if not (present[:settling].any() and present[settling:].any()):
-            raise RecordError(
-                f"has no sample among the first {settling}, which determine the state, or none after them",
-                channel=name,
+            message = (
+                f"has no sample among the first {settling}, which determine the state, or none after them"
             )
+            raise RecordError(message, channel=name)
     state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)
     run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
     motion = replace(run, start=record.start).select(channels)
@@ -166,9 +165,8 @@ def _inputs(record: Record, samples: int) -> dict[Channel, Sampled]:
             continue
         values = record.channel(name)
         if np.isnan(values).any():
-            raise RecordError(
-                "samples are missing, and an input drives the motion: fill them first", channel=name
-            )
+            message = "samples are missing, and an input drives the motion: fill them first"
+            raise RecordError(message, channel=name)
         order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
         inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
     return inputs
@@ -184,18 +182,14 @@ def _run(
 ) -> Record:
     released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
     released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
-    named = {
-        kind: {channel.place: signal for channel, signal in inputs.items() if channel.kind == kind}
-        for kind in ("force", "signal")
-    }
     return simulate(
         structure,
         duration=(samples - 1) / rate,
         rate=rate,
         sensors=channels,
         release=dict(zip(released, state.tolist(), strict=True)),
-        forces=named["force"],
-        signals={name: named["signal"][name] for name in structure.signals},
+        forces={channel.place: signal for channel, signal in inputs.items() if channel.is_force},
+        signals={name: inputs[Channel("signal", name)] for name in structure.signals},
         base=inputs.get(Channel("x", BASE)),
     )
 
@@ -218,9 +212,8 @@ def _initial_state(
         steps = _RELATIVE_STEP * np.eye(len(guess))
         return np.stack([(residual(relative + step) - unmoved) / _RELATIVE_STEP for step in steps], axis=1)
 
-    return np.asarray(
-        guess + scale * scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
-    )
+    found = scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
+    return np.asarray(guess + scale * found)
 
 
 def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats]:
@@ -249,9 +242,8 @@ def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
 _GROWN = 10.0  # times that over the burn: what is as uncertain from the start has not grown
 _STAYS = 0.5  # of the time that follows, as long as the burn: an uncertainty that passes is not the end
-_BEGINNING = (
-    5_000  # samples: chaos loses the state in fewer, and the runs through a long record need not be made
-)
+# samples: chaos loses the state in fewer, and the runs through a long record need not be made
+_BEGINNING = 5_000
 _FEWEST = 50  # samples of that time at least: after a shorter burn the uncertainty grows for as long without any chaos
 _SHORTEST = 4  # samples that a window predicts at least
 _LONGEST = 8  # windows at least
@@ -281,6 +273,11 @@ class Prediction:
     starts: int = 1
     window: float | None = None
     horizon: float | None = None
+
+    @property
+    def variance(self) -> Floats:
+        """The variance (N, C) of the prediction, of all that is not exact."""
+        return self.by_state + self.by_coefficients + self.by_laws
 
 
 def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
@@ -345,13 +342,21 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
     states = [*truth.displacement.T, *truth.velocity.T, *truth.states.values()]
-    base = record.channel(f"x:{BASE}") if f"x:{BASE}" in record.channels else None
+    predicted = run.select(channels).values.copy()
+    predicted[:burn] = np.nan
     return Prediction(
-        _after(run.select(channels).values, burn),
+        predicted,
         *predictor.variances_along(np.array(states), root, start.state_by_coefficients[0]),
-        d=structure.elongations(truth.displacement, base),
-        v=structure.elongations(truth.velocity, None if base is None else np.gradient(base, record.step)),
+        *_along(record, structure, truth.displacement, truth.velocity),
     )
+
+
+def _along(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """(N, L) elongations in m and rates in m/s of the links, from displacements and velocities (N, n) of the masses."""
+    if f"x:{BASE}" not in record.channels:
+        return structure.elongations(x, None), structure.elongations(v, None)
+    base = record.channel(f"x:{BASE}")
+    return structure.elongations(x, base), structure.elongations(v, np.gradient(base, record.step))
 
 
 def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) -> Prediction:
@@ -385,14 +390,12 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
 
     motion = joined(prediction.motion)
-    base = record.channel(f"x:{BASE}") if f"x:{BASE}" in record.channels else None
     return Prediction(
         predicted=joined(prediction.predicted),
         by_state=joined(prediction.by_state),
         by_coefficients=joined(prediction.by_coefficients),
         by_laws=joined(prediction.by_laws),
-        d=structure.elongations(motion[:, 0], base),
-        v=structure.elongations(motion[:, 1], None if base is None else np.gradient(base, record.step)),
+        **dict(zip("dv", _along(record, structure, motion[:, 0], motion[:, 1]), strict=True)),
         starts=len(firsts),
         window=samples * record.step,
         horizon=horizon * record.step,
@@ -404,12 +407,6 @@ def _ahead(values: Floats | Bools, samples: int) -> Floats:
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0, dtype=float)
     ends = np.minimum(np.arange(len(values)) + samples, len(values))
     return np.asarray((total[ends] - total[:-1]) / (ends - np.arange(len(values)))[:, None])
-
-
-def _after(values: Floats, burn: int) -> Floats:
-    late = values.copy()
-    late[:burn] = np.nan
-    return late
 
 
 _SUBSTEPS = 8  # between samples
@@ -473,12 +470,8 @@ def rig_prediction(
 
 def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
     """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
-    weights = np.concatenate(
-        [
-            np.where(np.arange(len(problem.cell(number))) < burn, 1.0 / noise[link], 0.0)
-            for number, (_, link, _) in enumerate(problem.states)
-        ]
-    )
+    cells = [(len(problem.cell(number)), link) for number, (_, link, _) in enumerate(problem.states)]
+    weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / noise[link], 0.0) for n, link in cells])
     start = np.zeros(problem.size)
     paths = problem.paths(start)
     if not all(path.converged for path in paths):

@@ -290,9 +290,7 @@ class Validation(JudgedView):
             return (Verdict.PREDICTION_DISAGREES,)
         if self.refuted:
             return (Verdict.LAWS_REFUTED,)
-        tested = self.coefficients or any(
-            not channel.is_vacuous or channel.nmse_percent < _SHOWN for channel in channels
-        )
+        tested = self.coefficients or any(not c.is_vacuous or c.nmse_percent < _SHOWN for c in channels)
         return (Verdict.PREDICTION_AGREES if tested else Verdict.PREDICTION_NOT_TESTED,)
 
     @property
@@ -355,15 +353,7 @@ class Validation(JudgedView):
             "free_run": self.free_run,
             "windows": {"count": self.windows, "length": self.window},
             "horizon": self.horizon,
-            "where": {
-                entry.quantity: {
-                    "unit": entry.unit,
-                    "edges": entry.edges.tolist(),
-                    "error_percent": entry.error_percent.tolist(),
-                    "samples": entry.samples.tolist(),
-                }
-                for entry in self.profiles
-            },
+            "where": {entry.quantity: _bins(entry) for entry in self.profiles},
             "refittable": list(self.refittable),
             "coefficients": {entry.name: _plain(entry) for entry in self.coefficients},
             "model_error_percent": 100.0 * self.model_error,
@@ -380,6 +370,12 @@ class Validation(JudgedView):
         if self.findings:
             blocks.append("\n".join(remark_lines(entry) for entry in self.findings))
         return "\n\n".join(blocks)
+
+
+def _bins(profile: ErrorProfile) -> dict[str, Any]:
+    """A profile as plain data."""
+    bins = {"edges": profile.edges, "error_percent": profile.error_percent, "samples": profile.samples}
+    return {"unit": profile.unit, **{name: values.tolist() for name, values in bins.items()}}
 
 
 def _plain(entry: ChannelPrediction | CoefficientAgreement) -> dict[str, Any]:
@@ -402,14 +398,11 @@ def headline(validation: Validation) -> tuple[str, ...]:
             f"The motion is chaotic: an error of the state hides it after {validation.horizon:.3g} s. {validation.windows} "
             f"runs of {validation.window:.3g} s each"
         )
-    refit = (
-        f"Nothing was estimated again: a refit (--refit, refit=True) would free {listed(validation.refittable)}.",
-    )
-    return (
-        validation.verdicts[0].value,
-        f"{run}, after {validation.burn:.4g} s that determine the state and are not scored.",
-        *(refit if validation.refittable else ()),
-    )
+    burn = f"{run}, after {validation.burn:.4g} s that determine the state and are not scored."
+    if not validation.refittable:
+        return validation.verdicts[0].value, burn
+    refit = f"a refit (--refit, refit=True) would free {listed(validation.refittable)}"
+    return validation.verdicts[0].value, burn, f"Nothing was estimated again: {refit}."
 
 
 def channel_rows(validation: Validation) -> list[tuple[str, ...]]:

@@ -83,12 +83,9 @@ def _largest_rate(shown: Floats, step: float) -> Floats:
 
 def unknown_sensors(record: Record) -> tuple[str, ...]:
     """A sentence on errors of sensors that are unknown, which a prediction cannot count."""
-    names = [
-        f"{kind} of {name}"
-        for name, known in record.uncertainty.items()
-        for kind in ("gain", "offset", "delay")
-        if isinf(getattr(known, kind))
-    ]
+    names = []
+    for name, known in record.uncertainty.items():
+        names += [f"{kind} of {name}" for kind, sigma in vars(known).items() if isinf(sigma)]
     return (f"Errors taken as zero, though stated as unknown: {', '.join(names)}.",) if names else ()
 
 
@@ -164,9 +161,7 @@ def error_profiles(record: Record, structure: Structure, prediction: Prediction)
         of_d, of_v = link.law.motion_units
         quantities.append((f"d of {link.name}", of_d, prediction.d[:, number]))
         quantities.append((f"v of {link.name}", of_v, prediction.v[:, number]))
-    return tuple(
-        _profile(quantity, unit, values[scored], square[scored]) for quantity, unit, values in quantities
-    )
+    return tuple(_profile(name, unit, values[scored], square[scored]) for name, unit, values in quantities)
 
 
 def _profile(quantity: str, unit: str, values: Floats, square: Floats) -> ErrorProfile:
@@ -294,9 +289,8 @@ def validate(
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
     predicted = _on_rig if structure.on_rig else _in_motion
-    samples, prediction, steps, noise = predicted(
-        scored, given, burn, law_error, part(progress, 0.0, 0.6 if refit else 1.0)
-    )
+    first = part(progress, 0.0, 0.6 if refit else 1.0)
+    samples, prediction, steps, noise = predicted(scored, given, burn, law_error, first)
     refittable = () if posterior is None else refittable_names(posterior)
     agreed: tuple[CoefficientAgreement, ...] = ()
     refuted = False
@@ -311,7 +305,7 @@ def validate(
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
     prediction = with_stated_sensors(prediction, scored)
     sigma = np.array([noise[name] for name in scored.responses])
-    deviation = np.sqrt(sigma**2 + prediction.by_state + prediction.by_coefficients + prediction.by_laws)
+    deviation = np.sqrt(sigma**2 + prediction.variance)
     deviation[np.isnan(prediction.predicted)] = np.nan
     return Validation(
         structure=structure,
@@ -342,9 +336,8 @@ def _in_motion(
     frame = framed(scored, structure)
     used = frame.record
     if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
-        raise RecordError(
-            "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
-        )
+        message = "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
+        raise RecordError(message)
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
@@ -363,8 +356,7 @@ def _on_rig(
     samples = _burn_samples(scored, burn)
     prediction, noise = rig_prediction(scored, given.structure, given.posterior, samples, law_error)
     progress(ProgressReport(1.0, "forces along the motion"))
-    variance = prediction.by_state + prediction.by_coefficients + prediction.by_laws
-    variance[np.isnan(prediction.predicted)] = np.nan
+    variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variance)
     return samples, prediction, (prediction.predicted, variance), noise
 
 
@@ -385,20 +377,16 @@ def _usable(record: Record, structure: Structure) -> Record:
                 channel=name,
             )
         if np.isnan(record.channel(name)).any():
-            raise RecordError(
-                "samples are missing, and an input drives the motion: fill them first", channel=name
-            )
+            message = "samples are missing, and an input drives the motion: fill them first"
+            raise RecordError(message, channel=name)
     return record.select([*record.inputs, *responses])
 
 
 def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
     """A sentence on responses that no prediction is compared with."""
     unscored = [name for name in record.responses if name not in scored.channels]
-    if not unscored:
-        return ()
-    return (
-        f"{', '.join(unscored)} were not scored: a validation predicts what the structure's masses and links show.",
-    )
+    predicted = "a validation predicts what the structure's masses and links show"
+    return (f"{', '.join(unscored)} were not scored: {predicted}.",) if unscored else ()
 
 
 def _failed_alone(again: Estimate) -> str:
@@ -411,9 +399,8 @@ def _failed_alone(again: Estimate) -> str:
 
 def _law_error(part_of_force: float) -> float:
     if not (math.isfinite(part_of_force) and part_of_force >= 0.0):
-        raise IdentificationError(
-            f"model_error must be 0 or a positive part of the forces, got {part_of_force:g}"
-        )
+        message = f"model_error must be 0 or a positive part of the forces, got {part_of_force:g}"
+        raise IdentificationError(message)
     return part_of_force
 
 

@@ -77,9 +77,8 @@ class WindowPredictor:
         size = max(1, _NUMBERS // (samples * count * (count + len(self.values) + 1)))
         parts = [firsts[first : first + size] for first in range(0, len(firsts), size)]
         refine = setup.refinement(firsts, samples)
-        pieces = [
-            _predicted(setup, part, (burn, samples, refine), self.root, self.law_error) for part in parts
-        ]
+        lengths = burn, samples, refine
+        pieces = [_predicted(setup, part, lengths, self.root, self.law_error) for part in parts]
         return WindowPrediction(
             *(np.concatenate([piece[i] for piece in pieces], axis=-1) for i in range(6)),
             *(np.concatenate([piece[i] for piece in pieces], axis=0) for i in (6, 7)),
@@ -115,26 +114,18 @@ class WindowPredictor:
             for k in range(len(some)):
                 of_laws = [shown[..., k].ravel() for shown, _ in changes]
                 total = np.vstack([moved, fixed])
-                shown = (
-                    slopes[k] @ total,
-                    slopes[k, :, : len(prior)] @ by_laws
-                    + np.transpose(of_laws or np.zeros((0, len(slopes[k])))),
-                )
-                parts.append(
-                    [
-                        np.sum(part**2, axis=1)
-                        for part in (shown[0][:, : len(root)], shown[0][:, len(root) :], shown[1])
-                    ]
-                )
+                by_both = slopes[k] @ total
+                by_forces = slopes[k, :, : len(prior)] @ by_laws
+                by_forces += np.transpose(of_laws or np.zeros((0, len(slopes[k]))))
+                shown = by_both[:, : len(root)], by_both[:, len(root) :], by_forces
+                parts.append([np.sum(part**2, axis=1) for part in shown])
                 by_laws = ends[k, :, : len(prior)] @ by_laws
                 for number, (_, end) in enumerate(changes):
                     by_laws[:, number] += end[:, k] / setup.prior
                 moved = np.clip(ends[k] @ total, -_FARTHEST, _FARTHEST)
-        shape = (-1, len(self.sigma))
-        by_start, by_theta, by_forces = (
-            np.concatenate(part).reshape(shape)[:count] for part in zip(*parts, strict=True)
-        )
-        return by_start, by_theta, by_forces
+        joined = map(np.concatenate, zip(*parts, strict=True))
+        by_start, by_theta, by_force = (part.reshape(-1, len(self.sigma))[:count] for part in joined)
+        return by_start, by_theta, by_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +235,8 @@ class _Setup:
         most = min(samples, 64)
 
         def shown(refine: int) -> Floats:
-            return self.shown(
-                self.run(self.guess[..., some], self.inputs(some, most, refine), most, refine), refine
-            )
+            orbit = self.run(self.guess[..., some], self.inputs(some, most, refine), most, refine)
+            return self.shown(orbit, refine)
 
         refine, coarse = 1, shown(1)
         while refine < _MAX_REFINEMENT:
@@ -268,9 +258,7 @@ def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
     values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
     if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
         sample = np.minimum(np.floor(index[:, len(POINTS) // 2]).astype(int), len(values) - 1)
-        return (
-            np.zeros(index.shape) if order else np.broadcast_to(values[sample][:, None], index.shape).copy()
-        )
+        return np.zeros(index.shape) + (0.0 if order else values[sample][:, None])
     signal = interpolated(0.0, record.rate, values, kind)
     time = index / record.rate
     inside = np.minimum(time, signal.end)
@@ -307,28 +295,19 @@ def _predicted(
     total = slopes[..., m:] + slopes[..., :m] @ follow
     by_theta = np.sum((total @ unit_root) ** 2, axis=2)
     shape = (K, samples, C)
+    changes = _changed_by_laws(setup, nodes, inputs, orbit, (samples, refine, law_error))
+    motion = orbit.states[: len(orbit.middle_links) : refine].copy()
+    motion[:, 1] *= refine * setup.record.rate
     return (
         setup.shown(orbit, refine),
         by_state.reshape(shape).transpose(1, 2, 0),
         by_theta.reshape(shape).transpose(1, 2, 0),
-        sum(
-            (
-                change**2
-                for change, _ in _changed_by_laws(setup, nodes, inputs, orbit, (samples, refine, law_error))
-            ),
-            np.zeros((samples, C, K)),
-        ),
-        _motion(setup, orbit, refine),
+        sum((change**2 for change, _ in changes), np.zeros((samples, C, K))),
+        motion,
         nodes,
         setup.prior[:, None] * state_root,
         setup.prior[:, None] * follow / theta_unit(setup.theta),
     )
-
-
-def _motion(setup: _Setup, orbit: Trajectories, refine: int) -> Floats:
-    states = orbit.states[: len(orbit.middle_links) : refine].copy()
-    states[:, 1] *= refine * setup.record.rate
-    return states
 
 
 def _changed_by_laws(

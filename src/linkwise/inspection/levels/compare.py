@@ -94,7 +94,7 @@ def compare_levels(
     records = [forces_bridged(record) for record in given]
     _require_same_channels(records)
     forced = bool(records[0].forces)
-    channel = None if forced else _loudest(records[0])
+    channel = None if forced else _loudest(records[0], records[0].motions)
     levels = np.array([_level(record, channel) for record in records])
     order = np.argsort(levels, kind="stable").tolist()
     ordered = [records[place] for place in order]
@@ -112,9 +112,8 @@ def compare_levels(
     else:
         start = decaying_modes(decay_of(complete[0]), channel_noise(ordered[0]))
     if not len(start):
-        raise RecordError(
-            "no mode stands above the noise at the lowest level; excite the structure more strongly"
-        )
+        message = "no mode stands above the noise at the lowest level; excite the structure more strongly"
+        raise RecordError(message)
     every = refined_modes(measured[0], *start.T)
     selected = np.arange(len(every.damping)) if modes is not None else _followed(every)
     frequencies, damping = every.frequencies[selected], every.damping[selected]
@@ -163,15 +162,13 @@ def _level(record: Record, channel: str | None) -> float:
     return max(float(np.nanmax(np.abs(record.channel(name)))) for name in names)
 
 
-def _loudest(record: Record) -> str:
-    """The motion that stands farthest above its noise."""
+def _loudest(record: Record, motions: Sequence[str]) -> str:
+    """The one of some motions that stands farthest above its noise."""
     noise = channel_noise(record)
-    shown = record.motions
-    if not shown:
-        raise IdentificationError(
-            f"modes need a motion, such as a:beam.tip; the channels are {', '.join(record.channels)}"
-        )
-    return max(shown, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name]))
+    if not motions:
+        listed = ", ".join(record.channels)
+        raise IdentificationError(f"modes need a motion, such as a:beam.tip; the channels are {listed}")
+    return max(motions, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name]))
 
 
 def _measurement(record: Record, *, forced: bool) -> ModalMeasurement:
@@ -209,12 +206,9 @@ def _require_same_channels(records: Sequence[Record]) -> None:
 def _followed(refined: RefinedModes) -> Indices:
     """The numbers of the modes that are well determined, at most those that respond most, in the order of frequencies."""
     size = np.abs(refined.residues).max(axis=(1, 2)) if refined.residues.size else refined.free.max(axis=1)
-    errors = refined.relative_errors
-    firm = (
-        (refined.damping > UNDAMPED)
-        & (errors[:, 0] < OF_BANDWIDTH * refined.damping)
-        & (errors[:, 1] < OF_DAMPING)
-    )
+    of_frequency, of_damping = refined.relative_errors.T
+    firm = (of_frequency < OF_BANDWIDTH * refined.damping) & (of_damping < OF_DAMPING)
+    firm &= refined.damping > UNDAMPED
     some = np.flatnonzero(firm) if firm.any() else np.arange(len(size))
     return np.sort(some[np.argsort(-(size / refined.damping)[some])][:_MOST])
 
@@ -223,7 +217,4 @@ def _channels(record: Record) -> tuple[str, str]:
     """The largest force, and a response where it acts, or else that which stands farthest above its noise."""
     force = max(record.forces, key=lambda name: float(np.mean(record.channel(name) ** 2)))
     at_force = [channel for channel in record.motions if channel.place == force.place]
-    noise = channel_noise(record)
-    return max(
-        at_force or record.motions, key=lambda name: float(np.nanstd(record.channel(name)) / noise[name])
-    ), force
+    return _loudest(record, at_force or record.motions), force

@@ -202,10 +202,8 @@ def differ(
     values: ArrayLike, errors: ArrayLike, others: ArrayLike, other_errors: ArrayLike, least: float
 ) -> Bools:
     """Whether `values` differ from `others` by more than errors, and by more than `least` of the others."""
-    change = np.abs(np.subtract(values, others))
-    return np.asarray(
-        (change > SIGNIFICANT * np.hypot(errors, other_errors)) & (change > least * np.abs(others))
-    )
+    certain, matters = SIGNIFICANT * np.hypot(errors, other_errors), least * np.abs(others)
+    return np.asarray(np.abs(np.subtract(values, others)) > np.maximum(certain, matters))
 
 
 SILENT = 0.01
@@ -274,9 +272,8 @@ class RingDown:
         chi_square = np.sum(((values - mean[:, None]) / errors) ** 2, axis=1)
         significant = scipy.stats.chi2.sf(chi_square, values.shape[1] - 1) < _CHANCE
         first, last = self.ends[0]
-        return bool(
-            np.any(significant & (np.abs(first - last) > np.array([FREQUENCY, DAMPING]) * np.abs(last)))
-        )
+        matters = np.abs(first - last) > np.array([FREQUENCY, DAMPING]) * np.abs(last)
+        return bool(np.any(significant & matters))
 
     @property
     def ends(self) -> Floats:
@@ -371,11 +368,8 @@ def _separate(modes: RefinedModes) -> Floats:
     separate: list[int] = []
     for mode in np.argsort(modes.damping).tolist():
         distances = np.abs(modes.frequencies[mode] - modes.frequencies[separate])
-        if (
-            share[mode] > _LEAST_AMPLITUDE
-            and modes.damping[mode] < _RINGS
-            and np.all(distances > half[mode] + half[separate])
-        ):
+        rings = share[mode] > _LEAST_AMPLITUDE and modes.damping[mode] < _RINGS
+        if rings and np.all(distances > half[mode] + half[separate]):
             separate.append(mode)
     return np.stack([modes.frequencies[separate], modes.damping[separate]], axis=1)
 

@@ -119,12 +119,9 @@ class LevelComparison(JudgedView):
         tuple of int
             Numbers of modes, from 1.
         """
-        has_moved = np.zeros(self.frequencies.shape[1], dtype=bool)
-        for values, errors, least in (
-            (self.frequencies, self.frequency_errors, FREQUENCY),
-            (self.damping, self.damping_errors, DAMPING),
-        ):
-            has_moved |= differ(values[level], errors[level], values[0], errors[0], least)
+        f, df, d, dd = self.frequencies, self.frequency_errors, self.damping, self.damping_errors
+        has_moved = differ(f[level], df[level], f[0], df[0], FREQUENCY)
+        has_moved |= differ(d[level], dd[level], d[0], dd[0], DAMPING)
         return tuple(int(mode) + 1 for mode in np.flatnonzero(has_moved & ~self.lost[level]))
 
     @property
@@ -144,10 +141,8 @@ class LevelComparison(JudgedView):
         decays_move = any(ring.moves for ring in self.ring_downs)
         # from the first level on at which they move, errors are those of motion that is not linear
         below = slice(0 if decays_move and len(self.levels) == 1 else first)
-        unclear = (self.frequency_errors > OF_BANDWIDTH * self.damping * self.frequencies) | (
-            self.damping_errors > OF_DAMPING * self.damping
-        )
-        unclear |= self.lost
+        unclear = self.frequency_errors > OF_BANDWIDTH * self.damping * self.frequencies
+        unclear |= (self.damping_errors > OF_DAMPING * self.damping) | self.lost
         excess = np.maximum(self.left - self.noise, 0.0)
         grown = excess > _GROWTH * excess[0] + self.noise + self.noise[0]
         holds = {
@@ -271,16 +266,14 @@ def mode_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
 
 def distortion_rows(comparison: LevelComparison) -> list[tuple[str, ...]]:
     """A row for each level with a periodic force."""
-    rows: list[tuple[str, ...]] = [
-        ("distortion of", comparison.level_name, "period, s", "odd, dB", "even, dB", "scatter, dB")
-    ]
-    for level, distortion in zip(comparison.levels, comparison.distortions, strict=True):
-        if distortion is not None:
-            sizes = (
-                "" if size is None else f"{size:.1f}"
-                for size in (distortion.odd, distortion.even, distortion.noise)
+    title = ("distortion of", comparison.level_name, "period, s", "odd, dB", "even, dB", "scatter, dB")
+    rows: list[tuple[str, ...]] = [title]
+    for level, found in zip(comparison.levels, comparison.distortions, strict=True):
+        if found is not None:
+            powers = (
+                "" if power is None else f"{power:.1f}" for power in (found.odd, found.even, found.noise)
             )
-            rows.append((distortion.channel, f"{level:.3g}", f"{distortion.period:.4g}", *sizes))
+            rows.append((found.channel, f"{level:.3g}", f"{found.period:.4g}", *powers))
     return rows
 
 
@@ -302,7 +295,7 @@ def gaps_text(comparison: LevelComparison) -> str:
     """What of gaps was bridged, and which channels ring-downs leave out for longer ones; empty where nothing is missing."""
     sentences = []
     if comparison.bridged:
-        counts = ", ".join(_bridged(gaps) for gaps in comparison.bridged)
+        counts = ", ".join(f"{gaps.samples} of {gaps.channel} ({gaps.record})" for gaps in comparison.bridged)
         sentences.append(f"Missing samples, at most six in a row, are interpolated: {counts}.")
     names = comparison.with_gaps
     if names:
@@ -311,10 +304,6 @@ def gaps_text(comparison: LevelComparison) -> str:
             "row, and no mode is followed there as it rings down."
         )
     return " ".join(sentences)
-
-
-def _bridged(gaps: BridgedGaps) -> str:
-    return f"{gaps.samples} of {gaps.channel} ({gaps.record})"
 
 
 def ring_name(ring: RingDown) -> str:

@@ -7,7 +7,7 @@ Brent's method on the interpolant of the step.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -19,10 +19,10 @@ from linkwise.arrays import Bools, Floats
 from linkwise.expression import Expression, Number, Program, Symbol, add, call, multiply, power
 from linkwise.simulation.integrator.formulas import (
     SCALE,
+    CompiledSystem,
     Formula,
     MotionFormulas,
     Outcome,
-    ParameterLayout,
     Placement,
     Propagation,
     SystemShape,
@@ -103,11 +103,8 @@ class _Evaluation:
         self.parameters = np.zeros((size, lanes))
         self._time, self._state = np.zeros(lanes), np.zeros((len(variables), lanes))
         self._out = np.zeros((len(formulas), lanes))
-        names = [
-            "time",
-            *(variable.tree.name for variable in variables),
-            *(f"parameter {i}" for i in range(size)),
-        ]
+        states = [variable.tree.name for variable in variables]
+        names = ["time", *states, *(f"parameter {i}" for i in range(size))]
         program = Program([formula.tree for formula in formulas], names)
         arrays = [self._time, *self._state, *self.parameters]
         self._operations = program.into(arrays, list(self._out)) if formulas else []
@@ -253,12 +250,8 @@ class DormandPrince:
             after = self._watched(look, dense)
             crossed = np.flatnonzero(before * after < 0.0)
             if crossed.size:
-                roots = [
-                    brentq(
-                        lambda t, one=one: self._watched(t, dense)[one], last, look, xtol=1e-300, rtol=1e-15
-                    )
-                    for one in crossed.tolist()
-                ]
+                found = partial(brentq, a=last, b=look, xtol=1e-300, rtol=1e-15)
+                roots = [found(lambda t, one=one: self._watched(t, dense)[one]) for one in crossed.tolist()]
                 return float(min(roots))
             last, before = look, after
         return None
@@ -324,10 +317,8 @@ class DormandPrinceBatch:
         for lane in range(shape[1]):
             of_motion = slice(self._motion_size), lane
             absolute[of_motion] = _absolute(self._state[of_motion], rates[of_motion], self._masses)
-        start = self._state.ravel()
-        solver = DOP853(
-            self._rates.flat, self._time, start, times[-1], rtol=_TOLERANCE, atol=absolute.ravel()
-        )
+        start, errors = self._state.ravel(), {"rtol": _TOLERANCE, "atol": absolute.ravel()}
+        solver = DOP853(self._rates.flat, self._time, start, times[-1], **errors)
         reached = 0
         for _ in range(most_steps):
             if solver.status != "running":
@@ -357,53 +348,30 @@ class DormandPrinceBatch:
         for look in start + _LOOKS * (end - start):
             after = self._levels(look, dense(look))
             for level, lane in np.argwhere(before * after < 0.0).tolist():
-                time = brentq(
-                    lambda t, at=(level, lane): self._levels(t, dense(t))[at],
-                    last,
-                    look,
-                    xtol=1e-300,
-                    rtol=1e-13,
-                )
+
+                def beyond(t: float, at: tuple[int, int] = (level, lane)) -> float:
+                    return float(self._levels(t, dense(t))[at])
+
+                time = brentq(beyond, last, look, xtol=1e-300, rtol=1e-13)
                 self.crossings[level].append((lane, float(time)))
             last, before = look, after
 
 
 @final
-class ScipySystem:
+class ScipySystem(CompiledSystem):
     """The integrators of one shape, see `formulas.CompiledSystem`."""
 
     def __init__(self, shape: SystemShape) -> None:
-        self._motion = MotionFormulas(shape, TreeAlgebra())
-        self.layout: ParameterLayout = self._motion.layout
-        self.kinks = self._motion.kinks
-        self.extended = None
-        self._batches: dict[tuple[int, tuple[int, ...]], DormandPrinceBatch] = {}
+        super().__init__(MotionFormulas(shape, TreeAlgebra()))
 
-    def link_of(self, kink: int) -> int | None:
-        return self._motion.link_of(kink)
+    def _integrator(self, *, events: bool) -> DormandPrince:
+        return DormandPrince(self._motion, range(self.kinks) if events else ())
 
-    @cached_property
-    def double(self) -> DormandPrince:
-        return DormandPrince(self._motion, range(self.kinks))
+    def _batch(self, lanes: int, watched: tuple[int, ...]) -> DormandPrinceBatch:
+        return DormandPrinceBatch(self._motion, lanes, watched)
 
-    @cached_property
-    def without_events(self) -> DormandPrince:
-        return DormandPrince(self._motion, ()) if self.kinks else self.double
-
-    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> DormandPrinceBatch:
-        if (lanes, watched) not in self._batches:
-            self._batches[lanes, watched] = DormandPrinceBatch(self._motion, lanes, watched)
-        return self._batches[lanes, watched]
-
-    def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        return self._evaluated(self._functions[0], state, parameters, time)
-
-    def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        return self._evaluated(self._functions[1], state, parameters, time)
-
-    def _evaluated(
-        self, function: _Evaluation, state: Floats, parameters: NDArray[Any], time: float
-    ) -> Floats:
+    def _evaluated(self, which: int, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        function = self._functions[which]
         function.parameters[:, 0] = parameters
         return function(time, np.asarray(state, dtype=float))[:, 0]
 

@@ -14,6 +14,7 @@ sign(g), and abs(g) is sigma*g.
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -281,37 +282,60 @@ class PhaseIntegrator(Protocol):
         """(M, N) the motion from `start` at phases[0] at all `phases` (M,) in rad; NaN from where it diverges."""
 
 
-class CompiledSystem(Protocol):
-    """The integrators of one shape, compiled on first use; one object for each thread, since they hold a state."""
+class CompiledSystem(ABC):
+    """The integrators of one shape, compiled on first use; one object for each thread, since they hold a state.
 
-    layout: ParameterLayout
-    """The layout of the run-time parameters."""
-    kinks: int
-    """The number of kinks of laws and inputs."""
+    `layout` is that of the run-time parameters, `kinks` the number of kinks of laws and inputs.
+    """
 
-    @property
+    def __init__(self, motion: MotionFormulas) -> None:
+        self._motion, self.layout, self.kinks = motion, motion.layout, motion.kinks
+        self._batches: dict[tuple[int, tuple[int, ...]], BatchIntegrator] = {}
+
+    @cached_property
     def double(self) -> Integrator:
         """The integrator in double precision, which ends its steps at kinks."""
+        return self._integrator(events=True)
 
-    @property
+    @cached_property
     def without_events(self) -> Integrator:
         """The same, which does not detect kinks."""
+        return self._integrator(events=False) if self.kinks else self.double
 
-    @property
+    @cached_property
     def extended(self) -> Integrator | None:
         """The integrator in 80-bit arithmetic; None where there is none, and for shapes with kinks."""
+        return None
 
     def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> BatchIntegrator:
         """The integrator of `lanes` structures of a shape without kinks, which records crossings of `watched` links."""
+        if (lanes, watched) not in self._batches:
+            self._batches[lanes, watched] = self._batch(lanes, watched)
+        return self._batches[lanes, watched]
 
     def link_of(self, kink: int) -> int | None:
         """The number of the link whose law has this kink; None for an input."""
+        return self._motion.link_of(kink)
 
     def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
         """Values (kinks,) of the kinks at a scaled state (2n + S,), parameters (P,) and time in s."""
+        return self._evaluated(0, state, parameters, time)
 
     def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
         """Sizes (kinks,) of the terms of the kinks there, to which their rounding is relative."""
+        return self._evaluated(1, state, parameters, time)
+
+    @abstractmethod
+    def _integrator(self, *, events: bool) -> Integrator:
+        """A new integrator in double precision."""
+
+    @abstractmethod
+    def _batch(self, lanes: int, watched: tuple[int, ...]) -> BatchIntegrator:
+        """A new integrator of a batch."""
+
+    @abstractmethod
+    def _evaluated(self, which: int, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        """Values of the kinks, or with 1 the sizes of their terms."""
 
 
 Formula = Any  # of an algebra: what +, -, *, / and ** combine
@@ -364,10 +388,8 @@ class MotionFormulas:
     @cached_property
     def variables(self) -> tuple[list[Formula], list[Formula]]:
         """Symbols of y and y' of every mass."""
-        numbers = range(self.shape.masses)
-        return [self.algebra.variable(f"y{i}") for i in numbers], [
-            self.algebra.variable(f"u{i}") for i in numbers
-        ]
+        numbers, variable = range(self.shape.masses), self.algebra.variable
+        return [variable(f"y{i}") for i in numbers], [variable(f"u{i}") for i in numbers]
 
     @cached_property
     def states(self) -> dict[tuple[int, str], Formula]:
@@ -389,10 +411,9 @@ class MotionFormulas:
                 rates.append((self.states[number, name], self._translated(rate, names, number) / SCALE))
         for number, mass, part in self.shape.pushes:
             forces[mass].append(_weighted(part, self._input(number)[0]))
-        inverse = self.layout.inverse_masses.start
-        accelerations = [
-            self.algebra.total(f) * self.algebra.parameter(inverse + i) for i, f in enumerate(forces)
-        ]
+        inverse = self.layout.inverse_masses
+        inverses = map(self.algebra.parameter, range(inverse.start, inverse.stop))
+        accelerations = [self.algebra.total(f) * part for f, part in zip(forces, inverses, strict=True)]
         return [*zip(y, u, strict=True), *zip(u, accelerations, strict=True), *rates]
 
     @cached_property
@@ -414,25 +435,21 @@ class MotionFormulas:
     @cached_property
     def kink_formulas(self) -> list[Formula]:
         """The expressions whose zeros are the kinks, (kinks,)."""
-        clock = {"t": self.algebra.time}
-        return [
-            self._translated(kink, clock if owner == _INPUT else self._link_names(owner), owner)
-            for owner, kink in self._kinks
-        ]
+        return [self._translated(kink, self._names_of(owner), owner) for owner, kink in self._kinks]
 
     @cached_property
     def kink_sizes(self) -> list[Formula]:
         """Sums of the sizes of the terms of `kink_formulas`, to which their rounding is relative, (kinks,)."""
-        clock = {"t": self.algebra.time}
         sizes = []
         for owner, kink in self._kinks:
-            names = clock if owner == _INPUT else self._link_names(owner)
-            terms = [
-                self._translated(part, names, owner)
-                for part in (kink.parts if isinstance(kink, Sum) else (kink,))
-            ]
+            parts = kink.parts if isinstance(kink, Sum) else (kink,)
+            terms = [self._translated(part, self._names_of(owner), owner) for part in parts]
             sizes.append(self.algebra.total([self.algebra.call("sqrt", [term * term]) for term in terms]))
         return sizes
+
+    def _names_of(self, owner: int) -> dict[str, Formula]:
+        """Formulas of the symbols of a link, or of the time for an input."""
+        return {"t": self.algebra.time} if owner == _INPUT else self._link_names(owner)
 
     def elongation(self, link: int) -> Formula:
         """Elongation of a link in m."""
@@ -440,22 +457,17 @@ class MotionFormulas:
 
     def _link_names(self, number: int) -> dict[str, Formula]:
         """Formulas of d, v, the states, the signals and the coefficients of a link."""
-        link = self.shape.links[number]
+        link, inputs = self.shape.links[number], list(enumerate(self.shape.inputs))
         offset = sum(len(names) for names in self.layout.coefficients[:number])
-        names = {
-            name: self.algebra.parameter(offset + k)
-            for k, name in enumerate(self.layout.coefficients[number])
-        }
+        coefficients = enumerate(self.layout.coefficients[number], start=offset)
+        names = {name: self.algebra.parameter(place) for place, name in coefficients}
         names |= {name: SCALE * self.states[number, name] for name in link.states}
-        names |= {
-            name: self._input(i)[0] for i, (name, _) in enumerate(self.shape.inputs) if name in link.signals
-        }
-        base = [self._input(i) for i, (where, _) in enumerate(self.shape.inputs) if where == BASE_INPUT]
+        names |= {str(name): self._input(i)[0] for i, (name, _) in inputs if name in link.signals}
+        base = [self._input(i) for i, (where, _) in inputs if where == BASE_INPUT]
         for name, variables, derivative in zip(("d", "v"), self.variables, (0, 1), strict=True):
             # scaled mass by mass, which the links of a mass share
-            names[name] = _combination(
-                self.algebra, [(part, SCALE * variables[mass]) for mass, part in link.weights]
-            )
+            parts = [(part, SCALE * variables[mass]) for mass, part in link.weights]
+            names[name] = _combination(self.algebra, parts)
             if link.base:
                 names[name] = names[name] + link.base * base[0][derivative]
         return names
@@ -468,9 +480,8 @@ class MotionFormulas:
             symbols_of = enumerate(input_symbols(kind))
             names = {name: self.algebra.parameter(start + k) for k, name in symbols_of}
             names["t"] = self.algebra.time
-            return self._translated(kind, names, _INPUT), self._translated(
-                differentiate(kind, "t"), names, _INPUT
-            )
+            rate = self._translated(differentiate(kind, "t"), names, _INPUT)
+            return self._translated(kind, names, _INPUT), rate
         elapsed = self.algebra.time - self.algebra.parameter(start)
         value = self.algebra.parameter(start + 1 + kind)
         slope = kind * value

@@ -76,13 +76,9 @@ class HeyokaPhase:
         for column in range(self._columns):
             tangent = [heyoka.expression(f"tangent{column}_{k}") for k in range(size)]
             share = heyoka.par[first + 1 + column]  # 1 in the lane whose tangent is that by omega
-            varied += [
-                (
-                    tangent[k],
-                    heyoka.sum([by_omega[k] * share, *(slope * tangent[j] for j, slope in slopes[k])]),
-                )
-                for k in range(size)
-            ]
+            for k in range(size):
+                by_tangent = [slope * tangent[j] for j, slope in slopes[k]]
+                varied.append((tangent[k], heyoka.sum([by_omega[k] * share, *by_tangent])))
         return heyoka.taylor_adaptive_batch(
             [*equations, *varied],
             np.zeros((size + len(varied), _LANES)),
@@ -98,10 +94,8 @@ class HeyokaPhase:
         batches = -(-(size + 1) // (_LANES * columns))
         unit = np.eye(size + 1, batches * columns * _LANES)
         parts = unit.reshape(size + 1, batches, columns, _LANES)
-        return [
-            (parts[:-1, k].transpose(1, 0, 2).reshape(-1, _LANES).copy(), parts[-1, k].copy())
-            for k in range(batches)
-        ]
+        tangents = parts[:-1].transpose(1, 2, 0, 3).reshape(batches, -1, _LANES)
+        return list(zip(tangents.copy(), parts[-1].copy(), strict=True))
 
     def set_parameters(self, parameters: Floats) -> None:
         self._parameters[:-1] = parameters

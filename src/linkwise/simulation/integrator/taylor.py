@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.expression import FUNCTIONS
 from linkwise.simulation.integrator.formulas import (
+    CompiledSystem,
     Formula,
     MotionFormulas,
     Outcome,
-    ParameterLayout,
     Placement,
     Propagation,
     SystemShape,
@@ -256,34 +256,21 @@ def _recording(crossings: list[tuple[int, float]]) -> Callable[[Any, float, int,
 UNROLLED = 12  # masses up to which code is compiled without loops: twice as fast, but longer to compile
 
 
-class HeyokaSystem:
-    """The integrators of one shape, compiled on first use; one object for each thread, since they hold a state.
+@final
+class HeyokaSystem(CompiledSystem):
+    """The integrators of one shape, see `formulas.CompiledSystem`.
 
     `unrolled` is the number of masses up to which code is compiled without loops.
     """
 
     def __init__(self, shape: SystemShape, *, unrolled: int = UNROLLED) -> None:
-        self._motion = MotionFormulas(shape, HeyokaAlgebra())
+        super().__init__(MotionFormulas(shape, HeyokaAlgebra()))
         self._compact = shape.masses > unrolled
-        self._batches: dict[tuple[int, tuple[int, ...]], TaylorBatch] = {}
 
-    @property
-    def layout(self) -> ParameterLayout:
-        """The layout of the run-time parameters."""
-        return self._motion.layout
-
-    @property
-    def kinks(self) -> int:
-        """The number of kinks of laws and inputs."""
-        return self._motion.kinks
-
-    def link_of(self, kink: int) -> int | None:
-        """The number of the link whose law has this kink; None for an input."""
-        return self._motion.link_of(kink)
-
-    def _in_double(self, events: list[Any]) -> TaylorIntegrator:
+    def _integrator(self, *, events: bool) -> TaylorIntegrator:
         smooth = not self.kinks  # fast_math reassociates sums, a third faster; but events need exact zeros
-        options = {"fast_math": smooth, "compact_mode": self._compact, "t_events": events}
+        watched = self._kink_events() if events else []
+        options = {"fast_math": smooth, "compact_mode": self._compact, "t_events": watched}
         return TaylorIntegrator(self._motion, TOLERANCE, **options)
 
     def _kink_events(self) -> list[Any]:
@@ -297,37 +284,17 @@ class HeyokaSystem:
         ]
 
     @cached_property
-    def double(self) -> TaylorIntegrator:
-        """The integrator in double precision, which ends its steps at kinks."""
-        return self._in_double(self._kink_events())
-
-    @cached_property
-    def without_events(self) -> TaylorIntegrator:
-        """The same, which does not detect kinks."""
-        return self._in_double([]) if self.kinks else self.double
-
-    @cached_property
     def extended(self) -> TaylorIntegrator | None:
         """The integrator in 80-bit arithmetic; None where the machine has none, and for shapes with kinks."""
         if self.kinks or not hasattr(heyoka, "taylor_adaptive_ldbl") or np.finfo(np.longdouble).eps > 1e-18:
             return None
         return TaylorIntegrator(self._motion, EXTENDED_TOLERANCE, compact_mode=True, fp_type=np.longdouble)
 
-    def batch(self, lanes: int, watched: tuple[int, ...] = ()) -> TaylorBatch:
-        """The integrator of `lanes` structures of a shape without kinks, which records crossings of `watched` links."""
-        if (lanes, watched) not in self._batches:
-            self._batches[lanes, watched] = TaylorBatch(self._motion, lanes, watched, compact=self._compact)
-        return self._batches[lanes, watched]
+    def _batch(self, lanes: int, watched: tuple[int, ...]) -> TaylorBatch:
+        return TaylorBatch(self._motion, lanes, watched, compact=self._compact)
 
-    def kink_values(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        """Values (kinks,) of the kinks at a scaled state (2n + S,), parameters (P,) and time in s."""
-        return self._evaluated(self._functions[0], state, parameters, time)
-
-    def kink_sizes(self, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
-        """Sizes (kinks,) of the terms of the kinks there, to which their rounding is relative."""
-        return self._evaluated(self._functions[1], state, parameters, time)
-
-    def _evaluated(self, function: Any, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+    def _evaluated(self, which: int, state: Floats, parameters: NDArray[Any], time: float) -> Floats:
+        function = self._functions[which]
         clock = {"time": time} if function.is_time_dependent else {}
         return np.asarray(function(state, pars=parameters[: function.nparams], **clock), dtype=float)
 

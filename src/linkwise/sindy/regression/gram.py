@@ -235,16 +235,14 @@ class Gram:
             If the system has no rows or no columns, or every column is zero.
         """
         if not system.rows or not system.names:
-            raise IdentificationError(
-                f"a fit needs equations and unknowns, got {system.rows} equations in {len(system.names)} unknowns"
-            )
+            message = f"a fit needs equations and unknowns, got {system.rows} equations in {len(system.names)} unknowns"
+            raise IdentificationError(message)
         whole, moments, squares = _products(system)
         scale = np.sqrt(np.diagonal(whole))
         alive = scale > 0
         if not alive.any():
-            raise IdentificationError(
-                "every column of the equations is zero throughout: the record shows no motion to fit"
-            )
+            message = "every column of the equations is zero throughout: the record shows no motion to fit"
+            raise IdentificationError(message)
         inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=alive)
         whole *= inverse[:, None]
         whole *= inverse
@@ -281,9 +279,8 @@ class Gram:
         """
         numbers = np.flatnonzero(held_out_rows(self.rows))
         if not numbers.size:
-            raise IdentificationError(
-                f"{self.rows} equations are too few to choose a threshold or a penalty on rows held out; give one"
-            )
+            message = f"{self.rows} equations are too few to choose a threshold or a penalty on rows held out; give one"
+            raise IdentificationError(message)
         inverse = self.unscaled(np.ones((len(self.names), 1)))
         matrix, _, squares = _products(self.system, numbers)
         matrix *= inverse
@@ -348,9 +345,8 @@ class _Eliminated(NamedTuple):
 
     def taken(self, values: Floats) -> Floats:
         """What elimination takes from a product (p,) with the inverse, so that it is zero in the dropped columns."""
-        return np.asarray(
-            cho_solve((self.factor, True), values[self.columns], check_finite=False) @ self.rows
-        )
+        solved = cho_solve((self.factor, True), values[self.columns], check_finite=False)
+        return np.asarray(solved @ self.rows)
 
 
 _SMALL = 8  # a support below one in eight columns is first solved without the anchor

@@ -8,6 +8,7 @@ demand (`StreamedSystem`), so a library may be larger than memory.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol, final
@@ -75,9 +76,8 @@ class RowSums:
     def add(self, rows: Floats) -> None:
         # syrk reads Fortran order; a block in C order is the transpose of one
         turned = rows.flags.c_contiguous
-        self._sum = dsyrk(
-            1.0, rows.T if turned else rows, beta=1.0, c=self._sum, trans=not turned, lower=1, overwrite_c=1
-        )
+        read, options = rows.T if turned else rows, {"trans": not turned, "lower": 1, "overwrite_c": 1}
+        self._sum = dsyrk(1.0, read, beta=1.0, c=self._sum, **options)
 
     def matrix(self) -> Floats:
         mirror(self._sum)
@@ -227,9 +227,8 @@ class DenseSystem(LinearSystem):
                 f"shape {target.shape} with {len(self.targets)} names; every column and every target needs its name"
             )
         if self.weights is not None and self.weights.shape != (rows,):
-            raise IdentificationError(
-                f"{rows} rows need {rows} weights, got an array of shape {self.weights.shape}"
-            )
+            message = f"{rows} rows need {rows} weights, got an array of shape {self.weights.shape}"
+            raise IdentificationError(message)
         _require_finite(self.matrix, target, self.weights, self.names)
 
     @property
@@ -315,10 +314,7 @@ class StreamedSystem(LinearSystem):
 
 def _require_named(names: tuple[str, ...], units: tuple[str, ...], targets: tuple[str, ...]) -> None:
     for kind, given in (("column", names), ("target", targets)):
-        repeated = (
-            sorted({name for name in given if given.count(name) > 1}) if len(set(given)) < len(given) else []
-        )
-        if repeated:
+        if repeated := sorted(name for name, times in Counter(given).items() if times > 1):
             raise IdentificationError(f"two {kind}s are called {repeated[0]!r}; names must differ")
     if len(units) != len(names):
         raise IdentificationError(f"{len(names)} columns need {len(names)} units, got {len(units)}")
@@ -328,14 +324,12 @@ def _require_finite(matrix: Floats, target: Floats, weights: Floats | None, name
     bad_rows = ~np.isfinite(target).all(axis=1)
     if weights is not None:
         bad_rows |= ~np.isfinite(weights)
-    # A sum is finite where every entry is, unless it overflows; only then is the entry looked for.
     if bad_rows.any():
-        raise IdentificationError(
-            f"row {int(np.flatnonzero(bad_rows)[0])} of the equations has no finite right-hand side or weight"
-        )
-    sums = matrix.sum(axis=0)
-    if not np.isfinite(sums).all():
-        column = int(np.flatnonzero(~np.isfinite(sums))[0])
-        raise IdentificationError(
-            f"column {names[column]!r} of the equations holds values that are not finite"
-        )
+        row = int(np.argmax(bad_rows))
+        raise IdentificationError(f"row {row} of the equations has no finite right-hand side or weight")
+    bad_columns = ~np.isfinite(
+        matrix.sum(axis=0)
+    )  # a sum is finite where every entry is, unless it overflows
+    if bad_columns.any():
+        name = names[int(np.argmax(bad_columns))]
+        raise IdentificationError(f"column {name!r} of the equations holds values that are not finite")

@@ -120,10 +120,8 @@ class RegressionFit:
             If there is no such target.
         """
         column = self._column(target)
-        return {
-            self.names[j]: float(self.coefficients[j, column])
-            for j in np.flatnonzero(self.support[:, column])
-        }
+        values, retained = self.coefficients[:, column], np.flatnonzero(self.support[:, column])
+        return {self.names[j]: float(values[j]) for j in retained}
 
     def text(self, digits: int = 6) -> str:
         """The identified equations as text.
@@ -138,9 +136,7 @@ class RegressionFit:
         str
             One equation a line, strongest term first: "x1'' = -29900*x1 - 1.02*v1 + ...".
         """
-        return "\n".join(
-            f"{target} = {self._sum(column, digits)}" for column, target in enumerate(self.targets)
-        )
+        return "\n".join(f"{name} = {self._sum(n, digits)}" for n, name in enumerate(self.targets))
 
     def _sum(self, column: int, digits: int) -> str:
         order = np.argsort(-self.contribution[:, column], kind="stable")

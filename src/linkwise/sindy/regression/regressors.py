@@ -131,9 +131,7 @@ def _threshold_path(training: Gram, target: int) -> Iterator[SupportCandidate]:
 
 def _step(terms: int) -> int:
     """How many of `terms` terms are dropped at once."""
-    if terms < _FEWER:
-        return 1
-    return terms // (10 if terms < _FEW else 3)
+    return 1 if terms < _FEWER else terms // (10 if terms < _FEW else 3)
 
 
 _SMALLEST = 1e-9  # penalty, in shares of the largest, at which the path ends
@@ -219,8 +217,8 @@ def _chosen(gram: Gram, target: int) -> tuple[Floats, float, tuple[SupportCandid
             break
     if not compared:
         return np.zeros(len(gram.names)), 1.0, ()
-    chosen = best_support(candidate for candidate, _ in compared.values())
     candidates = tuple(candidate for candidate, _ in compared.values())
+    chosen = best_support(candidates)
     return compared[chosen.support.tobytes()][1], chosen.setting, candidates
 
 
