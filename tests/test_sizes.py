@@ -12,9 +12,9 @@ TESTS = 38_000  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (12, 2330),
+    "absorption": (13, 2405),
     "analysis": (4, 574),
-    "cli": (24, 2141),
+    "cli": (24, 2172),
     "discovery": (19, 3764),
     "estimates": (7, 1421),
     "export": (8, 1115),
@@ -24,12 +24,12 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "inspection": (12, 1941),
     "likelihood": (60, 15536),
     "modal": (7, 846),
-    "model": (20, 3393),
+    "model": (20, 3396),
     "paper": (3, 391),
     "plot": (13, 2036),
     "records": (8, 1485),
-    "report": (9, 1248),
-    "response": (12, 1706),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (9, 1258),
+    "response": (12, 1711),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 954),
     "signals": (7, 927),
     "simulation": (10, 1842),

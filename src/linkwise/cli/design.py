@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,9 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress
-from linkwise.cli.excitation_options import ExcitationOptions, drive_options
+from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
 from linkwise.cli.method_options import method_options
-from linkwise.cli.options import folder_option, json_option, number, pairs, unstarted_is_usage
+from linkwise.cli.options import POSITIVE, folder_option, json_option, number, pairs, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import DESIGN
 
@@ -26,6 +27,35 @@ def _bounds(text: str) -> tuple[float, float]:
     return number(low, "--vary", EXAMPLE), number(high, "--vary", EXAMPLE)
 
 
+_RANGE = (
+    click.option(
+        "--from",
+        "start",
+        metavar="HZ",
+        type=POSITIVE,
+        help="Lowest frequency of a harmonic excitation, of which --force MASS=N or --base x|v|a=SIZE is the amplitude, as of "
+        "respond.",
+    ),
+    click.option(
+        "--to", "stop", metavar="HZ", type=POSITIVE, help="Highest frequency of a harmonic excitation."
+    ),
+)
+
+
+def _harmonic(
+    drive: ExcitationOptions, search: dict[str, Any]
+) -> tuple[lw.response.ResponseOptions | None, ExcitationOptions]:
+    """What is harmonic between the frequencies, which are taken out of `search`, and what else drives the structure."""
+    ends = [search.pop(name, None) for name in ("start", "stop")]
+    if ends == [None, None]:
+        return None, drive
+    if None in ends:
+        raise click.UsageError("--from and --to belong together: the frequencies of a harmonic excitation.")
+    base = () if drive.base is None else (drive.base,)
+    harmonic = lw.response.ResponseOptions(**harmonic_excitation(drive.force, base, (ends[0], ends[1])))
+    return harmonic, replace(drive, force=(), base=None)
+
+
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
 @click.option(
@@ -38,8 +68,8 @@ def _bounds(text: str) -> tuple[float, float]:
 @click.option(
     "--minimise",
     metavar="QUANTITY",
-    help="peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, ... "
-    "(default remaining).",
+    help="peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, resonance "
+    "(with --from and --to: the largest steady amplitude of the primary masses), ... (default remaining).",
 )
 @click.option("--maximise", metavar="QUANTITY", help="Instead: sinks_share, power:LINK, rms_reduction, ...")
 @click.option(
@@ -49,7 +79,7 @@ def _bounds(text: str) -> tuple[float, float]:
     show_default=True,
     help="Factors of the excitation at which each design is judged.",
 )
-@method_options(lw.absorption.DesignOptions, "search")
+@method_options(lw.absorption.DesignOptions, "search", *_RANGE)
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @drive_options
 @folder_option(DESIGN)
@@ -76,6 +106,7 @@ def design(
       linkwise design chain.toml --vary nes1.alpha=-300:-20 --vary nes1.beta=1e5:1e7 --release v:m1=1.0 -o best
       linkwise design chain.toml --vary m2.mass=0.002:0.05 --vary nes1.beta=1e5:1e7 --minimise rms \\
         --release v:m1=1.0 --levels 0.5,1,2 --limit stroke:nes1=0.04 -o best
+      linkwise design chain.toml --vary nes1.beta=1e5:1e7 --minimise resonance --force m1=0.5 --from 20 --to 36 -o best
       linkwise design answer --vary nes1.c=0.005:0.2 --maximise sinks_share --quantile 0.9 --release v:m1=1.0
     """
     if minimise and maximise:
@@ -86,7 +117,10 @@ def design(
     journal = None if place is None else place.with_name(f".{place.name}.designs")
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
     with progress("simulating") as step, unstarted_is_usage():
-        search = lw.absorption.DesignOptions(**given["search"], levels=factors, maximise=maximise is not None)
+        harmonic, drive = _harmonic(drive, given["search"])
+        search = lw.absorption.DesignOptions(
+            **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic
+        )
         result = lw.design(
             subject,
             over,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,16 @@ class ExcitationOptions:
                 for name, value in pairs(self.signal, "--signal", 'u="2*sin(2*pi*3*t)"').items()
             },
         }
+
+
+def harmonic_excitation(force: Iterable[str], base: Iterable[str], hz: tuple[float, float]) -> dict[str, Any]:
+    """Keyword arguments of `ResponseOptions` for amplitudes of forces, MASS=N, and of the base, x|v|a=SIZE."""
+    given = (("force", force, "m1=0.5"), ("base", base, "a=9.81"))
+    sizes = {
+        name: {key: number(size, f"--{name}", example) for key, size in pairs(texts, f"--{name}", example).items()}
+        for name, texts, example in given
+    }  # fmt: skip
+    return {"hz": hz, **{name: own or None for name, own in sizes.items()}}
 
 
 def _impulse(text: str) -> lw.model.Impulse:

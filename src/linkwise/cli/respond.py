@@ -10,6 +10,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress, tell
+from linkwise.cli.excitation_options import harmonic_excitation
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
@@ -18,15 +19,12 @@ from linkwise.cli.options import (
     grouped,
     json_option,
     number,
-    pairs,
     typed,
     unstarted_is_usage,
 )
 from linkwise.cli.reading_options import tell_of_hosts
 from linkwise.estimates.estimate import stated_grade
 from linkwise.output import RESPONSE
-
-_FORCE, _BASE = "m1=0.5", "a=9.81"
 
 
 @dataclass(frozen=True)
@@ -80,11 +78,8 @@ class HarmonicOptions:
         """Keyword arguments of `linkwise.respond`."""
         names = ("starts", "seed", "draws", "harmonics")
         counts = {name: getattr(self, name) for name in names}
-        force, base = pairs(self.force, "--force", _FORCE), pairs(self.base, "--base", _BASE)
         return {
-            "hz": (self.start, self.stop),
-            "force": {name: number(size, "--force", _FORCE) for name, size in force.items()} or None,
-            "base": {kind: number(size, "--base", _BASE) for kind, size in base.items()} or None,
+            **harmonic_excitation(self.force, self.base, (self.start, self.stop)),
             "levels": tuple(number(size, "--levels", "0.5,1,2") for size in self.levels),
             "show": self.show,
             **{name: count for name, count in counts.items() if count is not None},
