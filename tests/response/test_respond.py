@@ -1,5 +1,7 @@
 """Steady motion: known solutions, folds against collocation, all attractors of a bistable sink, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -155,6 +157,18 @@ def test_simulations_of_a_bistable_sink_end_on_branches_or_where_motion_is_chaot
                 and branch.stable[k : k + 2].any()
             ]
             assert np.min(np.abs(np.array(ends) - 0.5 * np.ptp(late)) / np.array(ends)) < 0.02
+
+
+def test_the_largest_amplitude_of_a_branch_is_one_that_a_test_shows() -> None:
+    response = lw.respond(duffing(0.0), force={"m1": 1.0}, hz=(2.0, 4.0), starts=0)
+    [branch] = response.levels[0].branches
+    top = int(branch.amplitude[:, 0].argmax())
+    for unstable, shown in ((slice(top - 9, top + 9), False), (slice(None), True)):
+        multipliers = branch.multipliers.copy()
+        multipliers[unstable] = 1.5
+        level = replace(response.levels[0], branches=(replace(branch, multipliers=multipliers),))
+        text = str(replace(response, levels=(level,)))
+        assert (f"{branch.amplitude[top, 0]:.4g} m at {branch.hz[top]:.5g} Hz" in text) == shown
 
 
 def test_what_cannot_be_answered_is_refused() -> None:

@@ -316,7 +316,9 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
     rows = [titles]
     for level in response.levels:
         for number, branch in enumerate(level.branches, start=1):
-            peaks = branch.amplitude.argmax(axis=0)
+            # unstable motion, which no test shows, counts where there is no other
+            shown = branch.stable | ~branch.stable.any()
+            peaks = np.where(shown[:, None], branch.amplitude, -1.0).argmax(axis=0)
             cells = [
                 f"{branch.amplitude[at, column]:.4g} {unit_in(response.structure, channel)} at {branch.hz[at]:.5g} Hz"
                 for column, (channel, at) in enumerate(zip(response.channels, peaks, strict=True))
