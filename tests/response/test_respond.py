@@ -8,6 +8,8 @@ from scipy.optimize import minimize_scalar
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
+from linkwise.response.search import LevelSearch
+from linkwise.response.shooting import Shooting, driven_phase
 
 K, C = 400.0, 0.4
 LEVELS = {"hardening": (1e5, 0.4), "softening": (-5e4, 0.2)}
@@ -157,6 +159,53 @@ def test_simulations_of_a_bistable_sink_end_on_branches_or_where_motion_is_chaot
                 and branch.stable[k : k + 2].any()
             ]
             assert np.min(np.abs(np.array(ends) - 0.5 * np.ptp(late)) / np.array(ends)) < 0.02
+
+
+def test_a_branch_that_loses_its_symmetry_is_left_for_the_other_one() -> None:
+    """Fast forcing holds the hilltop of two wells up; below an amplitude of sqrt(-2/3*k/k3) motion falls to either side."""
+    wells = oscillator("k*d + k3*d**3 + c*v", k=-100.0, k3=1e5, c=1.0)
+    drive, size, bounds = lw.response.Drive("force", "m1"), 36.7, (2 * np.pi * 5.0, 2 * np.pi * 12.0)
+    integrator = driven_phase(wells, drive)
+    assert integrator is not None
+    shooting = Shooting(wells, drive, size, bounds, integrator)
+    search, omega = LevelSearch(shooting), 2 * np.pi * 8.0
+    search.take(np.array([-size / omega**2, 0.0, omega]))  # about the hilltop
+    symmetric, split = search.curves
+    [at] = [point for point, name in symmetric.points if name == "branch point"]
+    [there] = [point for point, name in split.points if name == "branch point"]
+    assert at.parameter == pytest.approx(
+        there.parameter, rel=1e-4
+    )  # half of the digits of 1e-8: a double root
+    assert not any(name == "fold" for _, name in split.points)
+    amplitude = 0.5 * np.ptp(shooting.motion(at.unknowns)[:, 0])
+    assert amplitude == pytest.approx(
+        np.sqrt(2e-3 / 3.0), rel=0.02
+    )  # of first order in the square of the ratio of times
+    for well in (-1.0, 1.0):  # simulations from both wells end on the one that branched off
+        search.settle(shooting, np.array([well * np.sqrt(1e-3), 0.0]), omega)
+    assert search.curves == [symmetric, split]
+    means = [shooting.motion(point.unknowns)[:-1, 0].mean() for point, _ in split.points]
+    assert min(means) < -0.02 < 0.02 < max(means)
+
+
+def test_motion_of_twice_the_period_is_followed_from_where_it_begins() -> None:
+    chain = lw.bnes_chain(2)
+    response = lw.respond(chain, force={"m1": 0.5}, hz=(27.5, 27.9), starts=0)
+    ends = {
+        (round(float(hz), 4), round(float(size), 6))
+        for branch in response.levels[0].branches
+        for hz, name, (size, _) in zip(branch.hz, branch.bifurcations, branch.amplitude, strict=True)
+        if name == "period doubling" and branch.turns == 1
+    }
+    assert len(ends) >= 2
+    doubled = [branch for branch in response.levels[0].branches if branch.turns == 2]
+    starts = {
+        (round(float(hz), 4), round(float(size), 6))
+        for branch in doubled
+        for hz, name, (size, _) in zip(branch.hz, branch.bifurcations, branch.amplitude, strict=True)
+        if name == "period doubling"
+    }
+    assert ends <= starts and any(branch.stable.any() for branch in doubled)
 
 
 def test_the_largest_amplitude_of_a_branch_is_one_that_a_test_shows() -> None:
