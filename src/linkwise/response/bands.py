@@ -20,8 +20,8 @@ from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
-from linkwise.response.search import Curve, PeriodicEquations
-from linkwise.response.shooting import amplitudes
+from linkwise.response.search import Curve, PeriodicEquations, repeats_sooner
+from linkwise.response.shooting import Shooting, amplitudes
 
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn
@@ -121,9 +121,9 @@ def _by_chords(
 
 
 def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
-    """The same by Newton's method, if the solution is on the side of all folds that the point is on."""
+    """The same by Newton's method, if the solution has the same period and is on the same side of all folds."""
     found = solve(equations, unknowns)
-    if found is None:
+    if found is None or (isinstance(equations, Shooting) and repeats_sooner(equations, found)):
         return None
     signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
     return found.unknowns if signs[0] == signs[1] else None

@@ -325,7 +325,15 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
             ]
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
-            rows.append((f"{level.size:g}", name, span, *cells, _bifurcation_text(branch) or "-"))
+            rows.append(
+                (
+                    f"{level.size:g} {response.drive.unit}",
+                    name,
+                    span,
+                    *cells,
+                    _bifurcation_text(branch) or "-",
+                )
+            )
     return rows
 
 

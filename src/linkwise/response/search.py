@@ -151,7 +151,7 @@ class LevelSearch:
         motion = solve(equations, unknowns)
         if motion is None or np.abs(equations.multipliers(motion)).max() > _WILD:
             return None
-        if isinstance(equations, Shooting) and _repeats_sooner(equations, motion):
+        if isinstance(equations, Shooting) and repeats_sooner(equations, motion):
             return self.take(motion.unknowns)
         self._follow(equations, motion)
         return motion
@@ -197,7 +197,8 @@ def _turns(states: Floats, sizes: Floats) -> int:
     return 0
 
 
-def _repeats_sooner(shooting: Shooting, motion: Point, near: float = _SAME) -> bool:
+def repeats_sooner(shooting: Shooting, motion: Point, near: float = _SAME) -> bool:
+    """Whether a motion comes back to within this part of its size before its period is over."""
     if shooting.turns == 1:
         return False
     states = shooting.after(motion.unknowns[:-1], motion.parameter, shooting.turns - 1)
@@ -277,7 +278,7 @@ def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting
         across /= np.linalg.norm(across)
         for step in _BRANCH_STEPS:
             found = solve(longer, point.unknowns + step * across * point.sizes, across)
-            if found is not None and not _repeats_sooner(longer, found):
+            if found is not None and not repeats_sooner(longer, found):
                 yield longer, found
                 break
 
@@ -314,7 +315,7 @@ def _confirmed(
         splits = {FOLD, BRANCHING} <= {other for _, other in marked[max(number - 1, 0) : number + 2]}
         changes = counts[number - 1] != counts[min(number + 1, len(marked) - 1)]
         if name == FOLD and splits:
-            doubled = isinstance(equations, Shooting) and _repeats_sooner(equations, point, _ON_CURVE)
+            doubled = isinstance(equations, Shooting) and repeats_sooner(equations, point, _ON_CURVE)
             name = DOUBLING if doubled else BRANCHING
         elif (name == BRANCHING and splits) or (name != FOLD and not changes):
             name = ""
