@@ -258,17 +258,12 @@ def test_the_command_writes_a_folder(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_command_writes_the_response_of_the_best(tmp_path: Path) -> None:
     lw.write_structure(ABSORBER, tmp_path / "absorber.toml")
-    result = document(
-        f"design {tmp_path}/absorber.toml --vary spring.c=0.05:0.5 --minimise resonance --force frame=1 --from 2.2 --to 4.2 "
-        f"--sink spring --evaluations 8 -o {tmp_path}/best"
-    )
-    assert (
-        result["quantity"] == "resonance"
-        and result["unit"] == "m"
-        and result["objective"] < result["as_given"]
-    )
+    line = f"design {tmp_path}/absorber.toml --vary spring.c=0.05:0.5 --minimise resonance --force frame=1 --sink spring"
+    result = document(f"{line} --from 2.2 --to 4.2 --evaluations 8 -o {tmp_path}/best")
+    assert (result["quantity"], result["unit"]) == ("resonance", "m") and result["objective"] < result[
+        "as_given"
+    ]
     assert "Steady motion of the best" in (tmp_path / "best" / "report.html").read_text()
-    assert (tmp_path / "best" / "response.png").exists()
 
 
 def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
