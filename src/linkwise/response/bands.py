@@ -28,6 +28,7 @@ _SAMPLES = 64  # of a turn
 _STATIONS, _FEWEST, _MOST = 120, 6, 40  # points of all branches at which draws are made, and of each
 _CORRECTIONS = 8
 _CONVERGED = 1e-5  # of the size of the motion
+_FAR = 0.1  # of the size of the motion: nearer, it may be one whose period does not double yet
 _LEAST = 0.5  # of the draws must have a motion
 
 
@@ -121,9 +122,12 @@ def _by_chords(
 
 
 def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
-    """The same by Newton's method, if the solution has the same period and is on the same side of all folds."""
+    """The same by Newton's method, if the solution is on the same side of all folds and not far off with a shorter period."""
     found = solve(equations, unknowns)
-    if found is None or (isinstance(equations, Shooting) and repeats_sooner(equations, found)):
+    if found is None:
+        return None
+    far = np.abs((found.unknowns - unknowns) / point.sizes).max() > _FAR
+    if far and isinstance(equations, Shooting) and repeats_sooner(equations, found):
         return None
     signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
     return found.unknowns if signs[0] == signs[1] else None
