@@ -11,7 +11,7 @@ from sources import FILES, SOURCE, tree
 
 PACKAGES = (  # from the ground up: a package imports only from those before it, the root is everybody's
     "root", "expression", "model", "records", "files", "signals", "modal", "inspection", "analysis", "simulation",
-    "estimates", "sindy", "weak", "likelihood", "identification", "discovery", "absorption", "response", "study", "export",
+    "estimates", "sindy", "weak", "likelihood", "identification", "discovery", "response", "absorption", "study", "export",
     "plot", "paper", "report", "cli",
 )  # fmt: skip
 DOORS = {

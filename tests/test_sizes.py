@@ -12,24 +12,24 @@ TESTS = 38_000  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (12, 2189),
+    "absorption": (13, 2264),
     "analysis": (4, 522),
-    "cli": (24, 1953),
+    "cli": (24, 2000),
     "discovery": (19, 3764),
     "estimates": (7, 1322),
     "export": (8, 1055),
     "expression": (6, 1102),
-    "files": (14, 1812),
-    "identification": (15, 2437),
-    "inspection": (12, 1879),
+    "files": (14, 1819),
+    "identification": (15, 2433),
+    "inspection": (12, 1884),
     "likelihood": (60, 15654),
     "modal": (7, 801),
-    "model": (20, 3214),
+    "model": (20, 3217),
     "paper": (3, 364),
-    "plot": (13, 1965),
+    "plot": (13, 1969),
     "records": (8, 1390),
-    "report": (9, 1174),
-    "response": (12, 1706),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (9, 1186),
+    "response": (12, 1757),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 948),
     "signals": (7, 893),
     "simulation": (10, 1760),

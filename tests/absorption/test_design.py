@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -157,6 +158,60 @@ def test_draws_of_an_answer_are_judged_by_mean_or_quantile(tmp_path: Path) -> No
     assert document(line)["simulations"] == 16
 
 
+ABSORBER = structure(
+    {"frame": 1.0, "ball": 0.05},
+    link("leaf", "frame-ground", "k*d", k=400.0),
+    link("spring", "ball-frame", "k*d + c*v", k=18.0, c=0.2),
+)
+DRIVEN = lw.response.ResponseOptions(hz=(2.2, 4.2), force={"frame": 1.0}, starts=0)
+
+
+@pytest.mark.slow
+def test_the_least_resonance_is_that_of_fixed_points() -> None:
+    """The curves of all dampings meet in two points, at best at F/k*sqrt(1 + 2/mu) (Den Hartog 1956): no peak is below, and
+    the optimum is above by less than mu/20 (Asami and Nishihara 2003).
+    """
+    over = {"spring.k": (15.0, 21.0), "spring.c": (0.05, 0.5)}
+    options = DesignOptions(evaluations=40, levels=(2.0,), harmonic=DRIVEN)
+    found = lw.design(ABSORBER, over, "resonance", options, sinks=["spring"])
+    least = 2.0 / 400.0 * np.sqrt(1.0 + 2.0 / 0.05)
+    assert least <= found.objective < 1.02 * least  # 20 designs for each parameter
+    assert found.quantity.unit == "m" and found.quantity.title == "largest steady amplitude of x:frame"
+    assert found.best["spring.k"] == pytest.approx(20.0 / 1.05**2, rel=0.03)
+    assert found.response is not None and found.response.drive.place == "frame"
+    [branch] = found.response.levels[0].branches
+    assert branch.amplitude.max() == pytest.approx(found.objective / 2.0, rel=1e-6)
+    # nothing else moves it: a sweep from the lowest to the highest frequency
+    assert found.absorption.time[-1] == pytest.approx(100.0 / 2.2, rel=1e-3)
+    limited = DesignOptions(evaluations=20, harmonic=DRIVEN, limits={"resonance": 1.3 * least / 2.0})
+    within = lw.design(ABSORBER, over, "stroke:spring", limited, sinks=["spring"])
+    assert within.response is not None
+    assert within.response.levels[0].branches[0].amplitude.max() <= 1.3 * least / 2.0
+
+
+@pytest.mark.parametrize(
+    ("harmonic", "message"),
+    [
+        (None, "the resonance is that of steady motion: give a harmonic excitation"),
+        ({"force": {"ball2": 1.0}}, "unknown mass 'ball2' in a force; did you mean \"ball\""),
+        ({"base": {"a": 1.0}}, 'no link has "base" as an end'),
+        ({"force": {"frame": 1.0}, "show": ["x:mass"]}, "unknown mass 'mass' in what is shown"),
+    ],
+)
+def test_a_resonance_of_nothing_is_refused(harmonic: dict[str, Any] | None, message: str) -> None:
+    driven = None if harmonic is None else lw.response.ResponseOptions(hz=(2.0, 4.0), **harmonic)
+    options = DesignOptions(evaluations=8, harmonic=driven)
+    with pytest.raises(lw.SimulationError, match=re.escape(message)):
+        lw.design(
+            ABSORBER,
+            {"spring.c": (0.1, 0.2)},
+            "resonance",
+            options,
+            sinks=["spring"],
+            release={"v:frame": 1.0},
+        )
+
+
 SWEPT = 0.019124  # the least of a sweep of 40 x 40, which benchmarks/bench_design.py repeats, for eight seeds
 
 
@@ -198,6 +253,17 @@ def test_the_command_writes_a_folder(tmp_path: Path) -> None:
         or "Trade-off" in (folder / "report.html").read_text()
     )
     assert "energy left at the end" in said(f"{line} --evaluations 8").out
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_response_of_the_best(tmp_path: Path) -> None:
+    lw.write_structure(ABSORBER, tmp_path / "absorber.toml")
+    line = f"design {tmp_path}/absorber.toml --vary spring.c=0.05:0.5 --minimise resonance --force frame=1 --sink spring"
+    result = document(f"{line} --from 2.2 --to 4.2 --evaluations 8 -o {tmp_path}/best")
+    assert (result["quantity"], result["unit"]) == ("resonance", "m") and result["objective"] < result[
+        "as_given"
+    ]
+    assert "Steady motion of the best" in (tmp_path / "best" / "report.html").read_text()
 
 
 def test_an_interrupted_search_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,6 +313,9 @@ REFUSED = {
     "--vary nes1.c=0.01:0.1 --limit peak=a": "the limit of peak must be a positive number, got 'a'",
     "--vary nes1.c=0.01:0.1 --evaluations 3": "evaluations must be a whole number from 8, got 3",
     "--vary nes1.c=0.01:0.1 --quantile 2": "quantile must be between 0 and 1, got 2.0",
+    "--vary nes1.c=0.01:0.1 --minimise resonance": "On the command line: --from HZ --to HZ",
+    "--vary nes1.c=0.01:0.1 --minimise resonance --from 20": "--from and --to belong together",
+    "--vary nes1.c=0.01:0.1 --minimise resonance --from 20 --to 30": "needs one excitation",
     "--vary nes1.c=0.01:0.1 --levels 0,1": "levels must be positive factors of the excitation, got (0.0, 1.0)",
 }
 

@@ -77,6 +77,22 @@ def test_force_from_a_file(column: str) -> None:
     np.testing.assert_allclose(record.channel("force:m1"), exact, atol=1e-8)  # 9 printed digits
 
 
+def test_a_file_that_cannot_drive_says_how_its_columns_are_named() -> None:
+    rows = [f"{t:.3f};{np.sin(60 * t):.6f}".replace(".", ",") for t in np.arange(600) / 1000.0]
+    Path("kraft.csv").write_text("\n".join(["Zeit [s];Kraft [N]", *rows]))
+    line = f"simulate chain.toml {GRID} -o run.csv --force"
+    for drive in ("m1=kraft.csv", "m1=kraft.csv:Kraft"):
+        err = said(f"{line} {drive}", 2).err
+        assert (
+            "the time is the column `time` (or `time[ms]`); its values are named as in kraft.csv:COLUMN"
+            in err
+        )
+        assert "On the command line: --rate" not in err  # which is that of the simulation
+    rows[200:220] = []
+    Path("kraft.csv").write_text("\n".join(["time;Kraft", *rows]))
+    assert "force:m1: 20 of 600 samples are missing" in said(f"{line} m1=kraft.csv:Kraft", 1).err
+
+
 def test_tells_energy_horizon_and_file() -> None:
     out = said(f"simulate chain.toml {GRID} --release v:m1=1.0 --noise 30 -o run.csv").out
     assert "bistable chain of 2 masses: 2 masses, 2 links" in out

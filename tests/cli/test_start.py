@@ -101,6 +101,26 @@ def test_a_file_without_a_motion_is_refused(file: Path) -> None:
     assert "[mm] holds 'OL' in line 2" in said("start scope.csv --mass m1=1 --yes", 2).err
 
 
+def test_a_column_with_a_text_is_not_left_out_without_a_word(file: Path) -> None:
+    lines = file.read_text().splitlines()
+    lines[300] = lines[300].replace(",", ",OVERLOAD,", 1).rpartition(",")[0]
+    file.write_text("\n".join(lines))
+    stated = said(f"start rig.csv {ANSWERED} --channel 'x:frame[mm]=Laser frame' --yes", 2).err
+    assert "rig.csv, line 301, channel x:frame: 'OVERLOAD' is not a number" in stated
+    guessed = said(f"start rig.csv {ANSWERED} --yes", 2).err
+    assert (
+        "Not used, since they are not numbers alone: Laser frame [mm] holds 'OVERLOAD' in line 301" in guessed
+    )
+
+
+def test_what_identify_advises_is_told_with_its_options(file: Path) -> None:
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join([*lines[:300], *lines[340:]]))
+    _, err = said(f"start rig.csv {ANSWERED} {LINKED} --channel force:frame=Hammer --yes -o found", 1)
+    assert "inputs must be complete; cut the record to a piece without gaps (the longest is from 0.3" in err
+    assert "On the command line: --from S, --to S." in err and "and repeat:" in err
+
+
 def test_links_are_asked_of_a_person_alone(file: Path) -> None:
     text = file.read_text().replace("Laser frame", "x:frame").replace("Laser sink", "x:sink")
     file.write_text(text.replace("Hammer", "force:frame"))

@@ -103,7 +103,7 @@ def test_physics_informed_stands_beside_the_half_percent_and_doubts_are_counted(
     text, met = claim(off, "physics-informed")
     assert met is False and "6 masses miss" in text
     doubtful = [replace(row, status="chi-square off") if row.seed == 1000 else row for row in rows]
-    text, met = claim(doubtful, "ml stands by")
+    text, met = claim(doubtful, "ml trusts")
     assert met is False and "30 of its 45 answers" in text
 
 

@@ -1,5 +1,6 @@
 """Backbones, basins of rest positions, and measured points on curves of response."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -176,3 +177,7 @@ def test_records_that_show_no_points_are_refused(sweep: lw.Record, tmp_path: Pat
     assert "no 8 steady cycles in a row" in refusal(f"{line}/short.csv")
     mode = f"backbone {tmp_path}/spring.toml --mode 1 --to-energy 0.01 --levels {tmp_path}"
     assert "no mode rings down" in refusal(f"{mode}/sweep.csv")
+    values = sweep.values.copy()
+    values[400:420] = np.nan
+    lw.write_record(replace(sweep, values=values), tmp_path / "gap.csv")  # of the force too
+    assert "no mode rings down" in refusal(f"{mode}/gap.csv")

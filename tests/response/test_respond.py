@@ -1,11 +1,15 @@
 """Steady motion: known solutions, folds against collocation, all attractors of a bistable sink, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
+from linkwise.response.search import LevelSearch
+from linkwise.response.shooting import Shooting, driven_phase
 
 K, C = 400.0, 0.4
 LEVELS = {"hardening": (1e5, 0.4), "softening": (-5e4, 0.2)}
@@ -155,6 +159,55 @@ def test_simulations_of_a_bistable_sink_end_on_branches_or_where_motion_is_chaot
                 and branch.stable[k : k + 2].any()
             ]
             assert np.min(np.abs(np.array(ends) - 0.5 * np.ptp(late)) / np.array(ends)) < 0.02
+
+
+def test_a_branch_that_loses_its_symmetry_is_left_for_the_other_one() -> None:
+    """Fast forcing holds the hilltop of two wells up; below an amplitude of sqrt(-2/3*k/k3) motion falls to either side."""
+    wells = oscillator("k*d + k3*d**3 + c*v", k=-100.0, k3=1e5, c=1.0)
+    drive, size, bounds = lw.response.Drive("force", "m1"), 36.7, (2 * np.pi * 5.0, 2 * np.pi * 12.0)
+    integrator = driven_phase(wells, drive)
+    assert integrator is not None
+    shooting = Shooting(wells, drive, size, bounds, integrator)
+    search, omega = LevelSearch(shooting), 2 * np.pi * 8.0
+    search.take(np.array([-size / omega**2, 0.0, omega]))  # about the hilltop
+    symmetric, split = search.curves
+    [at] = [point for point, name in symmetric.points if name == "branch point"]
+    [there] = [point for point, name in split.points if name == "branch point"]
+    assert at.parameter == pytest.approx(
+        there.parameter, rel=1e-4
+    )  # half of the digits of 1e-8: a double root
+    assert not any(name == "fold" for _, name in split.points)
+    amplitude = 0.5 * np.ptp(shooting.motion(at.unknowns)[:, 0])
+    assert amplitude == pytest.approx(
+        np.sqrt(2e-3 / 3.0), rel=0.02
+    )  # of first order in the square of the ratio of times
+    for well in (-1.0, 1.0):  # simulations from both wells end on the one that branched off
+        search.settle(shooting, np.array([well * np.sqrt(1e-3), 0.0]), omega)
+    assert search.curves == [symmetric, split]
+    means = [shooting.motion(point.unknowns)[:-1, 0].mean() for point, _ in split.points]
+    assert min(means) < -0.02 < 0.02 < max(means)
+
+
+def test_motion_of_twice_the_period_is_followed_from_where_it_begins() -> None:
+    response = lw.respond(lw.bnes_chain(2), force={"m1": 0.5}, hz=(27.5, 27.9), starts=0)
+    ends: dict[int, set[tuple[float, float]]] = {1: set(), 2: set()}
+    for branch in response.levels[0].branches:
+        for number in np.flatnonzero(np.array(branch.bifurcations) == "period doubling").tolist():
+            at = float(branch.hz[number]), float(branch.amplitude[number, 0])
+            ends[branch.turns].add((round(at[0], 4), round(at[1], 6)))
+    assert len(ends[1]) >= 2 and ends[1] <= ends[2]
+
+
+def test_the_largest_amplitude_of_a_branch_is_one_that_a_test_shows() -> None:
+    response = lw.respond(duffing(0.0), force={"m1": 1.0}, hz=(2.0, 4.0), starts=0)
+    [branch] = response.levels[0].branches
+    top = int(branch.amplitude[:, 0].argmax())
+    for unstable, shown in ((slice(top - 9, top + 9), False), (slice(None), True)):
+        multipliers = branch.multipliers.copy()
+        multipliers[unstable] = 1.5
+        level = replace(response.levels[0], branches=(replace(branch, multipliers=multipliers),))
+        text = str(replace(response, levels=(level,)))
+        assert (f"{branch.amplitude[top, 0]:.4g} m at {branch.hz[top]:.5g} Hz" in text) == shown
 
 
 def test_what_cannot_be_answered_is_refused() -> None:

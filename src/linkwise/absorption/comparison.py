@@ -50,8 +50,7 @@ def without_sinks(
     momentum of both. Raises StructureError if no valid structure is left, SimulationError if no excitation is left.
     """
     baseline = (_removed if removal == "removed" else _locked)(structure, sinks, excitation)
-    left = baseline.excitation
-    if not (any(left.release.values()) or left.impulses or left.drives):
+    if baseline.excitation.is_empty:
         problem = f"with the sinks {removal} nothing sets the structure in motion, so there is nothing to compare with"
         if removal == "removed":
             remedy = "excite a primary mass, or compare with the sinks locked"
@@ -211,7 +210,7 @@ class Comparison:
         sinks, excitation = find_sinks(structure, options.sinks), options.excitation
         equipped = with_harvesters(structure, options.harvesters or {})
         delivered_powers(structure, options.harvesters or {})  # StructureError if one is not a power
-        if not (any(excitation.release.values()) or excitation.impulses or excitation.drives):
+        if excitation.is_empty:
             remedy = "give a release, an impulse, a force or a motion of the base"
             raise SimulationError(f"nothing sets the structure in motion; {remedy}")
         baseline = without_sinks(equipped, sinks, excitation, options.without)

@@ -26,6 +26,7 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
+from linkwise.absorption.resonance import RESONANCE, Resonance, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Bools, Floats
@@ -44,6 +45,8 @@ from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled,
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.response.options import ResponseOptions
+from linkwise.response.result import Response
 from linkwise.verdict import Verdict
 
 ADDED_MASS = "added_mass"
@@ -62,6 +65,7 @@ _INFEASIBLE = 1e30  # above every quantity
 _NEAR, _FEW = 0.02, 5  # of the spans: tolerances of what is built; designs from which a median is told
 _ROWS = 10  # of a trade-off in a table
 _AT_BOUND = 0.02  # of the span
+_SIMULATED = 0.1  # of the time of a design that a response curve is followed for: its simulations
 
 
 @final
@@ -86,6 +90,10 @@ class DesignOptions:
         Largest values by quantity: added_mass in kg, stroke:LINK in m, or any other.
     maximise : bool
         Whether the largest value of the quantity is the best.
+    harmonic : ResponseOptions, optional
+        The harmonic excitation whose steady motion gives the quantity "resonance", as of `respond`. Where nothing else sets
+        the structure in motion, its sweep does, from the lowest to the highest frequency in the duration that is simulated
+        (by default 100 periods of the lowest).
     seed : int
         Seed of the search and of the draws; 0 by default.
     workers : int, optional
@@ -114,6 +122,7 @@ class DesignOptions:
         default=None, metadata={"typed": "QUANTITY=VALUE", "example": "added_mass=0.02"}
     )
     maximise: bool = False
+    harmonic: ResponseOptions | None = None
     seed: int = field(default=0, metadata={"typed": "N"})
     workers: int | None = field(default=None, metadata={"typed": "N"})
 
@@ -221,6 +230,8 @@ class Design(JudgedView):
         The largest error of an energy balance, as a part of the energy supplied.
     absorption : Absorption
         What `absorb` says of the best structure under the excitation as given.
+    response : Response or None
+        What `respond` says of it under the harmonic excitation.
 
     Examples
     --------
@@ -247,6 +258,7 @@ class Design(JudgedView):
     diverged: int
     closure: float
     absorption: Absorption
+    response: Response | None = None
 
     @property
     def evaluations(self) -> int:
@@ -393,9 +405,10 @@ class _Problem:
     axes: tuple[DesignAxis, ...]
     levels: tuple[Variants, ...]
     drawn: tuple[Mapping[str, float], ...]
-    quantity: str
+    quantity: AbsorptionQuantity
     options: DesignOptions
     mass_varies: bool
+    resonance: Resonance | None
 
     def judge(self, points: Floats, progress: Progress) -> Floats:
         """(E, 5) of designs (E, P): the loss, least is best and inf the worst; by what part it exceeds limits; the mass in kg;
@@ -406,19 +419,27 @@ class _Problem:
         named = [dict(zip([axis.name for axis in self.axes], row, strict=True)) for row in points.tolist()]
         losses, excesses, masses = [], [np.zeros((len(named), len(self.drawn)))], np.zeros(len(named))
         diverged, closure = np.zeros(len(named)), np.zeros(len(named))
-        for number, variants in enumerate(self.levels):
+        asked = {self.quantity.name, *limits} - {ADDED_MASS}
+        simulated = _SIMULATED if RESONANCE in asked else 1.0
+        for number, (factor, variants) in enumerate(zip(self.options.levels, self.levels, strict=True)):
             comparisons = [variants.at({**draw, **values}) for values in named for draw in self.drawn]
             masses = np.array([_added_mass(own) for own in comparisons]).reshape(len(named), -1).max(axis=1)
             share = part(progress, number / len(self.levels), (number + 1) / len(self.levels))
-            ensemble = run_ensemble(comparisons, workers=self.options.workers, progress=share)
+            ensemble = run_ensemble(
+                comparisons, workers=self.options.workers, progress=part(share, 0.0, simulated)
+            )
+            column = {name: ensemble.column(name) for name in asked - {RESONANCE}}
+            if self.resonance is not None and RESONANCE in asked:
+                structures = [own.structure for own in comparisons]
+                column[RESONANCE] = self.resonance.values(structures, factor, part(share, simulated, 1.0))
             diverged += np.sum(~ensemble.completed.reshape(len(named), -1), axis=1)
             closures = np.nan_to_num(ensemble.column("closure")).reshape(len(named), -1)
             closure = np.maximum(closure, closures.max(axis=1))
-            loss = sign * ensemble.column(self.quantity)
+            loss = sign * column[self.quantity.name]
             losses.append(np.where(np.isnan(loss), np.inf, loss).reshape(len(named), -1))
             for name, most in limits.items():
                 if name != ADDED_MASS:
-                    excess = np.maximum(ensemble.column(name) / most - 1.0, 0.0)
+                    excess = np.maximum(column[name] / most - 1.0, 0.0)
                     excesses.append(np.where(np.isnan(excess), np.inf, excess).reshape(len(named), -1))
         worst = np.max(excesses, axis=(0, 2))
         if ADDED_MASS in limits:
@@ -569,7 +590,8 @@ def design(
         Bounds by coefficient ("nes1.alpha") or mass ("m2.mass"), in SI units.
     minimise : str
         The quantity: "peak" or "rms" in m of the primary masses, "remaining" (the part of the energy that is left at the
-        end), "sinks_share", "settled", "power:LINK", "stroke:LINK" or another one of `absorption_map`.
+        end), "sinks_share", "settled", "power:LINK", "stroke:LINK" or another one of `absorption_map`; or "resonance", the
+        largest steady amplitude of the primary masses under the harmonic excitation of the options.
     options : DesignOptions, optional
         How the search is made: evaluations, levels, limits, seed, whether to maximise.
     journal : str or Path, optional
@@ -624,20 +646,20 @@ def design(
     if merit[best] >= _INFEASIBLE:
         kept = "keeps the limits and has" if options.limits else "has"
         raise LinkwiseError(
-            f"none of {len(merit)} designs {kept} a value of {problem.quantity}: widen the bounds"
+            f"none of {len(merit)} designs {kept} a value of {problem.quantity.name}: widen the bounds"
             f"{', raise the limits' if options.limits else ''} or simulate for longer"
         )
     sign = -1.0 if options.maximise else 1.0
     values = dict(zip(over, search.values(search.ways[best : best + 1])[0].tolist(), strict=True))
-    quantity = next(own for own in quantities_of(comparison) if own.name == problem.quantity)
     objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
     absorption = compare(
         Variants.of(comparison.structure, comparison, list(over)).at(values), part(progress, 0.95, 1.0)
     )
+    resonance = problem.resonance
     return Design(
         structure=subject.with_values(values),
         axes=problem.axes,
-        quantity=quantity,
+        quantity=problem.quantity,
         options=options,
         best=values,
         objective=float(objectives[best]),
@@ -650,6 +672,7 @@ def design(
         diverged=int(search.diverged.sum()),
         closure=float(search.closure.max()),
         absorption=absorption,
+        response=None if resonance is None else resonance.response(absorption.with_sinks.structure),
     )
 
 
@@ -681,12 +704,26 @@ def _problem(
 ) -> tuple[_Problem, Comparison]:
     """The problem, and the comparison in the middle of the bounds under the excitation as given."""
     equipped = with_harvesters(structure, simulated.harvesters or {})
+    if options.harmonic is not None:
+        options.harmonic.drive.check(equipped)
+        if simulated.excitation.is_empty:
+            swept, duration = sweep(options.harmonic, simulated.duration)
+            simulated = replace(simulated, excitation=swept, duration=duration)
     axes = tuple(_axis(equipped, name, bounds) for name, bounds in over.items())
     if not axes:
         raise StructureError("nothing is varied: name at least one coefficient or mass with its bounds")
     middle = {axis.name: float(_values(axis, np.array(0.5))) for axis in axes}
     comparison = comparison_at(structure, middle, simulated)
-    known = [quantity.name for quantity in quantities_of(comparison)]
+    resonance = None if options.harmonic is None else Resonance.of(comparison, options.harmonic)
+    quantities = {own.name: own for own in quantities_of(comparison)}
+    if resonance is not None:
+        quantities[RESONANCE] = resonance.quantity
+    elif RESONANCE in (minimise, *(options.limits or ())):
+        raise SimulationError(
+            "the resonance is that of steady motion: give a harmonic excitation with its lowest and highest frequency",
+            arguments=("harmonic",),
+        )
+    known = list(quantities)
     powers = [name for name in known if name.startswith("power:")]
     name = powers[0] if minimise == "power" and len(powers) == 1 else _SHORT.get(minimise, minimise)
     require_known("quantity", name, known, SimulationError)
@@ -705,7 +742,8 @@ def _problem(
         for bound in (attrgetter("low"), attrgetter("high"))
     ]
     mass_varies = _added_mass(ends[0]) != _added_mass(ends[1])
-    return _Problem(axes, tuple(levels), drawn, name, options, mass_varies), comparison
+    problem = _Problem(axes, tuple(levels), drawn, quantities[name], options, mass_varies, resonance)
+    return problem, comparison
 
 
 def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> DesignAxis:

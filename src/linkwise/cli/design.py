@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress
-from linkwise.cli.excitation_options import ExcitationOptions, drive_options
+from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
 from linkwise.cli.method_options import method_options
 from linkwise.cli.options import (
+    POSITIVE,
     folder_option,
     grouped,
     json_option,
@@ -37,8 +38,8 @@ class WantedOptions:
     vary : tuple[str, ...]
         A coefficient (nes1.alpha) or a mass (m2.mass), and its bounds in SI units. Repeatable.
     minimise : str | None
-        peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, ...
-        (default remaining).
+        peak or rms (m, of the primary masses), remaining (energy left at the end), settled, stroke:LINK, resonance (with
+        --from and --to: the largest steady amplitude of the primary masses), ... (default remaining).
     maximise : str | None
         Instead: sinks_share, power:LINK, rms_reduction, ...
     levels : str
@@ -51,10 +52,39 @@ class WantedOptions:
     levels: str = typed("FACTOR,FACTOR,...", default="1", show_default=True)
 
 
+_RANGE = (
+    click.option(
+        "--from",
+        "start",
+        metavar="HZ",
+        type=POSITIVE,
+        help="Lowest frequency of a harmonic excitation, of which --force MASS=N or --base x|v|a=SIZE is the amplitude, as of "
+        "respond.",
+    ),
+    click.option(
+        "--to", "stop", metavar="HZ", type=POSITIVE, help="Highest frequency of a harmonic excitation."
+    ),
+)
+
+
+def _harmonic(
+    drive: ExcitationOptions, search: dict[str, Any]
+) -> tuple[lw.response.ResponseOptions | None, ExcitationOptions]:
+    """What is harmonic between the frequencies, which are taken out of `search`, and what else drives the structure."""
+    ends = [search.pop(name, None) for name in ("start", "stop")]
+    if ends == [None, None]:
+        return None, drive
+    if None in ends:
+        raise UsageError("--from and --to belong together: the frequencies of a harmonic excitation.")
+    base = () if drive.base is None else (drive.base,)
+    harmonic = lw.response.ResponseOptions(**harmonic_excitation(drive.force, base, (ends[0], ends[1])))
+    return harmonic, replace(drive, force=(), base=None)
+
+
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
 @grouped(WantedOptions, "wanted")
-@method_options(lw.absorption.DesignOptions, "search")
+@method_options(lw.absorption.DesignOptions, "search", *_RANGE)
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @drive_options
 @folder_option(DESIGN)
@@ -78,6 +108,7 @@ def design(
       linkwise design chain.toml --vary nes1.alpha=-300:-20 --vary nes1.beta=1e5:1e7 --release v:m1=1.0 -o best
       linkwise design chain.toml --vary m2.mass=0.002:0.05 --vary nes1.beta=1e5:1e7 --minimise rms \\
         --release v:m1=1.0 --levels 0.5,1,2 --limit stroke:nes1=0.04 -o best
+      linkwise design chain.toml --vary nes1.beta=1e5:1e7 --minimise resonance --force m1=0.5 --from 20 --to 36 -o best
       linkwise design answer --vary nes1.c=0.005:0.2 --maximise sinks_share --quantile 0.9 --release v:m1=1.0
     """
     maximise = wanted.maximise
@@ -90,7 +121,10 @@ def design(
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
     quantity = wanted.minimise or maximise or "remaining"
     with progress("simulating") as step, unstarted_is_usage():
-        search = lw.absorption.DesignOptions(**given["search"], levels=factors, maximise=maximise is not None)
+        harmonic, drive = _harmonic(drive, given["search"])
+        search = lw.absorption.DesignOptions(
+            **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic
+        )
         keywords = {**given["options"], **drive.keywords(), "journal": journal, "progress": step}
         result = lw.design(subject, over, quantity, search, **keywords)
     code = deliver(result, output, as_json=as_json, answer=structure)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import click
 
 import linkwise as lw
 from linkwise import files
@@ -19,6 +22,7 @@ from linkwise.cli.options import (
     split,
     typed,
 )
+from linkwise.records.channel import require_complete
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,12 @@ class ExcitationOptions:
         }
 
 
+def harmonic_excitation(force: Iterable[str], base: Iterable[str], hz: tuple[float, float]) -> dict[str, Any]:
+    """Keyword arguments of `ResponseOptions` for amplitudes of forces, MASS=N, and of the base, x|v|a=SIZE."""
+    sizes = {"force": numbers(force, "--force", "m1=0.5"), "base": numbers(base, "--base", "a=9.81")}
+    return {"hz": hz, **{name: own or None for name, own in sizes.items()}}
+
+
 def _impulse(text: str) -> lw.model.Impulse:
     """`MASS=MOMENTUM` or `MASS=MOMENTUM@TIME`, in N s and s."""
     usage = "--impulse", "m1=0.3@0.5"
@@ -75,9 +85,8 @@ def _time_function(text: str, channel: str) -> lw.model.TimeFunction | lw.model.
         if file := _meant_file(text):
             lw.read_record(file)  # which says that it is not there, and what is
         return lw.model.TimeFunction(text)
-    record = lw.read_record(path or text, channels={channel: column} if path is not None else {})
-    _require(record, channel, path or Path(text))
-    return lw.model.Sampled(record.start, record.rate, record.channel(channel))
+    record = _drive(path or Path(text), {channel: column} if path is not None else {})
+    return _sampled(record, channel, path or Path(text))
 
 
 def _meant_file(text: str) -> str:
@@ -86,21 +95,35 @@ def _meant_file(text: str) -> str:
     return file if colon or Path(file).suffix.lower() in files.FORMATS else ""
 
 
-def _require(record: lw.Record, channel: str, file: Path) -> None:
-    """Raise RecordError where the record of a drive lacks its channel."""
+def _drive(file: Path, channels: Mapping[str, str]) -> lw.Record:
+    """The record of a drive; UsageError, which says how its columns are stated, where they are not recognised."""
+    try:
+        return lw.read_record(file, channels=channels)
+    except lw.RecordError as error:
+        if not error.arguments:
+            raise
+        raise click.UsageError(
+            f"{error}. In the file of a drive the time is the column `time` (or `time[ms]`); its values are named as in "
+            f"{file}:COLUMN."
+        ) from error
+
+
+def _sampled(record: lw.Record, channel: str, file: Path) -> lw.model.Sampled:
+    """The samples of a channel; RecordError where the record of a drive lacks it, IdentificationError where it has gaps."""
     if channel not in record.channels:
         message = f"has no channel {channel}, but {', '.join(record.channels)}; name the column of it, as in {file}:COLUMN"
         raise lw.RecordError(message, file)
+    require_complete(channel, record.channel(channel), record.start, record.rate)
+    return lw.model.Sampled(record.start, record.rate, record.channel(channel))
 
 
 def _base_motion(text: str) -> lw.model.TimeFunction | lw.model.Sampled:
     """As `_time_function`; from a file with the velocity or the acceleration alone, its integral from rest."""
     if not is_file(Path(text)):
         return _time_function(text, "x:base")
-    record = lw.read_record(text)
+    record = _drive(Path(text), {})
     channel = next(iter(record.motions_of("base")), lw.records.Channel("x", "base"))
-    _require(record, channel, Path(text))
-    signal = lw.model.Sampled(record.start, record.rate, record.channel(channel))
+    signal = _sampled(record, channel, Path(text))
     for _ in range(channel.order):
         signal = lw.model.Sampled(signal.start, signal.rate, signal.integral(record.time))
     return signal

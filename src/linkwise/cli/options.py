@@ -263,6 +263,7 @@ FLAGS = {
     "segment": "--segment S",
     "draws": "--draws N",
     "hz": "--from HZ --to HZ",
+    "harmonic": "--from HZ --to HZ",
     "excitation": "--force MASS=N or --base x|v|a=SIZE",
     "levels": "--levels SIZE,SIZE",
     "show": "--show x:m1",

@@ -10,6 +10,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import deliver, note, progress
+from linkwise.cli.excitation_options import harmonic_excitation
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
@@ -18,7 +19,6 @@ from linkwise.cli.options import (
     grouped,
     json_option,
     number,
-    numbers,
     stated,
     typed,
     unstarted_is_usage,
@@ -26,8 +26,6 @@ from linkwise.cli.options import (
 from linkwise.cli.reading_options import tell_of_hosts
 from linkwise.estimates.estimate import stated_grade
 from linkwise.output import RESPONSE
-
-_FORCE, _BASE = "m1=0.5", "a=9.81"
 
 
 @dataclass(frozen=True)
@@ -80,9 +78,7 @@ class HarmonicOptions:
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of `linkwise.respond`."""
         return {
-            "hz": (self.start, self.stop),
-            "force": numbers(self.force, "--force", _FORCE) or None,
-            "base": numbers(self.base, "--base", _BASE) or None,
+            **harmonic_excitation(self.force, self.base, (self.start, self.stop)),
             "levels": tuple(number(size, "--levels", "0.5,1,2") for size in self.levels),
             "show": self.show,
             **stated({name: getattr(self, name) for name in ("starts", "seed", "draws", "harmonics")}),

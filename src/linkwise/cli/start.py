@@ -14,11 +14,11 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import note, tell
+from linkwise.cli.console import fail, note, tell
 from linkwise.cli.discover import discover, mass_value
 from linkwise.cli.identify import identify
 from linkwise.cli.inspect import inspect
-from linkwise.cli.options import FOLDER, POSITIVE, grouped, header_line, pairs, typed
+from linkwise.cli.options import FOLDER, POSITIVE, grouped, header_line, pairs, typed, with_flags
 from linkwise.cli.reading_options import records_argument
 from linkwise.display import align_columns
 from linkwise.files import guesses as columns
@@ -181,10 +181,12 @@ class _Test:
         if not moving and not doubtful:
             doubtful = [guess for guess in self.guesses if not guess.name]
             if not doubtful:
-                message = f"no column of numbers is the motion of a mass; {columns.not_numbers(self.table)}"
-                raise self.table.error(message)
+                others = columns.not_numbers(self.table) or "there are no others"
+                raise self.table.error(f"no column of numbers is the motion of a mass; {others}")
         if doubtful:
-            self._require_person(_of_doubts(doubtful, self.masses))
+            self._require_person(
+                _of_doubts([guess for guess in self.guesses if guess.doubts] or doubtful, self.masses)
+            )
             return self._answered(doubtful[0]).with_columns()
         if shown and not self.options.yes:
             self._require_person(
@@ -213,6 +215,8 @@ class _Test:
             why = " ".join(guess.doubts) or (guess.why and f"by its {guess.why}")
             rows.append((str(guess.label), guess.name or "not used", *_quantity(guess), why))
         tell("\n".join(align_columns([("column", "holds", "quantity", "unit", "guessed"), *rows])))
+        if texts := columns.not_numbers(self.table):
+            tell(f"Not used, since they are not numbers alone: {texts}.")
         return any(guess.why for guess in self.guesses)
 
     def _answered(self, guess: columns.ColumnGuess) -> _Test:
@@ -385,7 +389,12 @@ def _run(records: Sequence[Path], sensors: Path, structure: Path | None, answer:
     status = 0
     for name, *arguments in commands:
         tell(f"\n$ linkwise {shlex.join([name, *arguments])}")
-        status = _RUN[name].main(arguments, prog_name=f"linkwise {name}", standalone_mode=False) or 0
+        try:
+            status = _RUN[name].main(arguments, prog_name=f"linkwise {name}", standalone_mode=False) or 0
+        except lw.LinkwiseError as error:  # it may advise options of that command, which is to be repeated
+            fail(with_flags(error, _RUN[name]))
+            status = error.exit_code
+            break
     written = " and ".join(str(path) for path in (sensors, structure) if path is not None)
     tell(f"\nTo go on, edit {written} and repeat:")
     tell("\n".join(f"  linkwise {shlex.join(command)}" for command in commands))

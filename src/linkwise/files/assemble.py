@@ -297,9 +297,11 @@ def _grid(
             return (start, float(stated)), even
     if time is not None:
         return (0.0, None), time
+    headers = [ColumnHeader.parse(header).leaf for header in table.headers]
+    in_seconds = [f", as time={header.name}" for header in headers if header.unit in ("s", "ms")]
     raise table.error(
-        f"there is no time column; {listing(table)}. Name it `time` (in s, or `time[ms]`), map a column to it "
-        "(`channels`), or give the sampling rate (`rate`)",
+        f"there is no time column; {listing(table)}. Name it `time` (in s, or `time[ms]`), map a column to it"
+        f"{''.join(in_seconds[:1])} (`channels`), or give the sampling rate (`rate`)",
         *("channels", "rate"),
         line=table.header_line,
     )
@@ -346,8 +348,8 @@ def _bounds(samples: NDArray[Any], index: NDArray[np.int64], side: NDArray[Any])
     return ClippedSamples(samples, readings, sides)
 
 
-def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:
-    """(N,) values of a chosen column in SI units; integers without a unit stay integers, so that a note mentions them."""
+def numbers(table: Table, choice: ColumnChoice) -> NDArray[Any]:
+    """(N,) values of a chosen column in its unit; RecordError where it holds anything but real numbers."""
     column = table.columns[choice.column]
     if column.instead:
         message = f"is {column.instead}, not a row of real numbers; leave the channel out"
@@ -360,10 +362,16 @@ def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:
         text, line = (column.bad.text, column.bad.line) if column.bad else ("", None)
         raise table.error(f"{text!r} is not a number; {advice}", *arguments, line=line, channel=choice.name)
     _refuse_overloads(table, choice.name, column.values)
+    return column.values
+
+
+def _in_si(table: Table, choice: ColumnChoice) -> NDArray[Any]:
+    """The same in SI units; integers without a unit stay integers, so that a note mentions them."""
+    values = numbers(table, choice)
     if not choice.unit:
-        return column.values
+        return values
     factor = si_factor(choice.unit, choice.kind, file=table.file, line=table.header_line, channel=choice.name)
-    values = column.values.astype(np.float64)
+    values = values.astype(np.float64)
     # 12 mm are 12 / 1000, rounded once; 12 * 1e-3 is rounded twice, and a time in ms would not lie on its grid
     divisor = round(1.0 / factor)
     return values / divisor if factor < 1.0 and 1.0 / divisor == factor else values * factor

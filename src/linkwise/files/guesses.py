@@ -16,7 +16,7 @@ import numpy as np
 
 from linkwise.display import on_one_line
 from linkwise.errors import LinkwiseError
-from linkwise.files.assemble import mapped, recognised
+from linkwise.files.assemble import mapped, numbers, recognised
 from linkwise.files.mapping import RecordMapping
 from linkwise.files.table import ColumnHeader, Table
 from linkwise.model.toml import toml_text
@@ -79,7 +79,7 @@ def guessed_columns(
     """What each column that holds numbers may be, for the `masses` there are; `channels` are known, as of `read_record`, and
     nothing is guessed of columns `left_out`, by header or label.
 
-    Raises RecordError where no column holds numbers, or a column of `channels` does not exist.
+    Raises RecordError where no column holds numbers, or a column of `channels` does not exist or holds text.
     """
     numeric = {number: own.header for number, own in enumerate(table.columns) if own.values is not None}
     headers = {number: ColumnHeader.parse(header).leaf for number, header in numeric.items()}
@@ -94,6 +94,8 @@ def guessed_columns(
         if choice.column in guesses:
             known = replace(guesses[choice.column], name=choice.name, unit=choice.unit)
             guesses[choice.column] = known
+        elif table.headers[choice.column] not in left_out:
+            numbers(table, choice)
     out = {number for number, guess in guesses.items() if {str(guess.label), guess.header} & set(left_out)}
     for number in out:
         guesses[number] = replace(guesses[number], name="")
@@ -128,7 +130,7 @@ def not_numbers(table: Table) -> str:
         for column in table.columns
         if column.bad is not None
     ]
-    return ", ".join(cells) or "there are no others"
+    return ", ".join(cells)
 
 
 def _names(guesses: Mapping[int, ColumnGuess]) -> list[Channel | str]:
@@ -220,10 +222,10 @@ def _named_in(header: str, masses: Sequence[str]) -> list[str]:
         parts = _words(mass)
         if any(words[start : start + len(parts)] == parts for start in range(len(words))):
             named.append(mass)
-    numbers = [word for word in _words(ColumnHeader.parse(header).leaf.name) if word.isdecimal()]
-    if named or len(numbers) != 1:
+    digits = [word for word in _words(ColumnHeader.parse(header).leaf.name) if word.isdecimal()]
+    if named or len(digits) != 1:
         return named
-    return [mass for mass in masses if [word for word in _words(mass) if word.isdecimal()] == numbers]
+    return [mass for mass in masses if [word for word in _words(mass) if word.isdecimal()] == digits]
 
 
 def proposed_masses(guesses: Iterable[ColumnGuess]) -> tuple[str, ...]:

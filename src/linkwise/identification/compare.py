@@ -99,10 +99,10 @@ class Comparison(JudgedView):
     @property
     def head(self) -> tuple[str, str]:
         """The structure with the grade, and what is missing."""
-        missing = "Its diagnosis names no term that is missing."
+        missing = "Nothing that it leaves points to a term that is missing."
         if self.missing is not None:
-            missing = f"What is missing, by its diagnosis: {self.missing.description}."
-        return f"{self.best.structure.name or 'structure'}: ml {self.grade.trust}", missing
+            missing = f"What is missing, by what it leaves: {self.missing.description}."
+        return f"{self.best.structure.name or 'structure'}: maximum likelihood {self.grade.trust}", missing
 
     @property
     def rows(self) -> list[tuple[str, ...]]:

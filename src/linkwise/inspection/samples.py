@@ -421,8 +421,13 @@ def dropped(signals: RecordSignals) -> Iterator[Alert]:
             continue
         message = (
             f"{missing.sum()} of {len(missing)} samples are missing in {gaps}, the longest of {longest} samples at "
-            f"{signal.start + start / signal.rate:g} s: maximum likelihood and the weak form leave them out, which "
-            "costs accuracy only; differentiation needs a complete piece, cut to one"
+            f"{signal.start + start / signal.rate:g} s: "
+        )
+        message += (
+            "an input must be complete, so identification needs a piece without gaps: cut to one"
+            if signal.is_input
+            else "maximum likelihood and the weak form leave them out, which costs accuracy only; differentiation needs a "
+            "piece without gaps: cut to one"
         )
         share, arguments = float(missing.mean()), ("earliest", "latest")
         yield Alert("dropped", signal.channel, message, share, arguments=arguments, is_of_gaps=True)

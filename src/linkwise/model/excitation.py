@@ -509,6 +509,11 @@ class Excitation:
         return None if self.base is None else self.base.value(times)
 
     @property
+    def is_empty(self) -> bool:
+        """Whether it sets nothing in motion."""
+        return not (any(self.release.values()) or self.impulses or self.drives)
+
+    @property
     def drives(self) -> dict[str, InputSignal]:
         """Force by mass, the motion of the base under the name "base", and signals under those of their channels."""
         base = {} if self.base is None else {"base": self.base}

@@ -326,14 +326,14 @@ def _informed(table: StudySummary, paper: PaperStudy, method: str) -> Claim:
 
 
 def _trusted(table: StudySummary, paper: PaperStudy) -> list[Claim]:
-    """Whether linkwise's own estimators stand by their answers."""
+    """Whether linkwise's own estimators trust their answers."""
     claims_of_trust = []
     for method in (*paper.weak, *paper.likelihood):
         answers = [row for cell in table.cells if cell.method == method for row in cell.answers]
         doubtful = [row for row in answers if row.status != Verdict.CONVERGED.status]
         if answers:
-            text = f"{method} stands by {len(answers) - len(doubtful)} of its {len(answers)} answers"
-            others = "; the others say that they are not to be trusted" if doubtful else ""
+            text = f"{method} trusts {len(answers) - len(doubtful)} of its {len(answers)} answers"
+            others = "; of the others it says that they are not to be trusted" if doubtful else ""
             claims_of_trust.append(Claim(f"{text}{others}.", not doubtful))
     return claims_of_trust
 

@@ -171,7 +171,8 @@ def spectrum(
         if noise is not None and noisy:
             level = noise * (2.0 / record.rate) ** 0.5
             axes.axhline(level, color=WELL if color != WELL else MEASURED, ls="--", lw=0.8, label="noise")
-        axes.set(xlim=(0.0, 0.5 * record.rate), xlabel="frequency, Hz")
+        axes.set(xlim=spectrogram.frequency[[1, -2]], xlabel="frequency, Hz")
+        log_scale(axes, "x")
         axes.set_ylabel(f"{literal(name)}\n{record.unit(name)}/√Hz")
     return axes
 

@@ -84,7 +84,7 @@ def response(
 def _draw_measured(axes: Axes, measured: MeasuredPoints | None, column: int, factor: float) -> None:
     if measured is not None:
         values = factor * measured.amplitude[:, column]
-        axes.plot(measured.hz, values, ".", color="grey", ms=4, zorder=1, label="measured")
+        axes.plot(measured.hz, values, "o", mec="grey", mfc="none", ms=3.5, zorder=3, label="measured")
 
 
 def _colours(count: int) -> list[str]:

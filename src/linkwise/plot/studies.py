@@ -236,7 +236,9 @@ def success_map(result: SuccessMap, *, ax: Axes | None = None) -> Axes:
                 wrong = float(result.wrong_trusted_share[row, column])
                 _write(axes, row, column, 100.0 * float(value), 100.0 * wrong)
         axes.set_xticks(np.arange(len(result.snr_db)) + 0.5, [f"{level:g}" for level in result.snr_db])
-        axes.set_yticks(np.arange(len(result.rates)) + 0.5, [f"{count:.3g}" for count in result.samples])
+        axes.set_yticks(
+            np.arange(len(result.rates)) + 0.5, [f"{float(f'{count:.3g}'):g}" for count in result.samples]
+        )
         axes.grid(False)
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)

@@ -231,7 +231,8 @@ def prediction_spectrum(
         axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
         axes.axhline(noise, color=WELL, ls=(0, (4, 3)), lw=1.0, label="noise")
         log_scale(axes, "y")
-        axes.set(xlim=(0.0, spectrum.frequency[-1]), xlabel="frequency, Hz")
+        axes.set(xlim=spectrum.frequency[[1, -1]], xlabel="frequency, Hz")
+        log_scale(axes, "x")
         axes.set_ylabel(f"{literal(channel)}, ({score.unit})²/Hz")
     return axes
 

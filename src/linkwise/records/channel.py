@@ -523,8 +523,8 @@ def require_complete(name: str, samples: Floats, start: float, rate: float) -> N
     raise IdentificationError(
         f"channel {name}: {missing.sum()} of {len(samples)} samples are missing, the first at "
         f"{start + int(np.argmax(missing)) / rate:.9g} s, and inputs must be complete; cut the record to a piece without gaps "
-        f"(the longest: record.between({earliest:.9g}, {latest:.9g})), or interpolate across gaps that are short against the "
-        "changes of this input",
+        f"(the longest is from {earliest:.9g} to {latest:.9g} s: record.between({earliest:.9g}, {latest:.9g})), or "
+        "interpolate across gaps that are short against the changes of this input",
         arguments=("earliest", "latest"),
     )
 

@@ -37,13 +37,17 @@ from linkwise.report.page import (
     sectioned,
     sections_of,
 )
+from linkwise.response.result import headline as response_headline
+from linkwise.response.result import peak_rows
 
 if TYPE_CHECKING:
     from linkwise.plot import absorptions as absorption_figures
     from linkwise.plot import design as design_figures
+    from linkwise.plot import responses as response_figures
 else:  # matplotlib loads where a figure is drawn
     absorption_figures = lazy_module("linkwise.plot.absorptions")
     design_figures = lazy_module("linkwise.plot.design")
+    response_figures = lazy_module("linkwise.plot.responses")
 
 
 Answer = Absorption | AbsorptionIntervals
@@ -182,10 +186,22 @@ def _best_motion(result: Design) -> Section:
     return Section("Motion of the best", rows=mass_rows(result.absorption), figure=figure)
 
 
+def _best_response(result: Design) -> Section | None:
+    """The steady motion of the best over frequency, where that was asked for."""
+    response = result.response
+    if response is None:
+        return None
+    figure = partial(response_figures.response_figure, response)
+    return Section(
+        "Steady motion of the best", response_headline(response), rows=peak_rows(response), figure=figure
+    )
+
+
 DESIGN_SECTIONS: dict[str, Build[Design]] = {
     "best": _best_design,
     "trade_off": _trade_off,
     "designs": _designs,
+    "response": _best_response,
     "decay": _best_motion,
 }
 """The sections of the page, in order."""

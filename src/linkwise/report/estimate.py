@@ -99,7 +99,7 @@ def _unseen(reported: Reported[Estimate]) -> Section | None:
             format_percent(term.share),
             term.coefficient,
             format_percent(term.relative_change),
-            f"{term.standard_errors:.2g}",
+            format_error(term.standard_errors),
         )
         for term in terms
     ]

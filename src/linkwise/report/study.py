@@ -230,10 +230,12 @@ def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
 
 
 def _coverages(table: StudySummary) -> list[tuple[str, float, Mapping[str, str]]]:
-    """How many intervals hold the true value, by structure and noise level, where there are any."""
+    """How many intervals hold the true value, by structure and noise level and by method, where there are any."""
     lines: dict[tuple[str, float], dict[str, str]] = {}
+    stated = {cell.method for cell in table.cells if cell.intervals}
+    methods = [method for method in table.methods if method in stated]
     for cell in table.cells:
-        texts = lines.setdefault((cell.structure, cell.snr_db), dict.fromkeys(table.methods, "–"))
+        texts = lines.setdefault((cell.structure, cell.snr_db), dict.fromkeys(methods, "–"))
         if cell.intervals:
             texts[cell.method] = covered(cell.coverage, cell.intervals)
     return [(*key, texts) for key, texts in lines.items() if set(texts.values()) != {"–"}]

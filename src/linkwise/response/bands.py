@@ -20,14 +20,15 @@ from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
-from linkwise.response.search import Curve, PeriodicEquations
-from linkwise.response.shooting import amplitudes
+from linkwise.response.search import Curve, PeriodicEquations, repeats_sooner
+from linkwise.response.shooting import Shooting, amplitudes
 
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn
 _STATIONS, _FEWEST, _MOST = 120, 6, 40  # points of all branches at which draws are made, and of each
 _CORRECTIONS = 8
 _CONVERGED = 1e-5  # of the size of the motion
+_FAR = 0.1  # of the size of the motion: nearer, it may be one whose period does not double yet
 _LEAST = 0.5  # of the draws must have a motion
 
 
@@ -121,9 +122,12 @@ def _by_chords(
 
 
 def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
-    """The same by Newton's method, if the solution is on the side of all folds that the point is on."""
+    """The same by Newton's method, if the solution is on the same side of all folds and not far off with a shorter period."""
     found = solve(equations, unknowns)
     if found is None:
+        return None
+    far = np.abs((found.unknowns - unknowns) / point.sizes).max() > _FAR
+    if far and isinstance(equations, Shooting) and repeats_sooner(equations, found):
         return None
     signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
     return found.unknowns if signs[0] == signs[1] else None

@@ -183,8 +183,11 @@ def locate(
 
     try:
         return ends[_zero(at, 1.0, tolerance)]
-    except ArithmeticError:
-        return None
+    except (
+        ArithmeticError
+    ):  # beside a branch point, at which the equations are singular: the nearest that was found
+        part = min(ends, key=lambda part: abs(test(ends[part])))
+        return ends[part] if 0.0 < part < 1.0 else None
 
 
 def _zero(function: Callable[[float], float], end: float, tolerance: float) -> float:

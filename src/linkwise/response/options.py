@@ -93,6 +93,27 @@ class Drive:
         turned = phases - 0.5 * np.pi * self.order
         return size * np.cos(turned), -size * omega * np.sin(turned)
 
+    def sweep(self, size: float, hz: tuple[float, float], duration: float) -> str:
+        """Write what is harmonic as a sweep of its frequency at a constant rate.
+
+        Parameters
+        ----------
+        size : float
+            Amplitude of what is harmonic, in its unit.
+        hz : tuple of two floats
+            First and last frequency in Hz.
+        duration : float
+            Time from the first to the last in s.
+
+        Returns
+        -------
+        str
+            The force in N, or the displacement of the base in m, as an expression of t.
+        """
+        first, rate = 2.0 * np.pi * hz[0], 2.0 * np.pi * (hz[1] - hz[0]) / duration
+        text = _DISPLACEMENTS[self.kind].replace("omega*t", f"{first!r}*t + {0.5 * rate!r}*t**2")
+        return text.replace("omega", f"({first!r} + {rate!r}*t)").replace("size", repr(float(size)))
+
     def check(self, structure: Structure) -> None:
         """Check that a structure can be driven so.
 

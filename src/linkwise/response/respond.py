@@ -56,7 +56,8 @@ def respond(
 ) -> Response:
     """Compute the steady motion of a structure under a harmonic force, or a harmonic motion of its base, over frequency.
 
-    Periodic motions are found by shooting and followed by pseudo-arclength, so that unstable ones between folds are there too.
+    Periodic motions are found by shooting and followed by pseudo-arclength, so that unstable ones between folds are there too,
+    and branches that split off where stable motion loses its symmetry or doubles its period.
     Further branches, such as isolated ones and those of other wells, are looked for from rest in every well, from states at
     random and from the motions of the level before. That finds what attracts; that nothing else exists is not proven.
 

@@ -18,6 +18,7 @@ from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import Channel
+from linkwise.records.channel_units import unit_in
 from linkwise.response.options import shown_channels
 from linkwise.response.shooting import channel_rows, require_smooth, run_time_parameters
 from linkwise.simulation.energy import kinetic_energy, potential_energy
@@ -108,7 +109,7 @@ class Basins(JudgedView):
 def basins_headline(result: Basins) -> tuple[str, ...]:
     """What was computed, in a sentence or two."""
     ranges = [
-        f"{name} from {values[0]:g} to {values[-1]:g}"
+        f"{name} from {values[0]:g} to {values[-1]:g} {unit_in(result.structure, name)}"
         for name, values in zip(result.plane, result.values, strict=True)
     ]
     open_share = float(np.mean(result.ends < 0))
@@ -119,7 +120,7 @@ def basins_headline(result: Basins) -> tuple[str, ...]:
 def basins_rows(result: Basins) -> list[tuple[str, ...]]:
     """The share of each rest position, and where it is."""
     names = result.structure.mass_names
-    titles = ("rest", "share", *(f"x:{name}, m" for name in names))
+    titles = ("rest", "share", *(f"x:{name}, {unit_in(result.structure, f'x:{name}')}" for name in names))
     return [
         titles,
         *(

@@ -316,14 +316,24 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
     rows = [titles]
     for level in response.levels:
         for number, branch in enumerate(level.branches, start=1):
-            peaks = branch.amplitude.argmax(axis=0)
+            # unstable motion, which no test shows, counts where there is no other
+            shown = branch.stable | ~branch.stable.any()
+            peaks = np.where(shown[:, None], branch.amplitude, -1.0).argmax(axis=0)
             cells = [
                 f"{branch.amplitude[at, column]:.4g} {unit_in(response.structure, channel)} at {branch.hz[at]:.5g} Hz"
                 for column, (channel, at) in enumerate(zip(response.channels, peaks, strict=True))
             ]
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
-            rows.append((f"{level.size:g}", name, span, *cells, _bifurcation_text(branch) or "-"))
+            rows.append(
+                (
+                    f"{level.size:g} {response.drive.unit}",
+                    name,
+                    span,
+                    *cells,
+                    _bifurcation_text(branch) or "-",
+                )
+            )
     return rows
 
 

@@ -38,6 +38,7 @@ _REPEATS = 0.02  # of its size: a motion that comes back so near repeats, or wil
 _SAME = 1e-5  # of its size: two motions so near are one
 _ON_CURVE = 1e-3  # of its size: a curve passes so near through a motion that is on it
 _WILD = 100.0  # multiplier from which a motion is one of the endless unstable ones of a chaotic structure
+_BRANCH_STEPS = (_LONGEST, _LONGEST / 4, _LONGEST / 16)  # onto another curve
 _MOST_CURVES, _MOST_POINTS = 24, 600  # at a level, and of a curve each way
 _PEAK_STEPS, _PEAK = 4, 1e-6  # parabolas to a peak, and the part of a step that a further one must move it
 _EXPONENT_TURNS = 200
@@ -150,12 +151,21 @@ class LevelSearch:
         motion = solve(equations, unknowns)
         if motion is None or np.abs(equations.multipliers(motion)).max() > _WILD:
             return None
-        if isinstance(equations, Shooting) and _repeats_sooner(equations, motion):
+        if isinstance(equations, Shooting) and repeats_sooner(equations, motion):
             return self.take(motion.unknowns)
-        alike = [curve for curve in self.curves if curve.equations.turns == turns]
-        if len(self.curves) < _MOST_CURVES and not any(curve.contains(motion) for curve in alike):
-            self.curves.append(whole_curve(equations, motion))
+        self._follow(equations, motion)
         return motion
+
+    def _follow(self, equations: PeriodicEquations, motion: Point) -> None:
+        """Follow the curve through a motion unless it is known, and those that branch off it."""
+        alike = [curve for curve in self.curves if curve.equations.turns == equations.turns]
+        if len(self.curves) >= _MOST_CURVES or any(curve.contains(motion) for curve in alike):
+            return
+        curve = whole_curve(equations, motion)
+        self.curves.append(curve)
+        if isinstance(equations, Shooting):
+            for doubled, other in list(_branching_off(equations, curve)):
+                self._follow(doubled, other)
 
     def settle(self, shooting: Shooting, start: Floats, omega: float) -> None:
         """Simulate from a start (N,) until the motion repeats; follow the curve it is on, or keep what does not repeat."""
@@ -187,11 +197,12 @@ def _turns(states: Floats, sizes: Floats) -> int:
     return 0
 
 
-def _repeats_sooner(shooting: Shooting, motion: Point) -> bool:
+def repeats_sooner(shooting: Shooting, motion: Point, near: float = _SAME) -> bool:
+    """Whether a motion comes back to within this part of its size before its period is over."""
     if shooting.turns == 1:
         return False
     states = shooting.after(motion.unknowns[:-1], motion.parameter, shooting.turns - 1)
-    return bool((np.abs((states - motion.unknowns[:-1]) / motion.sizes[:-1]).max(axis=1) < _SAME).any())
+    return bool((np.abs((states - motion.unknowns[:-1]) / motion.sizes[:-1]).max(axis=1) < near).any())
 
 
 def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
@@ -247,6 +258,31 @@ def _vertex(lengths: Sequence[float], values: Sequence[float]) -> float:
     return -0.5 * (rise * right + fall * left) / (left + right) / bend if bend < 0.0 else 0.0
 
 
+def _branching_off(equations: Shooting, curve: Curve) -> Iterator[tuple[Shooting, Point]]:
+    """Motions on the other curves through the points where motion loses its symmetry or doubles its period.
+
+    There the null space of the Jacobian, over the period of the other curve, holds the tangents of both. Curves that
+    branch off unstable motion begin unstable, and are left out; so are further doublings on the way to chaos, which
+    simulations tell.
+    """
+    for before, (point, name), after in zip(curve.points, curve.points[1:], curve.points[2:], strict=False):
+        turns = equations.turns * (2 if name == DOUBLING else 1)
+        near = (before[0], after[0])
+        if name not in (DOUBLING, BRANCHING) or turns > 2:
+            continue
+        if all(np.abs(equations.multipliers(own)).max() > 1.0 for own in near):
+            continue
+        longer = equations.with_turns(turns)
+        first, second = np.linalg.svd(longer(point.unknowns)[1] * point.sizes)[2][-2:]
+        across = (first @ point.tangent) * second - (second @ point.tangent) * first
+        across /= np.linalg.norm(across)
+        for step in _BRANCH_STEPS:
+            found = solve(longer, point.unknowns + step * across * point.sizes, across)
+            if found is not None and not repeats_sooner(longer, found):
+                yield longer, found
+                break
+
+
 def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], float]]]:
     """Functions of a motion that vanish at bifurcations, by name."""
 
@@ -270,11 +306,20 @@ def _tests(equations: PeriodicEquations) -> list[tuple[str, Callable[[Point], fl
 def _confirmed(
     equations: PeriodicEquations, marked: Sequence[tuple[Point, str]]
 ) -> Iterator[tuple[Point, str]]:
-    """The points, those without a name where nothing gains or loses stability, though a test vanishes."""
+    """The points, those without a name where nothing gains or loses stability, though a test vanishes.
+
+    A fold beside a branch point is where the curve branches off another one, of half its period if it repeats sooner.
+    """
     counts = [int((np.abs(equations.multipliers(point)) > 1.0).sum()) for point, _ in marked]
     for number, (point, name) in enumerate(marked):
+        splits = {FOLD, BRANCHING} <= {other for _, other in marked[max(number - 1, 0) : number + 2]}
         changes = counts[number - 1] != counts[min(number + 1, len(marked) - 1)]
-        yield point, name if name == FOLD or changes else ""
+        if name == FOLD and splits:
+            doubled = isinstance(equations, Shooting) and repeats_sooner(equations, point, _ON_CURVE)
+            name = DOUBLING if doubled else BRANCHING
+        elif (name == BRANCHING and splits) or (name != FOLD and not changes):
+            name = ""
+        yield point, name
 
 
 def irregular_motion(shooting: Shooting, state: Floats, omega: float) -> IrregularMotion | None:

@@ -83,13 +83,13 @@ def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) ->
     message = "settling must be at least 2 and leave samples to compare, got 40 of 40 samples"
     with pytest.raises(lw.RecordError, match=message):
         lw.analysis.free_run(duffing, forced[:40], settling=40)
-    for missing, message in (
-        ((300, 1), r"force:m1.*samples are missing, and an input drives the motion"),
-        ((slice(50), 0), r"x:m1.*has no sample among the first 50"),
+    for missing, error, message in (
+        ((300, 1), lw.IdentificationError, r"force:m1.*samples are missing.* inputs must be complete"),
+        ((slice(50), 0), lw.RecordError, r"x:m1.*has no sample among the first 50"),
     ):
         values = forced.values.copy()
         values[missing] = np.nan
-        with pytest.raises(lw.RecordError, match=message):
+        with pytest.raises(error, match=message):
             lw.analysis.free_run(duffing, replace(forced, values=values))
     shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
     record = lw.Record(0.0, 500.0, ("x:m1", "a:base"), forced.values)

@@ -227,7 +227,7 @@ def test_records_that_do_not_fit_the_structure_are_refused() -> None:
         lw.validate(elsewhere, duffing())
     values = record.values.copy()
     values[5, record.channels.index("force:m1")] = np.nan
-    with pytest.raises(lw.RecordError, match="an input drives the motion"):
+    with pytest.raises(lw.IdentificationError, match="inputs must be complete; cut the record"):
         lw.validate(replace(record, values=values), duffing())
     with pytest.raises(lw.StructureError, match=r"spring\.k is unknown"):
         lw.validate(record, duffing().unknown("spring.k"))

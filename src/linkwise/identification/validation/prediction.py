@@ -28,7 +28,7 @@ from linkwise.model.excitation import Sampled
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import BASE, Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress, ProgressReport
-from linkwise.records.channel import BAND_LIMITED, LARGEST, ORDER_OF, Channel
+from linkwise.records.channel import BAND_LIMITED, LARGEST, ORDER_OF, Channel, require_complete
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
@@ -164,9 +164,7 @@ def _inputs(record: Record, samples: int) -> dict[Channel, Sampled]:
         if name.place == BASE and name.kind != "x":
             continue
         values = record.channel(name)
-        if np.isnan(values).any():
-            message = "samples are missing, and an input drives the motion: fill them first"
-            raise RecordError(message, channel=name)
+        require_complete(name, values, record.start, record.rate)
         order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
         inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
     return inputs

@@ -395,8 +395,8 @@ def headline(validation: Validation) -> tuple[str, ...]:
         run = f"One free run of {scored:.4g} s"
     else:
         run = (
-            f"The motion is chaotic: an error of the state hides it after {validation.horizon:.3g} s. {validation.windows} "
-            f"runs of {validation.window:.3g} s each"
+            f"The motion is chaotic: an error of the start, of the size of the noise, hides it after {validation.horizon:.3g} "
+            f"s. {validation.windows} runs of {validation.window:.3g} s each"
         )
     burn = f"{run}, after {validation.burn:.4g} s that determine the state and are not scored."
     if not validation.refittable:

@@ -46,7 +46,7 @@ from linkwise.identification.validation.result import (
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import COMMON, SensorUncertainty
+from linkwise.records.channel import COMMON, SensorUncertainty, require_complete
 from linkwise.records.channel_units import in_units_of, places_of, unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
@@ -376,9 +376,7 @@ def _usable(record: Record, structure: Structure) -> Record:
                 f"are {', '.join(masses)}",
                 channel=name,
             )
-        if np.isnan(record.channel(name)).any():
-            message = "samples are missing, and an input drives the motion: fill them first"
-            raise RecordError(message, channel=name)
+        require_complete(name, record.channel(name), record.start, record.rate)
     return record.select([*record.inputs, *responses])
 
 

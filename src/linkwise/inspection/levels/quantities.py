@@ -341,7 +341,7 @@ def decay_of(record: Record) -> Record:
     """The part of a record in which no force acts; where none was recorded, from the largest motion on."""
     first = 0
     for name in record.inputs:
-        applied = np.abs(record.channel(name))
+        applied = np.nan_to_num(np.abs(record.channel(name)))  # a gap shows no force
         if applied.any():
             first = max(first, int(np.flatnonzero(applied > SILENT * applied.max())[-1]) + 1)
     if not record.inputs:
