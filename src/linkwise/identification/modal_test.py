@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from scipy.signal import welch
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import (
@@ -31,10 +32,11 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.model.rotations import with_units
-from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import BASE
+from linkwise.progress import Progress, part, silent
+from linkwise.records.channel import BAND_LIMITED, BASE
 from linkwise.records.joining import check_distinct, record_list
 from linkwise.records.record import Record
+from linkwise.records.timeline import PASSBAND
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
@@ -173,10 +175,12 @@ _FAINT = 10.0
 """Power of a mode over that of the noise, 10 dB, in its best channel: a mode below it may stand for several."""
 # bounds to which such a mode is known, relative
 _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (0.02, 0.5, 0.2)
-_STANDS_IN = 4.0
-"""Times what linear modes leave of the response: what they take in beside it of a force that is not linear, which makes their
-errors. Of random motion it is 1.2 for the force of a cubic spring, 1.3 for Coulomb friction, 2.4 for quadratic damping and up
-to 5 for hysteresis; of a decay, whose size changes slowly, more."""
+_LONG = 16_000  # samples: a search in more takes minutes
+_SEGMENT = 1024  # samples of a spectrum of the force
+_HARDLY_EXCITED = (
+    1e-4  # of the power of a force: beyond the frequency above which lies no more, it moves nothing
+)
+_BEYOND = 1.5  # times the highest frequency excited, up to which modes bend the response below it
 _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
 
@@ -249,16 +253,16 @@ def identify_host(
     if not records:
         raise IdentificationError("a modal test needs at least one record, got none")
     check_distinct(records)
+    records = [_in_excited_band(single) for single in records]
     measured = ModalMeasurement.of(records, name)
     with one_blas_thread():
-        pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.9))
+        pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.5))
         if not len(pursued.frequencies):
             raise IdentificationError(
                 "the response to the force does not stand above the noise, so no mode can be found; hit the structure harder, "
                 "or check the units and the channels of force and motion"
             )
-        progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
-        fit = modal_fit(measured, pursued)
+        fit = modal_fit(measured, pursued, part(progress, 0.5, 1.0))
         while (
             modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None
         ):
@@ -273,9 +277,7 @@ def identify_host(
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     unscaled = _unscaled(fit, errors, faint)
     if inexact:
-        errors = np.maximum(
-            errors * fit.block_ratios, _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
-        )
+        errors = errors * fit.block_ratios
     of_pairs = errors[len(errors) - len(fit.pairs) :]
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
@@ -289,6 +291,23 @@ def identify_host(
         remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
         seconds=perf_counter() - started,
     )
+
+
+def _in_excited_band(record: Record) -> Record:
+    """A long record at the rate that the band needs in which its forces move the structure; beyond it they show no mode."""
+    whole = not record.missing.any() and not set(record.interpolation.values()) - {BAND_LIMITED}
+    if len(record) <= _LONG or not record.forces or not whole:
+        return record
+    highest = max(_highest(record.channel(force), record.rate) for force in record.forces)
+    factor = int(0.5 * PASSBAND * record.rate / (_BEYOND * highest))
+    return record.decimate(factor) if factor > 1 else record
+
+
+def _highest(force: Floats, rate: float) -> float:
+    """The frequency in Hz below which lies the power of a force."""
+    frequency, power = welch(force, rate, nperseg=_SEGMENT)
+    below = np.cumsum(power) <= (1.0 - _HARDLY_EXCITED) * power.sum()
+    return float(frequency[min(int(below.sum()), len(frequency) - 1)])
 
 
 def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
@@ -319,15 +338,19 @@ def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedMod
 
 
 def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
-    """(n,) power of what each mode gives over that of the noise, in its best channel."""
+    """(n,) power of what each mode gives over that of the noise, or of what is left where it moves, in its best channel."""
     powers = np.zeros((len(fit.frequencies), len(measured.kinds)))
-    for run in measured.runs:
+    for run, residuals in zip(measured.runs, fit.residuals, strict=True):
+        left = np.abs(np.fft.rfft(np.nan_to_num(residuals))) ** 2
         for mode, shape in enumerate(fit.shapes):
             motions = run.motions(float(fit.frequencies[mode]), float(fit.damping[mode]))
             motion = np.tensordot(shape[measured.forced], motions[: len(measured.forced)], axes=1)
             shown = shape[measured.sensed][:, None] * motion[measured.kinds]
-            powers[mode] += np.mean(shown**2, axis=1) / len(measured.runs)
-    return np.asarray((powers / fit.noise**2).max(axis=1))
+            lines = np.abs(np.fft.rfft(shown)) ** 2
+            peak = np.maximum(lines.max(axis=1, keepdims=True), np.finfo(float).tiny)
+            beside = lines.sum(axis=1) / np.maximum(np.sum(left * lines / peak, axis=1), np.finfo(float).tiny)
+            powers[mode] += np.minimum(np.mean(shown**2, axis=1) / run.noise**2, beside)
+    return np.asarray(powers.max(axis=1) / len(measured.runs))
 
 
 def _chi_square(measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
@@ -382,27 +405,16 @@ def _deviation_by_chance(samples: int) -> float:
     return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
 
 
-def _beside_noise(measured: ModalMeasurement, fit: ModalFit) -> tuple[Floats, Floats]:
-    """(C,) sums of squares of what the modes leave beside noise, and of the response."""
+def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
     noise, power, samples = (np.zeros(len(fit.noise)) for _ in range(3))
     for run in measured.runs:
         known = np.isfinite(run.responses).sum(axis=1)
         noise += run.noise**2 * known
         power += np.nansum(run.responses**2, axis=1)
         samples += known
-    return np.maximum(fit.noise**2 * samples - noise, 0.0), power
-
-
-def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
-    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
-    beside_noise, power = _beside_noise(measured, fit)
+    beside_noise = np.maximum(fit.noise**2 * samples - noise, 0.0)
     return float(np.sqrt(np.max(beside_noise / np.maximum(power, np.finfo(float).tiny))))
-
-
-def _unexplained(measured: ModalMeasurement, fit: ModalFit) -> float:
-    """What the modes leave beside noise: the root of the sum of squares in units of the residuals, as sensitivities are."""
-    beside_noise, _ = _beside_noise(measured, fit)
-    return float(np.sqrt(np.sum(beside_noise / fit.noise**2)))
 
 
 def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool, white: bool) -> Verdict:
@@ -420,8 +432,8 @@ def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> 
     if left > 0.0:
         remarks.append(
             f"Linear modes leave {100.0 * left:.2g} % of the response beside noise. If the structure is not quite linear, "
-            "they are those of this level, and may be others at a lower one; standard errors count that: each is a change "
-            "that moves the response by four times what the modes leave, or that of the scatter between parts of the records."
+            "they are those of this level, and may be others at a lower one: standard errors are those of the scatter between "
+            "parts of the records."
         )
     names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
     if names:

@@ -30,6 +30,7 @@ from linkwise.modal.least_squares import LinearProblem, SearchEnd, least_squares
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.oscillators import ComplexModes
 from linkwise.modal.pursuit import PursuedModes
+from linkwise.progress import Progress, ProgressReport, part, silent
 
 _STEPS = 60
 _CONVERGED = 1e-6  # of the cost: a step that gains less ends the search
@@ -37,6 +38,7 @@ _LEAST_DAMPING, _LARGEST_DAMPING = 1e-6, 0.9
 _FEWEST, _MOST = 5, 40  # blocks, between which scores scatter
 _LEVEL = 0.975  # of the quantile by which few blocks widen errors
 _ROUNDS = 3  # of levels of noise
+_STANDS_OUT = 3.0  # standard errors of damping between modes
 # modes up to which damping couples all pairs, and how far apart by number with more
 _EVERY_PAIR, _NEIGHBOURS = (12, 3)
 _SINGULAR = 1e-13  # of the scaled curvature: rounding
@@ -48,8 +50,8 @@ class ModalFit:
     for `pairs` of modes whose damping matrix is not diagonal its entries `between` (k,) in N s/m, with about the largest
     `sizes` with which it dissipates. `covariance` is of frequency, damping and shape, mode by mode, then of `between`,
     where noise explains the residuals; `block_ratios` are standard errors by the scatter between blocks of the records
-    over those, at least 1; `sensitivities` by how much the response changes with each, the others held, in units of
-    `noise` (C,), the root mean squares of the `residuals` (C, N) of each record, NaN where a sample is missing.
+    over those, at least 1. `noise` (C,) are the root mean squares of the `residuals` (C, N) of each record, NaN where a
+    sample is missing.
     """
 
     frequencies: Floats
@@ -60,21 +62,28 @@ class ModalFit:
     sizes: Floats
     covariance: Floats
     block_ratios: Floats
-    sensitivities: Floats
     noise: Floats
     residuals: tuple[Floats, ...]
     converged: bool
 
 
-def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
-    """The most likely modes, searched from a start."""
+def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progress = silent) -> ModalFit:
+    """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
-    theta, noise, converged = _searched_in_rounds(problem, problem.start(start))
-    coupled, point = _with_pairs(problem, theta, noise)
+    found = _searched_in_rounds(problem, problem.start(start), part(progress, 0.0, 0.5))
+    coupled, point = _with_pairs(problem, found.theta, found.noise)
     if coupled.pairs:
-        problem = coupled
-        theta, noise, converged = _searched_in_rounds(problem, point)
-    covariance, ratios, sensitivities = _errors(problem, theta, noise)
+        fit = _fit(coupled, _searched_in_rounds(coupled, point, part(progress, 0.5, 1.0)))
+        errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
+        if np.any(np.abs(fit.between) > _STANDS_OUT * errors[-len(fit.pairs) :]):
+            return fit
+    return _fit(problem, found)
+
+
+def _fit(problem: _OutputError, found: _Found) -> ModalFit:
+    """The modes that were found, in the order of their frequencies, with their errors."""
+    measured, (theta, noise, converged) = problem.measured, found
+    covariance, ratios = _errors(problem, theta, noise)
     by_mode = problem.by_mode(theta)
     order = np.argsort(by_mode[:, 0])
     numbers = np.arange(by_mode.size).reshape(by_mode.shape)[order].ravel()
@@ -92,20 +101,29 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         sizes=problem.sizes,
         covariance=covariance[np.ix_(numbers, numbers)],
         block_ratios=ratios[numbers],
-        sensitivities=sensitivities[numbers],
         noise=noise,
         residuals=residuals,
         converged=converged,
     )
 
 
-def _searched_in_rounds(problem: _OutputError, theta: Floats) -> tuple[Floats, Floats, bool]:
+class _Found(NamedTuple):
     """The parameters and levels of noise that are most likely, and whether the search converged."""
+
+    theta: Floats
+    noise: Floats
+    converged: bool
+
+
+def _searched_in_rounds(problem: _OutputError, theta: Floats, progress: Progress) -> _Found:
+    """Searched in turn with the levels of noise."""
     noise, converged = problem.levels(theta), False
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
+        between = ", damping between them" if problem.pairs else ""
+        progress(ProgressReport(number / _ROUNDS, f"all {problem.modes} modes{between}"))
         theta, converged = _searched(problem, theta, noise)
         noise = problem.levels(theta)
-    return theta, noise, converged
+    return _Found(theta, noise, converged)
 
 
 def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_OutputError, Floats]:
@@ -149,8 +167,8 @@ def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
     )
 
 
-def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, Floats, Floats]:
-    """The covariance (p, p) from the curvature, ratios (p,) of errors by blocks, and sensitivities (p,) of the response."""
+def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """The covariance (p, p) from the curvature, and ratios (p,) of errors by blocks."""
     equations = problem.equations(theta, noise, blocks=problem.blocks(theta))
     curvature = equations.linear.curvature
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
@@ -161,7 +179,7 @@ def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats
     scatter = scores.T @ scores * (blocks / (blocks - 1))
     robust = (inverse @ scatter @ inverse).diagonal()
     quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
-    return inverse, np.maximum(quantiles * np.sqrt(robust / inverse.diagonal()), 1.0), scale
+    return inverse, np.maximum(quantiles * np.sqrt(robust / inverse.diagonal()), 1.0)
 
 
 class _Equations(NamedTuple):

@@ -13,7 +13,7 @@ weights, projected off the columns: exact in the slope, and in the curvature to 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -164,7 +164,8 @@ _LEAST_GAIN = 1e-4  # of the cost: a step that gains less ends such a search; wh
 _MOST = 30  # modes
 _EXPLAINED = 0.1  # of the response, root mean square: modes that leave more than this are not all found
 _MOST_OF_IT = 0.75  # of the power above the noise that such a part has
-_BESIDE = 3.0  # bandwidths between a mode and one that only takes in what it leaves
+_HALF_POWER = 2.0  # damping ratios times the frequency: the band of a mode between its points of half power
+_BESIDE = 3.0  # damping ratios times the frequency between a mode and one that only takes in what it leaves
 _ALIKE = 0.98  # cosine between the residues of modes that move alike
 _BAND_LINES = 16  # of a spectrum, over which what modes leave is taken for white
 _BLOCKS = 40  # of a record, between which scores scatter
@@ -187,43 +188,51 @@ def pursued_modes(
     part = replace(measured, runs=runs)
     modes = Projection(part, np.empty((0, 2)))
     most = most if count is None else count
+    doubtful: list[tuple[float, float]] = []
     while len(modes.logs) < most:
         progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
-        added = _refined(part, np.concatenate([modes.logs, _best_addition(modes)]))
+        addition = _best_addition(modes, doubtful)
+        if addition is None or any(low < np.exp(addition[0, 0]) < high for low, high in doubtful):
+            break
+        added = _refined(part, np.concatenate([modes.logs, addition]))
         if count is None and not (
             _criterion(added) < _criterion(modes)
             and _gains_in_bands(modes, added)
             and _stands_out(modes, added)
         ):
             break
+        if count is None and _is_doubled(added):
+            doubtful.append(_band(addition, modes))
+            continue
         modes = added
-    if count is None:
-        modes = _merged(part, modes)
     modes = Projection(part, modes.logs[np.argsort(modes.logs[:, 0])])
     frequencies, damping = np.exp(modes.logs).T
     return PursuedModes(frequencies, damping, _residues(modes))
 
 
-def _merged(measured: ModalMeasurement, modes: Projection) -> Projection:
-    """The modes without those that stand beside another for one whose frequency or damping moves with its amplitude."""
-    while len(modes.logs) > 1:
-        frequencies, damping = np.exp(modes.logs).T
-        double = doubled_mode(frequencies, damping, _residues(modes).reshape(len(frequencies), -1))
-        if double is None:
-            break
-        modes = _refined(measured, np.delete(modes.logs, double, axis=0))
-    return modes
+def _is_doubled(modes: Projection) -> bool:
+    """Whether two stand beside each other for one whose frequency or damping moves with its amplitude."""
+    frequencies, damping = np.exp(modes.logs).T
+    return doubled_mode(frequencies, damping, _residues(modes).reshape(len(frequencies), -1)) is not None
+
+
+def _band(addition: Floats, modes: Projection) -> tuple[float, float]:
+    """Frequencies in Hz beside an addition (1, 2) in which no more is looked for: what one mode leaves hides others."""
+    widths = np.exp(np.concatenate([modes.logs, addition]).sum(axis=1))  # Hz, half of the bands of half power
+    own = float(np.exp(addition[0, 0]))
+    width = _BESIDE * float(max(widths[-1], widths[np.argmin(np.abs(modes.logs[:, 0] - addition[0, 0]))]))
+    return own - width, own + width
 
 
 def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int | None:
-    """The weaker of two modes that are within the bandwidth of each other and move alike; None if there are none.
+    """The weaker of two modes that are within the half-power bandwidth of each other and move alike; None if there are none.
 
     `motions` (n, p) are residues or shapes. Modes of a linear structure that lie so close move differently.
     """
     if len(frequencies) < 2 or motions.shape[1] < 2:
         return None
     sizes = np.linalg.norm(motions, axis=1)
-    pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, 1.0), k=1)).tolist()
+    pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, _HALF_POWER), k=1)).tolist()
     return min(pairs[0], key=lambda number: float(sizes[number] / damping[number])) if pairs else None
 
 
@@ -239,9 +248,9 @@ def shadow_mode(frequencies: Floats, damping: Floats, motions: Floats, faint: Bo
     return int(np.argmax(shadows)) if shadows.any() else None
 
 
-def _alike(frequencies: Floats, damping: Floats, motions: Floats, bandwidths: float) -> Bools:
-    """(n, n) whether modes are within so many `bandwidths` of each other and move alike."""
-    sizes, widths = np.linalg.norm(motions, axis=1), bandwidths * frequencies * damping
+def _alike(frequencies: Floats, damping: Floats, motions: Floats, times: float) -> Bools:
+    """(n, n) whether modes are so many `times` damping ratio and frequency from each other and move alike."""
+    sizes, widths = np.linalg.norm(motions, axis=1), times * frequencies * damping
     near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(widths, widths)
     alike = np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)
     return np.asarray(near & alike & ~np.eye(len(sizes), dtype=bool))
@@ -354,8 +363,10 @@ def _residues(modes: Projection) -> Floats:
     return np.asarray(total / np.where(weight > 0.0, weight, 1.0))
 
 
-def _best_addition(modes: Projection) -> Floats:
-    """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave."""
+def _best_addition(modes: Projection, doubtful: Sequence[tuple[float, float]]) -> Floats | None:
+    """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave, outside of
+    `doubtful` bands in Hz. None where none follows the force.
+    """
     levels = modes.levels
     remaining = replace(
         modes.measured,
@@ -365,15 +376,25 @@ def _best_addition(modes: Projection) -> Floats:
     )
     trials = (
         Projection(remaining, np.log([[frequency, damping]]))
-        for frequency in _tried(remaining, levels)
+        for frequency in _tried(remaining, levels, doubtful)
         for damping in _DAMPING
     )
-    best = min(((trial.cost(levels), trial.logs) for trial in trials), key=lambda pair: pair[0])
-    return _refined(remaining, best[1], levels).logs
+    physical = (trial for trial in trials if _follows_the_force(trial))
+    best = min(
+        ((trial.cost(levels), trial.logs) for trial in physical), key=lambda pair: pair[0], default=None
+    )
+    return None if best is None else _refined(remaining, best[1], levels).logs
 
 
-def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
-    """Frequencies in Hz: on a grid, and at peaks of the spectra."""
+def _follows_the_force(trial: Projection) -> bool:
+    """Whether one mode moves with the force where both are measured, as a positive modal mass does."""
+    residues, measured = _residues(trial)[0], trial.measured
+    collocated = measured.sensed[:, None] == measured.forced
+    return bool(residues[collocated].sum() >= 0.0)
+
+
+def _tried(measured: ModalMeasurement, levels: Floats, doubtful: Sequence[tuple[float, float]]) -> Floats:
+    """Frequencies in Hz: on a grid, and at peaks of the spectra, outside of `doubtful` bands."""
     run = max(measured.runs, key=lambda candidate: candidate.count)
     samples = np.where(np.isfinite(run.responses), run.responses, 0.0) / levels[:, None]
     power = np.sum(np.abs(np.fft.rfft(samples, axis=1)) ** 2, axis=0)
@@ -381,8 +402,12 @@ def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
     lowest, highest = frequencies[1], _BAND * frequencies[-1]
     peaks = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     peaks = peaks[(frequencies[peaks] >= lowest) & (frequencies[peaks] <= highest)]
+    grid = np.geomspace(lowest, highest, _GRID)
+    for low, high in doubtful:
+        peaks = peaks[(frequencies[peaks] < low) | (frequencies[peaks] > high)]
+        grid = grid[(grid < low) | (grid > high)]
     strongest = peaks[np.argsort(-power[peaks])][:_PEAKS]
-    return np.concatenate([np.geomspace(lowest, highest, _GRID), frequencies[strongest]])
+    return np.concatenate([grid, frequencies[strongest]])
 
 
 def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = None) -> Projection:
