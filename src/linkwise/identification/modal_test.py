@@ -4,9 +4,10 @@ identification.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -190,9 +191,10 @@ def identify_host(
     *,
     modes: int | None = None,
     name: str | None = None,
+    masses: Mapping[str, float] = MappingProxyType({}),
     progress: Progress = silent,
 ) -> HostEstimate:
-    """Identify the modes of a linear structure from a test at a low level: hits of a hammer, or a shaker.
+    """Identify the modes of a linear structure from a test at a low level: hits of a hammer, a shaker, or free decays.
 
     Frequencies, damping and mass-normalised shapes at the points of sensors and forces maximise the likelihood of the samples.
     They come with standard errors, as priors that `identify` counts when it finds links from records at higher levels.
@@ -201,13 +203,17 @@ def identify_host(
     ----------
     record : Record or sequence of Record
         One or several records with applied forces (N) and displacements, velocities or accelerations (m, m/s, m/s2) at
-        points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes.
+        points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes. Without
+        a force they are free decays, from their first sample on.
     modes : int, optional
         Number of modes; by default as many as the records show by the Bayesian information criterion. A mode that hardly
         stands above the noise and only moves like its neighbour is left out.
     name : str, optional
         Name of the host; by default the part before the dot that all channels share. Where channels have one, no other is
         taken, since no channel would be at the points of the host.
+    masses : mapping of str to float
+        Of free decays, masses in kg by point: where they are all that moves, they set the scale of the shapes. Without them
+        shapes are 1 where they are largest, and the answer is refused, since forces of links have no scale.
     progress : Progress
         Called with a `ProgressReport` at every mode.
 
@@ -254,12 +260,12 @@ def identify_host(
         raise IdentificationError("a modal test needs at least one record, got none")
     check_distinct(records)
     records = [_in_excited_band(single) for single in records]
-    measured = ModalMeasurement.of(records, name)
+    measured = ModalMeasurement.of(records, name, masses=masses)
     with one_blas_thread():
         pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.5))
         if not len(pursued.frequencies):
             raise IdentificationError(
-                "the response to the force does not stand above the noise, so no mode can be found; hit the structure harder, "
+                "the response does not stand above the noise, so no mode can be found; hit the structure harder, "
                 "or check the units and the channels of force and motion"
             )
         fit = modal_fit(measured, pursued, part(progress, 0.5, 1.0))
@@ -275,11 +281,14 @@ def identify_host(
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    unscaled = _unscaled(fit, errors, faint)
+    open_scale = not len(measured.forced) and not masses
+    unscaled = [] if open_scale else _unscaled(fit, errors, faint)
     if inexact:
         errors = errors * fit.block_ratios
     of_pairs = errors[len(errors) - len(fit.pairs) :]
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
+    if open_scale:
+        errors[:, 2:] = np.abs(fit.shapes).max(axis=1, keepdims=True)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
     host = with_units(host, _units(records, host))
     return HostEstimate(
@@ -287,8 +296,11 @@ def identify_host(
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
         chi_square_per_sample=chi_square,
         samples=samples,
-        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled), white=white),),
-        remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
+        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled) or open_scale, white=white),),
+        remarks=(
+            *_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
+            *((_OPEN_SCALE,) if open_scale else ()),
+        ),
         seconds=perf_counter() - started,
     )
 
@@ -334,17 +346,19 @@ def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedMod
     """The modes of a fit without one."""
     residues = fit.shapes[:, measured.sensed, None] * fit.shapes[:, None, measured.forced]
     others = np.arange(len(residues)) != mode
-    return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others])
+    free = np.array([start[:, None] * fit.shapes[:, measured.sensed] for start in fit.starts])
+    return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others], free[:, others])
 
 
 def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
     """(n,) power of what each mode gives over that of the noise, or of what is left where it moves, in its best channel."""
     powers = np.zeros((len(fit.frequencies), len(measured.kinds)))
-    for run, residuals in zip(measured.runs, fit.residuals, strict=True):
+    for run, residuals, starts in zip(measured.runs, fit.residuals, fit.starts, strict=True):
         left = np.abs(np.fft.rfft(np.nan_to_num(residuals))) ** 2
         for mode, shape in enumerate(fit.shapes):
             motions = run.motions(float(fit.frequencies[mode]), float(fit.damping[mode]))
-            motion = np.tensordot(shape[measured.forced], motions[: len(measured.forced)], axes=1)
+            start = [starts[mode].real, -starts[mode].imag] if not len(measured.forced) else [0.0, 0.0]
+            motion = np.tensordot([*shape[measured.forced], *start], motions, axes=1)
             shown = shape[measured.sensed][:, None] * motion[measured.kinds]
             lines = np.abs(np.fft.rfft(shown)) ** 2
             peak = np.maximum(lines.max(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -449,5 +463,9 @@ def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> 
     return tuple(remarks)
 
 
+_OPEN_SCALE = (
+    "No force was recorded, so that shapes have no scale: they are 1 where they are largest. Frequencies, damping and ratios "
+    "of shapes hold. State the masses that move, point by point, or record the force of a hit."
+)
 _POINTS = 6  # whose shapes are printed
 _SHOWN = 3.0  # standard errors from which damping between modes is printed

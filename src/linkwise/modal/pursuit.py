@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.modal.least_squares import LinearProblem, least_squares
@@ -114,14 +115,13 @@ class Projection:
         of_modes = weights.reshape(len(weights), len(self.logs), forces + 2)
         return np.asarray(of_modes[:, :, :forces].transpose(1, 0, 2))
 
-    def free_amplitudes(self, run: int) -> Floats:
-        """(n, C) amplitudes of the free motion of each mode at the start of a record, in the unit of each response."""
+    def free_motions(self, run: int) -> NDArray[np.complex128]:
+        """(n, C) free motion of each mode at the start of a record, as complex accelerations of each place."""
         forces = len(self.measured.forced)
-        speed = 2.0 * np.pi * np.exp(self.logs[:, 0])  # rad/s
         columns = []
-        for kind, fit in zip(self.measured.kinds.tolist(), self._fits[run], strict=True):
+        for fit in self._fits[run]:
             weights = (fit.weights / fit.basis.norms)[:-1].reshape(len(self.logs), forces + 2)
-            columns.append(np.hypot(*weights[:, forces:].T) * speed ** (kind - 2))
+            columns.append(weights[:, forces] - 1j * weights[:, forces + 1])
         return np.array(columns).T
 
     def equations(self, levels: Floats) -> LinearProblem:
@@ -173,11 +173,14 @@ _BLOCKS = 40  # of a record, between which scores scatter
 
 @dataclass(frozen=True, eq=False)
 class PursuedModes:
-    """Modes of a test with `frequencies` in Hz and `damping` (n,), and their `residues` (n, C, P) in 1/kg."""
+    """Modes of a test with `frequencies` in Hz and `damping` (n,), and their `residues` (n, C, P) in 1/kg; where no force
+    acts, their complex `free` accelerations (R, n, C) at the start of each record.
+    """
 
     frequencies: Floats
     damping: Floats
     residues: Floats
+    free: NDArray[np.complex128]
 
 
 def pursued_modes(
@@ -207,13 +210,15 @@ def pursued_modes(
         modes = added
     modes = Projection(part, modes.logs[np.argsort(modes.logs[:, 0])])
     frequencies, damping = np.exp(modes.logs).T
-    return PursuedModes(frequencies, damping, _residues(modes))
+    free = np.array([modes.free_motions(run) for run in range(len(runs))])
+    return PursuedModes(frequencies, damping, _residues(modes), free)
 
 
 def _is_doubled(modes: Projection) -> bool:
     """Whether two stand beside each other for one whose frequency or damping moves with its amplitude."""
     frequencies, damping = np.exp(modes.logs).T
-    return doubled_mode(frequencies, damping, _residues(modes).reshape(len(frequencies), -1)) is not None
+    motions = _residues(modes).reshape(len(frequencies), -1)
+    return doubled_mode(frequencies, damping, motions) is not None
 
 
 def _band(addition: Floats, modes: Projection) -> tuple[float, float]:
@@ -298,7 +303,8 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
         damping=np.exp(modes.logs[:, 1]),
         relative_errors=np.sqrt(variance).reshape(modes.logs.shape),
         residues=_residues(modes),
-        free=modes.free_amplitudes(0),
+        free=np.abs(modes.free_motions(0))
+        * (2.0 * np.pi * np.exp(modes.logs[:, :1])) ** (measured.kinds - 2.0),
         left=float(np.mean(modes.power / np.maximum(power, np.finfo(float).tiny))),
         power=power / np.maximum(samples, 1),
     )

@@ -98,7 +98,7 @@ NOISE = np.column_stack([np.random.default_rng(1).standard_normal(600), np.arang
     ("given", "message"),
     [
         (lambda tap: tap.select(["a:beam.mid", "force:beam.tip"]), r"no response was measured at beam\.tip"),
-        (lambda tap: tap.select(["a:beam.mid"]), "needs the applied force and the motion"),
+        (lambda tap: tap.select(["force:beam.tip"]), "needs the motion at points"),
         (lambda tap: [], "at least one record"),
         (lambda tap: [tap, tap], "hold the same samples; give each record once"),
         (lambda tap: tap[:40], "too few to determine modes"),

@@ -1,0 +1,74 @@
+"""Hosts from free decays without a force: the scale of shapes is that of known masses, or open."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy
+from present import present
+
+import linkwise as lw
+
+MASSES = {"a": 1.2, "b": 0.5, "c": 0.8}  # kg
+STIFFNESS = (2000.0, 1500.0, 900.0)  # N/m, from the ground on
+
+
+@cache
+def decay(seed: int = 1) -> lw.Record:
+    """A chain let go, seen by an accelerometer, a laser for displacements and one for velocities, as points of a host."""
+    names = ["ground", *MASSES]
+    links = {f"{low}{high}": f"{high} - {low}: k*d + c*v" for low, high in pairwise(names)}
+    known = {f"{name}.k": k for name, k in zip(links, STIFFNESS, strict=True)}
+    chain = lw.rig(
+        masses=MASSES, links=links, known=known | {f"{name}.c": 1e-4 * known[f"{name}.k"] for name in links}
+    )
+    record = lw.simulate(
+        chain,
+        release={"x:c": 0.01, "v:a": 0.3},
+        duration=4.0,
+        rate=100.0,
+        sensors=["a:a", "x:b", "v:c"],
+    ).with_noise(40.0, seed=seed)
+    return lw.Record(0.0, 100.0, ("a:frame.a", "x:frame.b", "v:frame.c"), record.values)
+
+
+def true_modes() -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in Hz and mass-normalised shapes, one a row."""
+    k1, k2, k3 = STIFFNESS
+    stiffness = np.array([[k1 + k2, -k2, 0.0], [-k2, k2 + k3, -k3], [0.0, -k3, k3]])
+    squares, columns = scipy.linalg.eigh(stiffness, np.diag(list(MASSES.values())))
+    return np.sqrt(squares) / (2.0 * np.pi), columns.T
+
+
+def test_known_masses_set_the_scale() -> None:
+    found = lw.modal.identify_host(decay(), masses=MASSES)
+    assert found.trusted
+    for mode, frequency, shape in zip(found.host.modes, *true_modes(), strict=True):
+        assert abs(present(mode.frequency.value) - frequency) < 4.0 * mode.frequency.sigma < 1e-3 * frequency
+        sign = np.sign(mode.shape["b"] * shape[1])
+        for point, true in zip(MASSES, shape, strict=True):  # of nine beyond four once in 1700
+            assert abs(sign * mode.shape[point] - true) < 4.0 * mode.shape_sigma[point] < 0.02
+
+
+def test_without_them_the_scale_is_open_and_ratios_hold() -> None:
+    found = lw.modal.identify_host(decay())
+    assert found.verdicts == (lw.Verdict.HARDLY_DETERMINED,)
+    assert "State the masses that move" in found.remarks[-1]
+    for mode, shape in zip(found.host.modes, true_modes()[1], strict=True):
+        assert max(map(abs, mode.shape.values())) == pytest.approx(1.0, rel=1e-12)
+        assert set(mode.shape_sigma.values()) == {1.0}
+        ratios = np.array(list(mode.shape.values())) / mode.shape["b"]
+        np.testing.assert_allclose(ratios, shape / shape[1], atol=0.02)  # of noise of a hundredth
+
+
+@pytest.mark.parametrize(
+    ("masses", "message"),
+    [
+        ({"d": 1.0}, "is stated at d, which is none of the points a, b, c"),
+        ({"a": -1.0}, "must be positive, got -1 kg"),
+    ],
+)
+def test_a_mass_that_cannot_be_is_refused(masses: dict[str, float], message: str) -> None:
+    with pytest.raises(lw.IdentificationError, match=message):
+        lw.modal.identify_host(decay(), masses=masses)
