@@ -296,7 +296,9 @@ def identify_host(
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
         chi_square_per_sample=chi_square,
         samples=samples,
-        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled) or open_scale, white=white),),
+        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled), white=white),)
+        if not open_scale or not fit.converged
+        else (Verdict.HARDLY_DETERMINED,),
         remarks=(
             *_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
             *((_OPEN_SCALE,) if open_scale else ()),
@@ -306,18 +308,19 @@ def identify_host(
 
 
 def _in_excited_band(record: Record) -> Record:
-    """A long record at the rate that the band needs in which its forces move the structure; beyond it they show no mode."""
+    """A long record at the rate that the band needs in which its forces move the structure, or in which it decays."""
     whole = not record.missing.any() and not set(record.interpolation.values()) - {BAND_LIMITED}
-    if len(record) <= _LONG or not record.forces or not whole:
+    signals = record.forces or record.motions
+    if len(record) <= _LONG or not signals or not whole:
         return record
-    highest = max(_highest(record.channel(force), record.rate) for force in record.forces)
+    highest = max(_highest(record.channel(name), record.rate) for name in signals)
     factor = int(0.5 * PASSBAND * record.rate / (_BEYOND * highest))
     return record.decimate(factor) if factor > 1 else record
 
 
-def _highest(force: Floats, rate: float) -> float:
-    """The frequency in Hz below which lies the power of a force."""
-    frequency, power = welch(force, rate, nperseg=_SEGMENT)
+def _highest(signal: Floats, rate: float) -> float:
+    """The frequency in Hz below which lies the power of a force, or of a motion."""
+    frequency, power = welch(signal, rate, nperseg=_SEGMENT)
     below = np.cumsum(power) <= (1.0 - _HARDLY_EXCITED) * power.sum()
     return float(frequency[min(int(below.sum()), len(frequency) - 1)])
 

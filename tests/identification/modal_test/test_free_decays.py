@@ -62,6 +62,20 @@ def test_without_them_the_scale_is_open_and_ratios_hold() -> None:
         np.testing.assert_allclose(ratios, shape / shape[1], atol=0.02)  # of noise of a hundredth
 
 
+def test_a_long_decay_is_reduced_to_the_band_of_its_motion() -> None:
+    fine = 20.0  # times the rate of the others
+    time = np.arange(20_000) / (100.0 * fine)
+    moving = np.exp(-0.3 * time) * np.sin(2.0 * np.pi * 7.0 * time)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((2, len(time)))
+    values = np.column_stack([moving + noise[0], -0.4 * moving + noise[1]])
+    found = lw.modal.identify_host(lw.Record(0.0, 100.0 * fine, ("a:frame.a", "a:frame.b"), values))
+    assert found.samples < 2 * len(time) / fine
+    [mode] = found.host.modes
+    undamped = np.hypot(7.0, 0.3 / (2.0 * np.pi))
+    assert abs(present(mode.frequency.value) - undamped) < 4.0 * mode.frequency.sigma
+    assert mode.shape["b"] / mode.shape["a"] == pytest.approx(-0.4, abs=0.002)  # of noise of a thousandth
+
+
 @pytest.mark.parametrize(
     ("masses", "message"),
     [
