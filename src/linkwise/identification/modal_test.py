@@ -262,21 +262,7 @@ def identify_host(
     records = [_in_excited_band(single) for single in records]
     measured = ModalMeasurement.of(records, name, masses=masses)
     with one_blas_thread():
-        pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.5))
-        if not len(pursued.frequencies):
-            raise IdentificationError(
-                "the response does not stand above the noise, so no mode can be found; hit the structure harder, "
-                "or check the units and the channels of force and motion"
-            )
-        fit = modal_fit(measured, pursued, part(progress, 0.5, 1.0))
-        while (
-            modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None
-        ):
-            fit = modal_fit(measured, _without(double, measured, fit))
-        faint = _powers(measured, fit) < _FAINT
-        while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
-            fit = modal_fit(measured, _without(shadow, measured, fit))
-            faint = _powers(measured, fit) < _FAINT
+        fit, faint = _searched(measured, modes, progress)
     chi_square, samples = _chi_square(measured, fit)
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
@@ -305,6 +291,24 @@ def identify_host(
         ),
         seconds=perf_counter() - started,
     )
+
+
+def _searched(measured: ModalMeasurement, modes: int | None, progress: Progress) -> tuple[ModalFit, Bools]:
+    """The most likely modes, `modes` of them or as many as there are, and which of them (n,) are faint."""
+    pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.5))
+    if not len(pursued.frequencies):
+        raise IdentificationError(
+            "the response does not stand above the noise, so no mode can be found; hit the structure harder, "
+            "or check the units and the channels of force and motion"
+        )
+    fit = modal_fit(measured, pursued, part(progress, 0.5, 1.0))
+    while modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None:
+        fit = modal_fit(measured, _without(double, measured, fit))
+    faint = _powers(measured, fit) < _FAINT
+    while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
+        fit = modal_fit(measured, _without(shadow, measured, fit))
+        faint = _powers(measured, fit) < _FAINT
+    return fit, faint
 
 
 def _in_excited_band(record: Record) -> Record:

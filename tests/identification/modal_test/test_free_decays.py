@@ -15,21 +15,15 @@ STIFFNESS = (2000.0, 1500.0, 900.0)  # N/m, from the ground on
 
 
 @cache
-def decay(seed: int = 1) -> lw.Record:
+def decay() -> lw.Record:
     """A chain let go, seen by an accelerometer, a laser for displacements and one for velocities, as points of a host."""
     names = ["ground", *MASSES]
     links = {f"{low}{high}": f"{high} - {low}: k*d + c*v" for low, high in pairwise(names)}
     known = {f"{name}.k": k for name, k in zip(links, STIFFNESS, strict=True)}
-    chain = lw.rig(
-        masses=MASSES, links=links, known=known | {f"{name}.c": 1e-4 * known[f"{name}.k"] for name in links}
-    )
-    record = lw.simulate(
-        chain,
-        release={"x:c": 0.01, "v:a": 0.3},
-        duration=4.0,
-        rate=100.0,
-        sensors=["a:a", "x:b", "v:c"],
-    ).with_noise(40.0, seed=seed)
+    known |= {f"{name}.c": 1e-4 * known[f"{name}.k"] for name in links}
+    chain, start, sensors = lw.rig(MASSES, links, known), {"x:c": 0.01, "v:a": 0.3}, ["a:a", "x:b", "v:c"]
+    clean = lw.simulate(chain, release=start, duration=4.0, rate=100.0, sensors=sensors)
+    record = clean.with_noise(40.0, seed=1)
     return lw.Record(0.0, 100.0, ("a:frame.a", "x:frame.b", "v:frame.c"), record.values)
 
 
@@ -76,13 +70,8 @@ def test_a_long_decay_is_reduced_to_the_band_of_its_motion() -> None:
     assert mode.shape["b"] / mode.shape["a"] == pytest.approx(-0.4, abs=0.002)  # of noise of a thousandth
 
 
-@pytest.mark.parametrize(
-    ("masses", "message"),
-    [
-        ({"d": 1.0}, "is stated at d, which is none of the points a, b, c"),
-        ({"a": -1.0}, "must be positive, got -1 kg"),
-    ],
-)
-def test_a_mass_that_cannot_be_is_refused(masses: dict[str, float], message: str) -> None:
-    with pytest.raises(lw.IdentificationError, match=message):
-        lw.modal.identify_host(decay(), masses=masses)
+def test_a_mass_that_cannot_be_is_refused() -> None:
+    with pytest.raises(lw.IdentificationError, match="is stated at d, which is none of the points a, b, c"):
+        lw.modal.identify_host(decay(), masses={"d": 1.0})
+    with pytest.raises(lw.IdentificationError, match="must be positive, got -1 kg"):
+        lw.modal.identify_host(decay(), masses={"a": -1.0})
