@@ -31,10 +31,10 @@ def tapped(point: str = "tip", *, release: float = 0.0, cubic: float = 0.0, leve
 
 
 @cache
-def shaken(seed: int, *, cubic: float = 0.0, samples: int = 3200) -> lw.Record:
-    """A random force at the tip up to 80 Hz, and two accelerometers; `cubic` is a spring in N/m^3 there."""
+def shaken(seed: int, *, cubic: float = 0.0, samples: int = 3200, highest: float = 80.0) -> lw.Record:
+    """A random force at the tip up to a `highest` frequency in Hz, and two accelerometers; `cubic` is a spring in N/m^3."""
     spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(samples))
-    spectrum[samples // 5 :] = 0.0
+    spectrum[round(samples * highest / 400.0) :] = 0.0
     links = [link("stop", "beam.tip-ground", "k3*d**3", k3=cubic)] if cubic else []
     return lw.simulate(
         structure({}, *links, hosts=[beam()]),

@@ -242,3 +242,14 @@ def test_rows_and_modes_that_turn_are_stated() -> None:
     assert lw.read_structure("turned.toml").rotations == ("wing.12rz",)
     refused = refusal("structure host turned.csv --unit 12rz=m")
     assert "is the direction 12rz, which is in rad, not in m" in refused
+
+
+@pytest.mark.slow
+def test_a_free_decay_takes_the_masses_at_its_points() -> None:
+    wing()
+    pulled = "--release v:wing.mode1=0.3 --sensors a:wing.tip --duration 2 --rate 200 --noise 40 --seed 1"
+    said(f"simulate wing.toml {pulled} -o decay.csv")
+    out = said("structure host decay.csv --modes 1 --point-mass tip=500g -o decayed.toml").out
+    assert "wing: 1 modes at 1 points, can be trusted" in out
+    [mode] = lw.read_structure("decayed.toml").hosts[0].modes
+    assert abs(mode.shape["tip"]) == pytest.approx(2.0**0.5, rel=1e-12)  # 1/sqrt(0.5 kg)

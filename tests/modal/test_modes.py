@@ -100,7 +100,8 @@ def test_the_derivatives_of_the_response_are_those_of_differences(pairs: tuple[t
     measured = ModalMeasurement.of([tapped(release=0.02)], None)
     problem = _OutputError(measured, 2, pairs)
     rng = np.random.default_rng(2)
-    start = PursuedModes(np.array([3.4, 20.0]), np.array([0.02, 0.01]), rng.standard_normal((2, 2, 1)))
+    residues, free = rng.standard_normal((2, 2, 1)), np.zeros((1, 2, 2), dtype=complex)
+    start = PursuedModes(np.array([3.4, 20.0]), np.array([0.02, 0.01]), residues, free)
     theta = problem.start(start) + 0.1
     for channel, (rows, numbers) in enumerate(problem._jacobian(theta, 0)):
         for row, number in zip(rows, numbers, strict=True):

@@ -14,14 +14,14 @@ from click.core import ParameterSource
 
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note, progress
-from linkwise.cli.options import FILE, grouped, pairs, percentage, typed
+from linkwise.cli.options import FILE, grouped, pairs, percentage, quantity, typed
 from linkwise.cli.reading_options import ReadingOptions
 from linkwise.model import rotations
 
 # options that mean nothing for modes
 _OF_MATRICES = ("keep", "damping", "modal_damping", "rayleigh", "no_residual")
 _NOT_OF_RECORDS = ("points", "units", "mass", "stiffness", *_OF_MATRICES)
-_OF_RECORDS = tuple(field.name for field in fields(ReadingOptions))
+_OF_RECORDS = (*(field.name for field in fields(ReadingOptions)), "point_mass")
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,9 @@ class HostOptions:
         Damping by a matrix of A times mass and B times stiffness, in 1/s and s, such as 0.5,1e-5.
     modes : str | None
         FILE is a record of a test at a low level; identify this many modes, or as many as it shows (auto).
+    point_mass : tuple[str, ...]
+        With --modes of free decays, without a force: the mass that moves at a point. All that moves is stated, and sets the
+        scale of the shapes. Repeatable.
     no_residual : bool
         Leave out the flexibility of the modes that are not kept.
     frequency_sigma : str | None
@@ -73,6 +76,7 @@ class HostOptions:
     modal_damping: float = typed("RATIO", type=click.FloatRange(min=0.0), default=0.0)
     rayleigh: str | None = typed("A,B")
     modes: str | None = typed("N|auto")
+    point_mass: tuple[str, ...] = typed("POINT=KG", multiple=True)
     no_residual: bool = typed(is_flag=True)
     frequency_sigma: str | None = typed("PERCENT%")
     damping_sigma: str | None = typed("PERCENT%")
@@ -97,10 +101,11 @@ def host(
     linkwise[nastran].
 
     With --modes the files are records of a test at a low level: hits of a hammer, or a shaker, with channels such as
-    force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Frequencies, damping and shapes are
-    written with their standard errors, or with --frequency-sigma and the like if these are larger. Columns of other names are
-    mapped as in identify, by --channel or --mapping, and other options of records read as there. Exit code 3 means that linear
-    modes do not explain the records.
+    force:beam.tip, a:beam.tip and a:beam.mid. One response must be where the force acts. Without a force they are free
+    decays from the first sample on (--from), and --point-mass sets the scale of the shapes. Frequencies, damping and shapes
+    are written with their standard errors, or with --frequency-sigma and the like if these are larger. Columns of other
+    names are mapped as in identify, by --channel or --mapping, and other options of records read as there. Exit code 3 means
+    that linear modes do not explain the records, or that shapes have no scale.
 
     \b
     Examples:
@@ -108,6 +113,7 @@ def host(
       linkwise structure host Job-1_MASS1.mtx Job-1_STIF1.mtx --point tip=1205z --rayleigh 0.5,1e-5 -o beam.toml
       linkwise structure host wing_modes.csv --name wing --shape-sigma 2% -o wing.toml
       linkwise structure host taps.csv --modes auto -o beam.toml
+      linkwise structure host decay.csv --from 0.1 --modes auto --point-mass a=1.2 --point-mass b=500g -o frame.toml
       linkwise structure host logger.csv --channel force:beam.tip=Hammer --channel a:beam.tip[g]=Acc1 --modes auto -o beam.toml
     """
     context, modes, options = click.get_current_context(), given.modes, vars(given)
@@ -127,7 +133,7 @@ def host(
     estimate = None
     if modes is not None:
         _refuse(context, _NOT_OF_RECORDS, "{} is for modes or matrices, and --modes for records of a test.")
-        estimate = _identified(source, files, modes, options["name"])
+        estimate = _identified(source, files, given)
         new_host = estimate.host.known_to_within(**sigmas, at_least=True)
     elif files[0].suffix.lower() in (".csv", ".uff", ".unv"):
         if len(files) > 1 or any(options[key] for key in ("points", "mass", "stiffness")):
@@ -177,18 +183,19 @@ def _refuse(context: click.Context, options: Sequence[str], message: str) -> Non
             raise UsageError(message.format(flags[option]))
 
 
-def _identified(
-    source: ReadingOptions, files: tuple[Path, ...], modes: str, name: str | None
-) -> lw.modal.HostEstimate:
+def _identified(source: ReadingOptions, files: tuple[Path, ...], given: HostOptions) -> lw.modal.HostEstimate:
     """The host identified from records of a test."""
     source.refuse_unknown_errors()
+    modes = given.modes or "auto"
+    stated = pairs(given.point_mass, "--point-mass", "tip=1.2")
+    masses = {point: quantity(text, "kg", f"--point-mass {point}") for point, text in stated.items()}
     if modes != "auto" and (not modes.isdecimal() or int(modes) < 1):
         raise UsageError(f"--modes needs a number of modes, or auto, got {modes!r}.")
     with progress("reading") as step:
         records = [source.read_file(file, None) for file in files]
         note(*dict.fromkeys(remark for record in records for remark in record.notes))
         count = None if modes == "auto" else int(modes)
-        return lw.modal.identify_host(records, modes=count, name=name, progress=step)
+        return lw.modal.identify_host(records, modes=count, name=given.name, masses=masses, progress=step)
 
 
 def _tell_doubts(estimate: lw.modal.HostEstimate) -> None:

@@ -15,12 +15,13 @@ from linkwise.errors import OutputError, RecordError, expect
 from linkwise.files.assemble import find_column, to_record
 from linkwise.files.guesses import first_mapping
 from linkwise.files.mapping import RecordMapping, read_mapping
+from linkwise.files.response_functions import record_of_responses
 from linkwise.files.table import ColumnHeader, Table
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
 from linkwise.units import to_si
 
-__all__ = ["RecordMapping", "read_mapping", "read_record", "to_si", "write_record"]
+__all__ = ["RecordMapping", "read_mapping", "read_record", "record_of_responses", "to_si", "write_record"]
 
 _LONGEST = 300  # characters of what a library says
 _OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ResourceWarning)

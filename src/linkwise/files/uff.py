@@ -1,4 +1,4 @@
-"""Universal files: the time responses among their data sets of type 58, ASCII or binary."""
+"""Universal files: time responses, or else frequency response functions, of data sets of type 58, ASCII or binary."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ import numpy as np
 import pyuff
 
 from linkwise.errors import RecordError
+from linkwise.files.response_functions import record_of_responses
 from linkwise.files.table import Column, Table
 
-_TIME_RESPONSE = 1
+_TIME_RESPONSE, _RESPONSE_FUNCTION = 1, 4
 _EVEN = 1
 _KINDS = {8: "x", 9: "force", 11: "v", 12: "a", 13: "force"}  # ordinate_spec_data_type
 _MARK = re.compile(rb"    -1(?=[\r\n]|\Z| {74})")
 """The line before and after each data set, as pyuff finds it."""
+_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")  # by number
 _NONE = frozenset({"", "NONE"})
 
 
@@ -38,6 +40,10 @@ def read_table(path: Path) -> Table:
         raise RecordError(f"the type of {damaged} cannot be read; the file is damaged", path)
     sets = file.read_sets()
     sets = [data for data in (sets if isinstance(sets, list) else [sets]) if data.get("type") == 58]
+    if not any(data["func_type"] == _TIME_RESPONSE for data in sets):
+        functions = [data for data in sets if data["func_type"] == _RESPONSE_FUNCTION]
+        if functions:
+            return _of_response_functions(functions, path)
     others = [_column(data).header for data in sets if data["func_type"] != _TIME_RESPONSE]
     notes = (f"Data sets that are not time responses were ignored: {', '.join(others)}.",) if others else ()
     sets = [data for data in sets if data["func_type"] == _TIME_RESPONSE]
@@ -56,6 +62,40 @@ def read_table(path: Path) -> Table:
         return Table((Column("time", np.asarray(first["x"])), *columns), notes=notes)
     rate = _rate(float(first["abscissa_inc"]))
     return Table(columns, start=float(first["abscissa_min"]), rate=rate, notes=notes)
+
+
+def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
+    """The record of a pulse that these give. RecordError where they are of several forces, or of different lines."""
+    references = {_point(data, "ref") for data in sets}
+    if len(references) > 1:
+        raise RecordError(
+            f"holds response functions of forces at {', '.join(sorted(references))}; keep those of one in a file, "
+            "and give a file for each",
+            path,
+        )
+    if any(len(data["x"]) != len(sets[0]["x"]) or np.any(data["x"] != sets[0]["x"]) for data in sets):
+        raise RecordError("holds response functions of different lines", path)
+    responses = {
+        f"{_KINDS.get(data['ordinate_spec_data_type'], 'a')}:{_point(data, 'rsp')}": _sign(data)
+        * data["data"]
+        for data in sets
+    }
+    record = record_of_responses(sets[0]["x"], responses, force=f"force:{references.pop()}")
+    columns = tuple(Column(name, record.channel(name)) for name in record.channels)
+    note = "Response functions stand as the motion under a pulse of 1 N at every line."
+    return Table(columns, start=record.start, rate=record.rate, notes=(note,))
+
+
+def _point(data: dict[str, Any], end: str) -> str:
+    """The entity, or the node and the direction, as in files of modes."""
+    entity = str(data[f"{end}_ent_name"]).strip()
+    direction = _DIRECTIONS[abs(int(data[f"{end}_dir"]))]
+    return entity if entity not in _NONE else f"{data[f'{end}_node']}{direction}"
+
+
+def _sign(data: dict[str, Any]) -> float:
+    """-1 where response and force point in opposite senses of their axes."""
+    return -1.0 if data["rsp_dir"] * data["ref_dir"] < 0 else 1.0
 
 
 def _column(data: dict[str, Any]) -> Column:

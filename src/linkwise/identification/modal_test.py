@@ -4,12 +4,14 @@ identification.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.signal import welch
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import (
@@ -31,10 +33,11 @@ from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.model.rotations import with_units
-from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import BASE
+from linkwise.progress import Progress, part, silent
+from linkwise.records.channel import BAND_LIMITED, BASE
 from linkwise.records.joining import check_distinct, record_list
 from linkwise.records.record import Record
+from linkwise.records.timeline import PASSBAND
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
@@ -167,10 +170,12 @@ _FAINT = 10.0
 """Power of a mode over that of the noise, 10 dB, in its best channel: a mode below it may stand for several."""
 # bounds to which such a mode is known, relative
 _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (0.02, 0.5, 0.2)
-_STANDS_IN = 4.0
-"""Times what linear modes leave of the response: what they take in beside it of a force that is not linear, which makes their
-errors. Of random motion it is 1.2 for the force of a cubic spring, 1.3 for Coulomb friction, 2.4 for quadratic damping and up
-to 5 for hysteresis; of a decay, whose size changes slowly, more."""
+_LONG = 16_000  # samples: a search in more takes minutes
+_SEGMENT = 1024  # samples of a spectrum of the force
+_HARDLY_EXCITED = (
+    1e-4  # of the power of a force: beyond the frequency above which lies no more, it moves nothing
+)
+_BEYOND = 1.5  # times the highest frequency excited, up to which modes bend the response below it
 _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise
 
@@ -180,9 +185,10 @@ def identify_host(
     *,
     modes: int | None = None,
     name: str | None = None,
+    masses: Mapping[str, float] = MappingProxyType({}),
     progress: Progress = silent,
 ) -> HostEstimate:
-    """Identify the modes of a linear structure from a test at a low level: hits of a hammer, or a shaker.
+    """Identify the modes of a linear structure from a test at a low level: hits of a hammer, a shaker, or free decays.
 
     Frequencies, damping and mass-normalised shapes at the points of sensors and forces maximise the likelihood of the samples.
     They come with standard errors, as priors that `identify` counts when it finds links from records at higher levels.
@@ -191,13 +197,17 @@ def identify_host(
     ----------
     record : Record or sequence of Record
         One or several records with applied forces (N) and displacements, velocities or accelerations (m, m/s, m/s2) at
-        points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes.
+        points ``"HOST.POINT"``, one of them where a force acts. The structure must move linearly, by vibrating modes. Without
+        a force they are free decays, from their first sample on.
     modes : int, optional
         Number of modes; by default as many as the records show by the Bayesian information criterion. A mode that hardly
         stands above the noise and only moves like its neighbour is left out.
     name : str, optional
         Name of the host; by default the part before the dot that all channels share. Where channels have one, no other is
         taken, since no channel would be at the points of the host.
+    masses : mapping of str to float
+        Of free decays, masses in kg by point: where they are all that moves, they set the scale of the shapes. Without them
+        shapes are 1 where they are largest, and the answer is refused, since forces of links have no scale.
     progress : Progress
         Called with a `ProgressReport` at every mode.
 
@@ -243,34 +253,22 @@ def identify_host(
     if not records:
         raise IdentificationError("a modal test needs at least one record, got none")
     check_distinct(records)
-    measured = ModalMeasurement.of(records, name)
+    records = [_in_excited_band(single) for single in records]
+    measured = ModalMeasurement.of(records, name, masses=masses)
     with one_blas_thread():
-        pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.9))
-        if not len(pursued.frequencies):
-            raise IdentificationError(
-                "the response to the force does not stand above the noise, so no mode can be found; hit the structure harder, "
-                "or check the units and the channels of force and motion"
-            )
-        progress(ProgressReport(0.9, f"{len(pursued.frequencies)} modes"))
-        fit = modal_fit(measured, pursued)
-        while modes is None:
-            if (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is None:
-                break
-            fit = modal_fit(measured, _without(double, measured, fit))
-        faint = _powers(measured, fit) < _FAINT
-        while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
-            fit = modal_fit(measured, _without(shadow, measured, fit))
-            faint = _powers(measured, fit) < _FAINT
+        fit, faint = _searched(measured, modes, progress)
     chi_square, samples = _chi_square(measured, fit)
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
     errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    unscaled = _unscaled(fit, errors, faint)
+    open_scale = not len(measured.forced) and not masses
+    unscaled = [] if open_scale else _unscaled(fit, errors, faint)
     if inexact:
-        moved = _STANDS_IN * _unexplained(measured, fit) / fit.sensitivities
-        errors = np.maximum(errors * fit.block_ratios, moved)
+        errors = errors * fit.block_ratios
     of_pairs = errors[len(errors) - len(fit.pairs) :]
     errors = errors[: len(errors) - len(fit.pairs)].reshape(len(faint), -1)
+    if open_scale:
+        errors[:, 2:] = np.abs(fit.shapes).max(axis=1, keepdims=True)
     host = replace(_host(measured, fit, errors, faint), damping=_between(fit, of_pairs))
     host = with_units(host, _units(records, host))
     return HostEstimate(
@@ -278,10 +276,51 @@ def identify_host(
         faint=tuple(name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint),
         chi_square_per_sample=chi_square,
         samples=samples,
-        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled), white=white),),
-        remarks=_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
+        verdicts=(_verdict(fit, chi_square, samples, unscaled=bool(unscaled), white=white),)
+        if not open_scale or not fit.converged
+        else (Verdict.HARDLY_DETERMINED,),
+        remarks=(
+            *_remarks(host, faint, unscaled, _left(measured, fit) if inexact else 0.0),
+            *((_OPEN_SCALE,) if open_scale else ()),
+        ),
         seconds=perf_counter() - started,
     )
+
+
+def _searched(measured: ModalMeasurement, modes: int | None, progress: Progress) -> tuple[ModalFit, Bools]:
+    """The most likely modes, `modes` of them or as many as there are, and which of them (n,) are faint."""
+    pursued = pursued_modes(measured, modes, part(progress, 0.0, 0.5))
+    if not len(pursued.frequencies):
+        raise IdentificationError(
+            "the response does not stand above the noise, so no mode can be found; hit the structure harder, "
+            "or check the units and the channels of force and motion"
+        )
+    fit = modal_fit(measured, pursued, part(progress, 0.5, 1.0))
+    while modes is None and (double := doubled_mode(fit.frequencies, fit.damping, fit.shapes)) is not None:
+        fit = modal_fit(measured, _without(double, measured, fit))
+    faint = _powers(measured, fit) < _FAINT
+    while (shadow := shadow_mode(fit.frequencies, fit.damping, fit.shapes, faint)) is not None:
+        fit = modal_fit(measured, _without(shadow, measured, fit))
+        faint = _powers(measured, fit) < _FAINT
+    return fit, faint
+
+
+def _in_excited_band(record: Record) -> Record:
+    """A long record at the rate that the band needs in which its forces move the structure, or in which it decays."""
+    whole = not record.missing.any() and not set(record.interpolation.values()) - {BAND_LIMITED}
+    signals = record.forces or record.motions
+    if len(record) <= _LONG or not signals or not whole:
+        return record
+    highest = max(_highest(record.channel(name), record.rate) for name in signals)
+    factor = int(0.5 * PASSBAND * record.rate / (_BEYOND * highest))
+    return record.decimate(factor) if factor > 1 else record
+
+
+def _highest(signal: Floats, rate: float) -> float:
+    """The frequency in Hz below which lies the power of a force, or of a motion."""
+    frequency, power = welch(signal, rate, nperseg=_SEGMENT)
+    below = np.cumsum(power) <= (1.0 - _HARDLY_EXCITED) * power.sum()
+    return float(frequency[min(int(below.sum()), len(frequency) - 1)])
 
 
 def _units(records: Sequence[Record], host: Host) -> dict[str, str]:
@@ -306,19 +345,25 @@ def _without(mode: int, measured: ModalMeasurement, fit: ModalFit) -> PursuedMod
     """The modes of a fit without one."""
     residues = fit.shapes[:, measured.sensed, None] * fit.shapes[:, None, measured.forced]
     others = np.arange(len(residues)) != mode
-    return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others])
+    free = np.array([start[:, None] * fit.shapes[:, measured.sensed] for start in fit.starts])
+    return PursuedModes(fit.frequencies[others], fit.damping[others], residues[others], free[:, others])
 
 
 def _powers(measured: ModalMeasurement, fit: ModalFit) -> Floats:
-    """(n,) power of what each mode gives over that of the noise, in its best channel."""
+    """(n,) power of what each mode gives over that of the noise, or of what is left where it moves, in its best channel."""
     powers = np.zeros((len(fit.frequencies), len(measured.kinds)))
-    for run in measured.runs:
+    for run, residuals, starts in zip(measured.runs, fit.residuals, fit.starts, strict=True):
+        left = np.abs(np.fft.rfft(np.nan_to_num(residuals))) ** 2
         for mode, shape in enumerate(fit.shapes):
             motions = run.motions(float(fit.frequencies[mode]), float(fit.damping[mode]))
-            motion = np.tensordot(shape[measured.forced], motions[: len(measured.forced)], axes=1)
+            start = [starts[mode].real, -starts[mode].imag] if not len(measured.forced) else [0.0, 0.0]
+            motion = np.tensordot([*shape[measured.forced], *start], motions, axes=1)
             shown = shape[measured.sensed][:, None] * motion[measured.kinds]
-            powers[mode] += np.mean(shown**2, axis=1) / len(measured.runs)
-    return np.asarray((powers / fit.noise**2).max(axis=1))
+            lines = np.abs(np.fft.rfft(shown)) ** 2
+            peak = np.maximum(lines.max(axis=1, keepdims=True), np.finfo(float).tiny)
+            beside = lines.sum(axis=1) / np.maximum(np.sum(left * lines / peak, axis=1), np.finfo(float).tiny)
+            powers[mode] += np.minimum(np.mean(shown**2, axis=1) / run.noise**2, beside)
+    return np.asarray(powers.max(axis=1) / len(measured.runs))
 
 
 def _chi_square(measured: ModalMeasurement, fit: ModalFit) -> tuple[float, int]:
@@ -373,27 +418,16 @@ def _deviation_by_chance(samples: int) -> float:
     return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / samples))
 
 
-def _beside_noise(measured: ModalMeasurement, fit: ModalFit) -> tuple[Floats, Floats]:
-    """(C,) sums of squares of what the modes leave beside noise, and of the response."""
+def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
+    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
     noise, power, samples = (np.zeros(len(fit.noise)) for _ in range(3))
     for run in measured.runs:
         known = np.isfinite(run.responses).sum(axis=1)
         noise += run.noise**2 * known
         power += np.nansum(run.responses**2, axis=1)
         samples += known
-    return np.maximum(fit.noise**2 * samples - noise, 0.0), power
-
-
-def _left(measured: ModalMeasurement, fit: ModalFit) -> float:
-    """What the modes leave beside noise, as a part of the response, root mean square, in the channel where it is largest."""
-    beside_noise, power = _beside_noise(measured, fit)
+    beside_noise = np.maximum(fit.noise**2 * samples - noise, 0.0)
     return float(np.sqrt(np.max(beside_noise / np.maximum(power, np.finfo(float).tiny))))
-
-
-def _unexplained(measured: ModalMeasurement, fit: ModalFit) -> float:
-    """What the modes leave beside noise: the root of the sum of squares in units of the residuals, as sensitivities are."""
-    beside_noise, _ = _beside_noise(measured, fit)
-    return float(np.sqrt(np.sum(beside_noise / fit.noise**2)))
 
 
 def _verdict(fit: ModalFit, chi_square: float, samples: int, *, unscaled: bool, white: bool) -> Verdict:
@@ -411,8 +445,8 @@ def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> 
     if left > 0.0:
         remarks.append(
             f"Linear modes leave {100.0 * left:.2g} % of the response beside noise. If the structure is not quite linear, "
-            "they are those of this level, and may be others at a lower one; standard errors count that: each is a change "
-            "that moves the response by four times what the modes leave, or that of the scatter between parts of the records."
+            "they are those of this level, and may be others at a lower one: standard errors are those of the scatter between "
+            "parts of the records."
         )
     names = [name for name, is_faint in zip(host.coordinates, faint, strict=True) if is_faint]
     if names:
@@ -428,5 +462,9 @@ def _remarks(host: Host, faint: Bools, unscaled: Sequence[int], left: float) -> 
     return tuple(remarks)
 
 
+_OPEN_SCALE = (
+    "No force was recorded, so that shapes have no scale: they are 1 where they are largest. Frequencies, damping and ratios "
+    "of shapes hold. State the masses that move, point by point, or record the force of a hit."
+)
 _POINTS = 6  # whose shapes are printed
 _SHOWN = 3.0  # standard errors from which damping between modes is printed

@@ -52,7 +52,7 @@ class CoupledResponse:
         weights = 2.0 * (self.modes.poles[:, None] ** kinds * at).T[:, :, None] * self._participation
         response = _real_sum(weights, signals)
         direct = self.shapes[:, self.measured.sensed].T @ self.shapes[:, self.measured.forced]
-        forces = np.array([force.samples for force in run.forces])
+        forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
         response[kinds == _ACCELERATION] += direct[kinds == _ACCELERATION] @ forces
         return response
 
@@ -61,7 +61,7 @@ class CoupledResponse:
         poles, count = self.modes.poles, len(self.shapes)
         signals, by_pole = _signals(poles, run, derivatives=True)
         both = np.concatenate([signals, by_pole], axis=1)
-        forces = np.array([force.samples for force in run.forces])
+        forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
         moved, turned, entering = self._changes
         for kind, point in zip(self.measured.kinds.tolist(), self.measured.sensed.tolist(), strict=True):
             power = 2.0 * poles**kind
@@ -111,7 +111,10 @@ def _signals(poles: Complex, run: MeasuredRun, *, derivatives: bool) -> tuple[Co
     """(n, P + 1, N) complex modes under each force of unit participation and in a free decay, and derivatives by the pole."""
     time = run.step * np.arange(run.count)
     decays = np.exp(poles[:, None] * time)[:, None]
-    forced = np.array([[force.recursion(pole) for force in run.forces] for pole in poles.tolist()])
+    shape = (len(poles), len(run.forces), run.count)
+    forced = np.array([[force.recursion(pole) for force in run.forces] for pole in poles.tolist()]).reshape(
+        shape
+    )
     signals = np.concatenate([forced, decays], axis=1)
     if not derivatives:
         return signals, np.empty_like(signals[:, :0])

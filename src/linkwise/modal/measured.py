@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -56,7 +57,8 @@ class ModalMeasurement:
     """All records of a test of a `host` at m points.
 
     Of each response `kinds` (C,) is 0, 1 or 2 for displacement, velocity or acceleration, and `sensed` (C,) the number of
-    its point; forces act at the points `forced` (P,).
+    its point; forces act at the points `forced` (P,). Without a force the scale of shapes is that of known `masses` (m,) in kg
+    at the points, which are all that moves.
     """
 
     host: str
@@ -65,15 +67,22 @@ class ModalMeasurement:
     sensed: Indices
     forced: Indices
     runs: tuple[MeasuredRun, ...]
+    masses: Floats = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def of(
-        cls, records: Sequence[Record], name: str | None = None, *, scaled: bool = True
+        cls,
+        records: Sequence[Record],
+        name: str | None = None,
+        *,
+        scaled: bool = True,
+        masses: Mapping[str, float] = MappingProxyType({}),
     ) -> ModalMeasurement:
         """Those of `records`, whose channels are at points of the host `name`; without a name, of the one that all share.
 
-        Raises IdentificationError if channels are of a host of another name, if forces or responses are missing or, where
-        shapes are to be `scaled`, none is at the point of the other.
+        Without forces the records are free decays, whose shapes the `masses` in kg at the points scale. Raises
+        IdentificationError if channels are of a host of another name, if responses are missing, if a mass is at another point,
+        or if shapes are to be `scaled` and no response is where a force acts.
         """
         responses, forces = records[0].motions, records[0].forces
         for record in records:
@@ -86,13 +95,13 @@ class ModalMeasurement:
         points = tuple(dict.fromkeys(own))
         numbers = np.array([points.index(point) for point in own])
         sensed, forced = numbers[: len(responses)], numbers[len(responses) :]
-        if scaled and not set(sensed.tolist()) & set(forced.tolist()):
+        if scaled and forces and not set(sensed.tolist()) & set(forced.tolist()):
             raise IdentificationError(
                 f"no response was measured at {' or '.join(dict.fromkeys(places[len(responses) :]))}, where the force acts: "
                 "shapes have no scale without one. Hit the structure at a sensor, or add a sensor where it is hit"
             )
         runs = tuple(_run(record, responses, forces) for record in records)
-        return cls(host, points, _kinds(responses), sensed, forced, runs)
+        return cls(host, points, _kinds(responses), sensed, forced, runs, _masses(masses, points, forces))
 
     @classmethod
     def of_decay(cls, record: Record) -> ModalMeasurement:
@@ -101,6 +110,22 @@ class ModalMeasurement:
         sensed = np.array([points.index(channel.place) for channel in record.motions])
         run = _run(record, record.motions, ())
         return cls("", points, _kinds(record.motions), sensed, np.empty(0, dtype=np.intp), (run,))
+
+
+def _masses(masses: Mapping[str, float], points: Sequence[str], forces: Sequence[str]) -> Floats:
+    """(m,) kg at the points."""
+    if masses and forces:
+        raise IdentificationError(
+            "the applied force sets the scale of the shapes: leave out the masses at points"
+        )
+    for point, mass in masses.items():
+        if point not in points:
+            raise IdentificationError(
+                f"a mass is stated at {point}, which is none of the points {', '.join(points)}"
+            )
+        if not 0.0 < mass < np.inf:
+            raise IdentificationError(f"the mass at {point} must be positive, got {mass:g} kg")
+    return np.array([masses.get(point, 0.0) for point in points])
 
 
 def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> MeasuredRun:
@@ -117,17 +142,17 @@ def _kinds(responses: Sequence[Channel]) -> Indices:
 
 
 def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:
-    if not forces or not responses:
+    if not responses:
         raise IdentificationError(
-            "a modal test needs the applied force and the motion that it gives: channels such as force:beam.tip and "
-            f"a:beam.tip, got {', '.join(record.channels)}"
+            "a modal test needs the motion at points, and the applied force where one acts: channels such as force:beam.tip "
+            f"and a:beam.tip, got {', '.join(record.channels)}"
         )
     if len(record) < _SHORTEST:
         message = f"the record has {len(record)} samples, too few to determine modes; a modal test needs at least {_SHORTEST}"
         raise IdentificationError(message)
     for name in forces:
         require_complete(name, record.channel(name), record.start, record.rate)
-    if not any(record.channel(name).any() for name in forces):
+    if forces and not any(record.channel(name).any() for name in forces):
         raise IdentificationError("the applied force is zero throughout; record what was applied")
 
 

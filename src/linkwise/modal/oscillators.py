@@ -48,7 +48,7 @@ class SampledForce:
         """Displacement, velocity and acceleration (3, N), in sqrt(kg) m, m/s and m/s2, of a mode that starts at rest, by
         its frequency in Hz and its damping as a part of the critical one, below 1.
         """
-        s = _pole(frequency, damping)
+        s = pole(frequency, damping)
         z = self.recursion(s)
         motion: Floats = np.array([z.imag, (s * z).imag, (s * s * z).imag]) / s.imag
         motion[2] += self.samples
@@ -56,7 +56,7 @@ class SampledForce:
 
     def derivatives(self, frequency: float, damping: float) -> Floats:
         """Derivatives (2, 3, N) of the `motion` by the logarithms of frequency and damping."""
-        s = _pole(frequency, damping)
+        s = pole(frequency, damping)
         z = self.recursion(s)
         by_pole = self.derivative_by_pole(s, z)
         motion = np.array([z, s * z, s * s * z])
@@ -94,7 +94,7 @@ def free_motion(frequency: float, damping: float, step: float, count: int) -> Fl
     (2, 3, N), the acceleration starting at 1 m/s2 or a quarter of a period earlier. Frequency in Hz, damping as a part of
     the critical one below 1, `step` in s.
     """
-    s = _pole(frequency, damping)
+    s = pole(frequency, damping)
     decay = np.exp(s * step * np.arange(count))
     parts = np.array([decay / s**2, decay / s, decay])
     return np.array([parts.real, parts.imag])
@@ -102,7 +102,7 @@ def free_motion(frequency: float, damping: float, step: float, count: int) -> Fl
 
 def free_motion_derivatives(frequency: float, damping: float, step: float, count: int) -> Floats:
     """Derivatives (2, 2, 3, N) of `free_motion` by the logarithms of frequency and damping."""
-    s = _pole(frequency, damping)
+    s = pole(frequency, damping)
     time = step * np.arange(count)
     decay = np.exp(s * time)
     by_pole = np.array([(time - 2.0 / s) * decay / s**2, (time - 1.0 / s) * decay / s, time * decay])
@@ -110,7 +110,8 @@ def free_motion_derivatives(frequency: float, damping: float, step: float, count
     return np.array([[change.real, change.imag] for change in changes])
 
 
-def _pole(frequency: float, damping: float) -> complex:
+def pole(frequency: float, damping: float) -> complex:
+    """The pole above the real axis in 1/s of a mode, by its frequency in Hz and its damping ratio."""
     w = 2.0 * np.pi * frequency
     return complex(-damping * w, w * np.sqrt(1.0 - damping**2))
 
@@ -118,7 +119,7 @@ def _pole(frequency: float, damping: float) -> complex:
 def _pole_changes(frequency: float, damping: float) -> tuple[complex, complex]:
     """Derivatives of the pole by the logarithms of frequency and damping."""
     w = 2.0 * np.pi * frequency
-    return _pole(frequency, damping), -damping * w * complex(1.0, damping / np.sqrt(1.0 - damping**2))
+    return pole(frequency, damping), -damping * w * complex(1.0, damping / np.sqrt(1.0 - damping**2))
 
 
 Complex = NDArray[np.complex128]

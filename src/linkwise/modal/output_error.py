@@ -28,8 +28,9 @@ from linkwise.arrays import Floats
 from linkwise.modal.coupled_response import CoupledResponse
 from linkwise.modal.least_squares import LinearProblem, SearchEnd, least_squares
 from linkwise.modal.measured import ModalMeasurement
-from linkwise.modal.oscillators import ComplexModes
+from linkwise.modal.oscillators import Complex, ComplexModes, pole
 from linkwise.modal.pursuit import PursuedModes
+from linkwise.progress import Progress, ProgressReport, part, silent
 
 _STEPS = 60
 _CONVERGED = 1e-6  # of the cost: a step that gains less ends the search
@@ -37,6 +38,7 @@ _LEAST_DAMPING, _LARGEST_DAMPING = 1e-6, 0.9
 _FEWEST, _MOST = 5, 40  # blocks, between which scores scatter
 _LEVEL = 0.975  # of the quantile by which few blocks widen errors
 _ROUNDS = 3  # of levels of noise
+_STANDS_OUT = 3.0  # standard errors of damping between modes
 # modes up to which damping couples all pairs, and how far apart by number with more
 _EVERY_PAIR, _NEIGHBOURS = (12, 3)
 _SINGULAR = 1e-13  # of the scaled curvature: rounding
@@ -48,8 +50,8 @@ class ModalFit:
     for `pairs` of modes whose damping matrix is not diagonal its entries `between` (k,) in N s/m, with about the largest
     `sizes` with which it dissipates. `covariance` is of frequency, damping and shape, mode by mode, then of `between`,
     where noise explains the residuals; `block_ratios` are standard errors by the scatter between blocks of the records
-    over those, at least 1; `sensitivities` by how much the response changes with each, the others held, in units of
-    `noise` (C,), the root mean squares of the `residuals` (C, N) of each record, NaN where a sample is missing.
+    over those, at least 1. `noise` (C,) are the root mean squares of the `residuals` (C, N) of each record, NaN where a
+    sample is missing, and `starts` (n,) its free motion, as complex accelerations of each mode.
     """
 
     frequencies: Floats
@@ -60,21 +62,30 @@ class ModalFit:
     sizes: Floats
     covariance: Floats
     block_ratios: Floats
-    sensitivities: Floats
     noise: Floats
     residuals: tuple[Floats, ...]
+    starts: tuple[Complex, ...]
     converged: bool
 
 
-def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
-    """The most likely modes, searched from a start."""
+def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progress = silent) -> ModalFit:
+    """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
-    theta, noise, converged = _searched_in_rounds(problem, problem.start(start))
-    coupled, point = _with_pairs(problem, theta, noise)
+    found = _searched_in_rounds(problem, problem.start(start), part(progress, 0.0, 0.5))
+    coupled, point = _with_pairs(problem, found.theta, found.noise)
     if coupled.pairs:
-        problem = coupled
-        theta, noise, converged = _searched_in_rounds(problem, point)
-    covariance, ratios, sensitivities = _errors(problem, theta, noise)
+        fit = _fit(coupled, _searched_in_rounds(coupled, point, part(progress, 0.5, 1.0)))
+        errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
+        if np.any(np.abs(fit.between) > _STANDS_OUT * errors[-len(fit.pairs) :]):
+            return fit
+    return _fit(problem, found)
+
+
+def _fit(problem: _OutputError, found: _Found) -> ModalFit:
+    """The modes that were found, in the order of their frequencies, with their errors."""
+    measured, (theta, noise, converged) = problem.measured, found
+    theta, scaling = problem.scaled(theta)
+    covariance, ratios = _errors(problem, theta, noise, scaling)
     by_mode = problem.by_mode(theta)
     order = np.argsort(by_mode[:, 0])
     numbers = np.arange(by_mode.size).reshape(by_mode.shape)[order].ravel()
@@ -89,20 +100,30 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes) -> ModalFit:
         sizes=problem.sizes,
         covariance=covariance[np.ix_(numbers, numbers)],
         block_ratios=ratios[numbers],
-        sensitivities=sensitivities[numbers],
         noise=noise,
         residuals=tuple(problem.left(theta)),
+        starts=tuple(problem.free(theta, run)[order] for run in range(len(measured.runs))),
         converged=converged,
     )
 
 
-def _searched_in_rounds(problem: _OutputError, theta: Floats) -> tuple[Floats, Floats, bool]:
+class _Found(NamedTuple):
     """The parameters and levels of noise that are most likely, and whether the search converged."""
+
+    theta: Floats
+    noise: Floats
+    converged: bool
+
+
+def _searched_in_rounds(problem: _OutputError, theta: Floats, progress: Progress) -> _Found:
+    """Searched in turn with the levels of noise."""
     noise, converged = problem.levels(theta), False
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
+        between = ", damping between them" if problem.pairs else ""
+        progress(ProgressReport(number / _ROUNDS, f"all {problem.modes} modes{between}"))
         theta, converged = _searched(problem, theta, noise)
         noise = problem.levels(theta)
-    return theta, noise, converged
+    return _Found(theta, noise, converged)
 
 
 def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_OutputError, Floats]:
@@ -143,19 +164,21 @@ def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
     )
 
 
-def _errors(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, Floats, Floats]:
-    """The covariance (p, p) from the curvature, ratios (p,) of errors by blocks, and sensitivities (p,) of the response."""
+def _errors(problem: _OutputError, theta: Floats, noise: Floats, scaling: Floats) -> tuple[Floats, Floats]:
+    """The covariance (p, p) from the curvature, and ratios (p,) of errors by blocks, of parameters with a `scaling` (p, p)."""
     equations = problem.equations(theta, noise, blocks=problem.blocks(theta))
     curvature = equations.linear.curvature
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     size = np.outer(scale, scale)
-    inverse = np.linalg.pinv(curvature / size, rcond=_SINGULAR, hermitian=True) / size
+    inverse = scaling @ (np.linalg.pinv(curvature / size, rcond=_SINGULAR, hermitian=True) / size)
     scores = equations.scores - equations.scores.mean(axis=0)
     blocks = len(scores)
     scatter = scores.T @ scores * (blocks / (blocks - 1))
-    robust = (inverse @ scatter @ inverse).diagonal()
+    robust = (inverse @ scatter @ inverse.T).diagonal()
+    inverse = inverse @ scaling.T
     quantiles = scipy.special.stdtrit(blocks - 1, _LEVEL) / scipy.special.ndtri(_LEVEL)
-    return inverse, np.maximum(quantiles * np.sqrt(robust / inverse.diagonal()), 1.0), scale
+    variance = np.maximum(inverse.diagonal(), np.finfo(float).tiny)
+    return inverse, np.maximum(quantiles * np.sqrt(np.maximum(robust, 0.0) / variance), 1.0)
 
 
 class _Equations(NamedTuple):
@@ -193,17 +216,57 @@ class _OutputError:
         return self.own + run * (2 * self.modes + len(self.measured.kinds))
 
     def start(self, pursued: PursuedModes) -> Floats:
-        """Parameters from residues: the shape at a point of force by the response there, the others by theirs."""
-        theta = np.zeros(self._free(len(self.measured.runs)))
+        """Parameters from decays, or from residues: the shape at a force by the response there, the others by theirs."""
+        theta, free = np.zeros(self._free(len(self.measured.runs))), not len(self.measured.forced)
         for mode in range(self.modes):
             own = theta[mode * self.width : (mode + 1) * self.width]
             own[:2] = pursued.frequencies[mode], pursued.damping[mode]
-            own[2:] = _shape(self.measured, pursued.residues[mode])
+            own[2:] = (
+                self._decay(theta, mode, pursued) if free else _shape(self.measured, pursued.residues[mode])
+            )
         return self.within(theta)
+
+    def _decay(self, theta: Floats, mode: int, pursued: PursuedModes) -> Floats:
+        """(m,) shape of a mode from its free motions, whose starts in each record are written into `theta`."""
+        free, s = pursued.free[:, mode], pole(float(pursued.frequencies[mode]), float(pursued.damping[mode]))
+        loudest = free[np.unravel_index(np.argmax(np.abs(free)), free.shape)[0]]
+        seen = (loudest / loudest[np.argmax(np.abs(loudest))]).real
+        for run, motion in enumerate(free):
+            start = motion @ seen / (seen @ seen)
+            theta[self._free(run) + 2 * mode :][:2] = (start / s**2).real, (start / s).real
+        shape = np.zeros(len(self.measured.points))
+        shape[self.measured.sensed] = seen
+        return shape
 
     def by_mode(self, theta: Floats) -> Floats:
         """(n, 2 + m) frequency, damping and shape of each mode, a view."""
         return theta[: self.modes * self.width].reshape(self.modes, self.width)
+
+    def free(self, theta: Floats, run: int) -> Complex:
+        """(n,) free motion of the modes at the start of a record, as complex accelerations."""
+        first, own = self._free(run), self.by_mode(theta)
+        poles = np.array([pole(*map(float, row)) for row in own[:, :2]])
+        q, v = theta[first : first + 2 * self.modes].reshape(self.modes, 2).T
+        return np.asarray((q - 1j * (v - poles.real * q) / poles.imag) * poles**2)
+
+    def scaled(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Of decays: shapes of unit modal mass, without masses of 1 where they are largest, and the projection (p, p) of the
+        parameters off what that size takes; else the same, which the force has scaled.
+        """
+        scaled, of_size = theta.copy(), np.eye(len(theta))
+        if len(self.measured.forced):
+            return scaled, of_size
+        masses = self.measured.masses
+        for mode, shape in enumerate(self.by_mode(theta)[:, 2:]):
+            own = np.arange(mode * self.width + 2, (mode + 1) * self.width)
+            weights = masses if masses.any() else np.eye(len(shape))[np.argmax(np.abs(shape))]
+            size = float(np.sqrt(weights @ shape**2))
+            scaled[own] = shape / size
+            of_size[np.ix_(own, own)] -= np.outer(scaled[own], weights * scaled[own])
+            for run in range(len(self.measured.runs)):
+                start = self._free(run) + 2 * mode
+                scaled[start : start + 2] *= size
+        return scaled, of_size
 
     def between(self, theta: Floats) -> Floats:
         """Damping between the pairs."""

@@ -13,7 +13,7 @@ weights, projected off the columns: exact in the slope, and in the curvature to 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.modal.least_squares import LinearProblem, least_squares
@@ -117,11 +118,10 @@ class Projection:
         weights = np.array([(fit.weights / fit.basis.norms)[:-1] for fit in self._fits[run]])
         return weights.reshape(len(weights), len(self.logs), len(self.measured.forced) + 2)
 
-    def free_amplitudes(self, run: int) -> Floats:
-        """(n, C) amplitudes of the free motion of each mode at the start of a record, in the unit of each response."""
-        speed = 2.0 * np.pi * np.exp(self.logs[:, 0])  # rad/s
-        sizes = np.hypot(*self._weights(run)[:, :, -2:].T)
-        return np.asarray(sizes * speed[:, None] ** (self.measured.kinds - 2.0))
+    def free_motions(self, run: int) -> NDArray[np.complex128]:
+        """(n, C) free motion of each mode at the start of a record, as complex accelerations of each place."""
+        weights = self._weights(run)
+        return np.asarray((weights[:, :, -2] - 1j * weights[:, :, -1]).T)
 
     def equations(self, levels: Floats) -> LinearProblem:
         """The sum of squares about `logs`, in units of `levels` (C,)."""
@@ -159,7 +159,8 @@ _LEAST_GAIN = 1e-4  # of the cost: a step that gains less ends such a search; wh
 _MOST = 30  # modes
 _EXPLAINED = 0.1  # of the response, root mean square: modes that leave more than this are not all found
 _MOST_OF_IT = 0.75  # of the power above the noise that such a part has
-_BESIDE = 3.0  # bandwidths between a mode and one that only takes in what it leaves
+_HALF_POWER = 2.0  # damping ratios times the frequency: the band of a mode between its points of half power
+_BESIDE = 3.0  # damping ratios times the frequency between a mode and one that only takes in what it leaves
 _ALIKE = 0.98  # cosine between the residues of modes that move alike
 _BAND_LINES = 16  # of a spectrum, over which what modes leave is taken for white
 _BLOCKS = 40  # of a record, between which scores scatter
@@ -167,11 +168,14 @@ _BLOCKS = 40  # of a record, between which scores scatter
 
 @dataclass(frozen=True, eq=False)
 class PursuedModes:
-    """Modes of a test with `frequencies` in Hz and `damping` (n,), and their `residues` (n, C, P) in 1/kg."""
+    """Modes of a test with `frequencies` in Hz and `damping` (n,), and their `residues` (n, C, P) in 1/kg; where no force
+    acts, their complex `free` accelerations (R, n, C) at the start of each record.
+    """
 
     frequencies: Floats
     damping: Floats
     residues: Floats
+    free: NDArray[np.complex128]
 
 
 def pursued_modes(
@@ -181,40 +185,50 @@ def pursued_modes(
     part = replace(measured, runs=tuple(run.shortened(_SAMPLES) for run in measured.runs[:_RUNS]))
     modes = Projection(part, np.empty((0, 2)))
     most = most if count is None else count
+    doubtful: list[tuple[float, float]] = []
     while len(modes.logs) < most:
         progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
-        added = _refined(part, np.concatenate([modes.logs, _best_addition(modes)]))
+        addition = _best_addition(modes, doubtful)
+        if addition is None or any(low < np.exp(addition[0, 0]) < high for low, high in doubtful):
+            break
+        added = _refined(part, np.concatenate([modes.logs, addition]))
         gains = count is not None or (_criterion(added) < _criterion(modes) and _gains_in_bands(modes, added))
         if not gains or (count is None and not _stands_out(modes, added)):
             break
+        if count is None and _is_doubled(added):
+            doubtful.append(_band(addition, modes))
+            continue
         modes = added
-    if count is None:
-        modes = _merged(part, modes)
     modes = Projection(part, modes.logs[np.argsort(modes.logs[:, 0])])
     frequencies, damping = np.exp(modes.logs).T
-    return PursuedModes(frequencies, damping, _residues(modes))
+    free = np.array([modes.free_motions(run) for run in range(len(part.runs))])
+    return PursuedModes(frequencies, damping, _residues(modes), free)
 
 
-def _merged(measured: ModalMeasurement, modes: Projection) -> Projection:
-    """The modes without those that stand beside another for one whose frequency or damping moves with its amplitude."""
-    while len(modes.logs) > 1:
-        frequencies, damping = np.exp(modes.logs).T
-        double = doubled_mode(frequencies, damping, _residues(modes).reshape(len(frequencies), -1))
-        if double is None:
-            break
-        modes = _refined(measured, np.delete(modes.logs, double, axis=0))
-    return modes
+def _is_doubled(modes: Projection) -> bool:
+    """Whether two stand beside each other for one whose frequency or damping moves with its amplitude."""
+    frequencies, damping = np.exp(modes.logs).T
+    motions = _residues(modes).reshape(len(frequencies), -1)
+    return doubled_mode(frequencies, damping, motions) is not None
+
+
+def _band(addition: Floats, modes: Projection) -> tuple[float, float]:
+    """Frequencies in Hz beside an addition (1, 2) in which no more is looked for: what one mode leaves hides others."""
+    widths = np.exp(np.concatenate([modes.logs, addition]).sum(axis=1))  # Hz, half of the bands of half power
+    own = float(np.exp(addition[0, 0]))
+    width = _BESIDE * float(max(widths[-1], widths[np.argmin(np.abs(modes.logs[:, 0] - addition[0, 0]))]))
+    return own - width, own + width
 
 
 def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int | None:
-    """The weaker of two modes that are within the bandwidth of each other and move alike; None if there are none.
+    """The weaker of two modes that are within the half-power bandwidth of each other and move alike; None if there are none.
 
     `motions` (n, p) are residues or shapes. Modes of a linear structure that lie so close move differently.
     """
     if len(frequencies) < 2 or motions.shape[1] < 2:
         return None
     sizes = np.linalg.norm(motions, axis=1)
-    pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, 1.0), k=1)).tolist()
+    pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, _HALF_POWER), k=1)).tolist()
     return min(pairs[0], key=lambda number: float(sizes[number] / damping[number])) if pairs else None
 
 
@@ -230,9 +244,9 @@ def shadow_mode(frequencies: Floats, damping: Floats, motions: Floats, faint: Bo
     return int(np.argmax(shadows)) if shadows.any() else None
 
 
-def _alike(frequencies: Floats, damping: Floats, motions: Floats, bandwidths: float) -> Bools:
-    """(n, n) whether modes are within so many `bandwidths` of each other and move alike."""
-    sizes, widths = np.linalg.norm(motions, axis=1), bandwidths * frequencies * damping
+def _alike(frequencies: Floats, damping: Floats, motions: Floats, times: float) -> Bools:
+    """(n, n) whether modes are so many `times` damping ratio and frequency from each other and move alike."""
+    sizes, widths = np.linalg.norm(motions, axis=1), times * frequencies * damping
     near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(widths, widths)
     alike = np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)
     return np.asarray(near & alike & ~np.eye(len(sizes), dtype=bool))
@@ -280,7 +294,8 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
         damping=np.exp(modes.logs[:, 1]),
         relative_errors=np.sqrt(variance).reshape(modes.logs.shape),
         residues=_residues(modes),
-        free=modes.free_amplitudes(0),
+        free=np.abs(modes.free_motions(0))
+        * (2.0 * np.pi * np.exp(modes.logs[:, :1])) ** (measured.kinds - 2.0),
         left=float(np.mean(modes.power / np.maximum(power, np.finfo(float).tiny))),
         power=power / np.maximum(samples, 1),
     )
@@ -343,18 +358,28 @@ def _residues(modes: Projection) -> Floats:
     return np.asarray(total / np.where(weight > 0.0, weight, 1.0))
 
 
-def _best_addition(modes: Projection) -> Floats:
-    """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave."""
+def _best_addition(modes: Projection, doubtful: Sequence[tuple[float, float]]) -> Floats | None:
+    """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave, outside of
+    `doubtful` bands in Hz. None where none follows the force.
+    """
     levels = modes.levels
     left = zip(modes.left, modes.measured.runs, strict=True)
     remaining = replace(modes.measured, runs=tuple(replace(run, responses=one) for one, run in left))
-    trials = np.log(list(product(_tried(remaining, levels), _DAMPING)))[:, None]
-    best = min(trials, key=lambda logs: Projection(remaining, logs).cost(levels))
-    return _refined(remaining, best, levels).logs
+    tried = np.log(list(product(_tried(remaining, levels, doubtful), _DAMPING)))[:, None]
+    physical = [trial for logs in tried if _follows_the_force(trial := Projection(remaining, logs))]
+    best = min(physical, key=lambda trial: trial.cost(levels), default=None)
+    return None if best is None else _refined(remaining, best.logs, levels).logs
 
 
-def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
-    """Frequencies in Hz: on a grid, and at peaks of the spectra."""
+def _follows_the_force(trial: Projection) -> bool:
+    """Whether one mode moves with the force where both are measured, as a positive modal mass does."""
+    residues, measured = _residues(trial)[0], trial.measured
+    collocated = measured.sensed[:, None] == measured.forced
+    return bool(residues[collocated].sum() >= 0.0)
+
+
+def _tried(measured: ModalMeasurement, levels: Floats, doubtful: Sequence[tuple[float, float]]) -> Floats:
+    """Frequencies in Hz: on a grid, and at peaks of the spectra, outside of `doubtful` bands."""
     run = max(measured.runs, key=lambda candidate: candidate.count)
     samples = np.where(np.isfinite(run.responses), run.responses, 0.0) / levels[:, None]
     power = np.sum(np.abs(np.fft.rfft(samples, axis=1)) ** 2, axis=0)
@@ -362,8 +387,12 @@ def _tried(measured: ModalMeasurement, levels: Floats) -> Floats:
     lowest, highest = frequencies[1], _BAND * frequencies[-1]
     peaks = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     peaks = peaks[(frequencies[peaks] >= lowest) & (frequencies[peaks] <= highest)]
+    grid = np.geomspace(lowest, highest, _GRID)
+    for low, high in doubtful:
+        peaks = peaks[(frequencies[peaks] < low) | (frequencies[peaks] > high)]
+        grid = grid[(grid < low) | (grid > high)]
     strongest = peaks[np.argsort(-power[peaks])][:_PEAKS]
-    return np.concatenate([np.geomspace(lowest, highest, _GRID), frequencies[strongest]])
+    return np.concatenate([grid, frequencies[strongest]])
 
 
 def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = None) -> Projection:

@@ -1,0 +1,77 @@
+"""Frequency response functions as data: of a modal test, from arrays and from universal files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyuff
+
+import linkwise as lw
+from linkwise.errors import RecordError
+
+HZ = np.arange(8, 321) * 0.125
+MODES = ((5.2, 0.01, {"tip": 1.0, "mid": 0.6}), (21.0, 0.008, {"tip": -0.9, "mid": 0.5}))
+
+
+def accelerances(noise: float = 0.01) -> dict[str, np.ndarray]:
+    """Of both points, by the force at the tip."""
+    rng, s = np.random.default_rng(1), 2j * np.pi * HZ
+    found = {point: noise * (rng.standard_normal((2, len(HZ))).T @ [1.0, 1j]) for point in ("tip", "mid")}
+    for hz, ratio, shape in MODES:
+        mode = s**2 / (s**2 + 4.0 * np.pi * ratio * hz * s + (2.0 * np.pi * hz) ** 2)
+        found = {point: given + shape[point] * shape["tip"] * mode for point, given in found.items()}
+    return found
+
+
+def assert_modes(record: lw.Record) -> None:
+    found = lw.modal.identify_host(record, modes=2)
+    for mode, (hz, ratio, shape) in zip(found.host.modes, MODES, strict=True):
+        assert mode.frequency.value == pytest.approx(hz, rel=1e-3)  # a tenth of the bandwidth
+        assert mode.damping.value == pytest.approx(ratio, rel=0.05)  # of noise of 1 to 2 % at resonance
+        for point, size in shape.items():
+            assert abs(mode.shape[point]) == pytest.approx(abs(size), rel=0.05)
+
+
+def test_modes_are_found_from_response_functions() -> None:
+    channels = {f"a:wing.{point}": values for point, values in accelerances().items()}
+    assert_modes(lw.files.record_of_responses(HZ, channels, force="force:wing.tip"))
+
+
+def write(
+    path: Path, place: str, values: np.ndarray, reference: str = "wing.tip", direction: int = 3
+) -> None:
+    """Add one accelerance to a universal file."""
+    data = pyuff.prepare_58(
+        func_type=4, rsp_ent_name=place, rsp_dir=direction, ref_ent_name=reference, ref_dir=3, data=values, x=HZ,
+        abscissa_spacing=1, abscissa_spec_data_type=18, ordinate_spec_data_type=12, orddenom_spec_data_type=13,
+        num_pts=len(HZ), abscissa_min=HZ[0], abscissa_inc=0.125, binary=0, id1="NONE", rsp_node=12, ref_node=12,
+    )  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(data, "add")
+
+
+def test_a_universal_file_of_response_functions_is_a_record(tmp_path: Path) -> None:
+    for point, values in accelerances().items():
+        write(tmp_path / "wing.uff", f"wing.{point}", values)
+    record = lw.read_record(tmp_path / "wing.uff")
+    assert set(record.channels) == {"force:wing.tip", "a:wing.tip", "a:wing.mid"}
+    assert_modes(record)
+
+
+def test_nodes_are_named_with_their_directions(tmp_path: Path) -> None:
+    values = accelerances(0.0)["tip"]
+    for direction in (3, -1):
+        write(tmp_path / "wing.uff", "NONE", values, "NONE", direction)
+    record = lw.read_record(tmp_path / "wing.uff")
+    assert record.channels == ("force:12z", "a:12z", "a:12x")
+    np.testing.assert_allclose(record.channel("a:12x"), -record.channel("a:12z"), atol=1e-9)  # as printed
+    write(tmp_path / "wing.uff", "wing.mid", values, "wing.mid")
+    with pytest.raises(RecordError, match=r"of forces at 12z, wing\.mid; keep those of one in a file"):
+        lw.read_record(tmp_path / "wing.uff")
+
+
+def test_lines_that_do_not_fit_are_refused() -> None:
+    tip = {"a:tip": accelerances()["tip"]}
+    with pytest.raises(RecordError, match="evenly spaced multiples"):
+        lw.files.record_of_responses(HZ**1.01, tip, force="force:tip")
+    with pytest.raises(RecordError, match="has 313 lines, and there are 312 frequencies"):
+        lw.files.record_of_responses(HZ[1:], tip, force="force:tip")
