@@ -103,7 +103,10 @@ def test_an_error_that_a_term_hardly_exceeds_is_tried_beside_it() -> None:
 
 def test_laws_that_leave_noise_have_no_second_answer() -> None:
     fit = answer(0.0, 1.0, 61)
-    assert fit.trusted and fit.alternative is None and "alternative" not in fit.to_dict()
+    written = fit.to_dict()
+    assert fit.trusted and fit.alternative is None and "alternative" not in written
+    assert written["model_error_percent"] == 0.0 and written["diagnosis"] == []
+    assert not told(fit) and "a mass of" not in fit.message
 
 
 @pytest.mark.slow
@@ -266,19 +269,11 @@ def test_a_term_beside_which_a_coefficient_changes_is_no_second_answer() -> None
     assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].term == "d**3" and fit.alternative is None
 
 
-@pytest.mark.parametrize("calibration", [{}, {"all": 0.01}])
-def test_no_change_is_told_of_exact_laws(calibration: dict[str, float]) -> None:
+def test_no_change_is_told_of_exact_laws() -> None:
     """What is known beforehand of gains pulls as blocks do."""
     record = motion((6.0, sink_on_spring())).with_noise(30.0, seed=74)
-    fit = lw.identify(record, ASKED, calibration=calibration)
+    fit = lw.identify(record, ASKED, calibration={"all": 0.01})
     assert fit.trusted and "change" not in [cause.kind for cause in fit.diagnosis]
-
-
-@pytest.mark.slow
-def test_a_missing_term_is_no_change() -> None:
-    """Of the spring, whose force falls with the amplitude as the motion decays."""
-    fit = lw.identify(motion((6.0, sink_on_spring(g=2e7))).with_noise(30.0, seed=77), ASKED)
-    assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].term == "d**3"
 
 
 FAR = 4.0  # standard errors
@@ -322,7 +317,7 @@ def test_a_disc_that_is_stated_too_heavy_takes_trust_away_and_is_named(clean: lw
     assert "a mass of disc" in fit.message
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_trusted_answer_holds_an_error_of_a_mass_or_tells_it(clean: lw.Record, seed: int) -> None:
     """All of them were trusted without a word, up to 14 standard errors off."""
     asked = with_second_disc(1.02 * LIGHT)
@@ -346,13 +341,6 @@ def test_a_mass_that_is_known_to_within_widens_intervals(clean: lw.Record) -> No
     fit = lw.identify(clean.with_noise(DECIBEL, seed=seed), asked)
     assert fit.trusted and np.abs(errors(fit, true_of(asked))).max() < FAR
     assert not any(term.link == "disc2" for term in fit.unseen_terms)
-
-
-def test_records_that_tell_the_masses_say_nothing_of_them() -> None:
-    chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
-    fit = lw.identify(record.with_noise(20.0, seed=3), chain.unknown("all"))
-    assert fit.trusted and not told(fit) and "a mass of" not in fit.message
 
 
 def overloaded(values: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -115,26 +115,6 @@ def both(
     return local_linearization(rows), dense
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
-    """The same numerics, in single precision, in another order."""
-    local, dense = both(name, whole=True)
-    of_local, of_dense = present(local.factor(0.1)), present(dense.factor(0.1))
-    scale = np.sqrt(np.diag(of_dense.schur))
-    assert np.max(np.abs(of_local.schur - of_dense.schur) / np.outer(scale, scale)) < 1e-3
-    free = np.ones(len(of_dense.reduced), dtype=bool)
-    free[1] = False
-    (nodes, border), (dense_nodes, dense_border) = (
-        present(factor.solve(free)) for factor in (of_local, of_dense)
-    )
-    assert border[1] == dense_border[1] == 0.0
-    assert np.max(np.abs(nodes - dense_nodes)) < 1e-3 * np.max(np.abs(dense_nodes))
-    drops = [model.equations(0.1).drop(nodes, border) for model in (local, dense)]
-    assert drops[0] == pytest.approx(drops[1], rel=1e-6)
-    assert of_local.log_determinant(free) == pytest.approx(of_dense.log_determinant(free), rel=1e-6)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_left_out_hardly_moves_the_answer(name: str) -> None:
     """A step by less than 2 % of the longest, in standard errors, and these by less than 1 %."""

@@ -266,13 +266,6 @@ def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_shared
     assert_within(fit, frame)
 
 
-def test_storeys_that_do_not_yield_are_refused_on_a_frame_that_does(shaken_frame: lw.Record) -> None:
-    plain = structure(
-        {"m1": 1.0, "m2": 1.0}, link("lower", "m1-base", "k*d + c*v"), link("upper", "m2-m1", "k*d + c*v")
-    )
-    assert not lw.identify(shaken_frame, plain).trusted
-
-
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
 HYSTERETIC = {"k": 100.0, "c": 0.05, "F": 0.5, "s": 0.6, "x0": 2e-3}
 RATE = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}

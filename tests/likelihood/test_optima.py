@@ -129,13 +129,6 @@ def test_motion_that_neighbours_force_on_a_link_does_not_tell_its_frequency(snr_
     assert is_determined or (fit.verdicts[0] is lw.Verdict.SEVERAL_OPTIMA and "inner.k" in fit.message)
 
 
-def test_a_link_that_stands_above_the_noise_is_trusted() -> None:
-    structure = pair(3.0 * STIFFNESS)
-    unknown = structure.unknown("all")
-    fit = lw.identify(released(structure, 10.0, 0), unknown)
-    assert_within(fit, structure)
-
-
 SINK = {"alpha": -60.0, "beta": 2e6, "c": 0.1}
 WELL = (60.0 / 2e6) ** 0.5  # m
 ACCELEROMETERS = ("a:beam.tip", "a:beam.mid", "a:beam.root")

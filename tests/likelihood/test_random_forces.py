@@ -369,11 +369,6 @@ def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told() 
     assert cause.size == pytest.approx(DENSITY, rel=0.2)
 
 
-def test_masses_on_which_no_force_acts_are_not_told() -> None:
-    fit = lw.identify(ambient((0.0, 1.0), 15.0, 53), chain(2).unknown("all"), ambient=["m2"])
-    assert fit.trusted, fit.message
-
-
 def test_a_force_that_is_looked_for_and_does_not_act_is_zero_below_a_limit() -> None:
     """The search for its deviation, which would shrink for ever, ends."""
     fit = lw.identify(ambient((1.0, 0.0), 15.0, 61), chain(2).unknown("all"), ambient="all")

@@ -1,7 +1,6 @@
 """Offsets, gains, drift and hum of sensors: found with the laws, admitted, and known beforehand to within."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -18,7 +17,6 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import _passed, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.loss import Student
 
 
 @pytest.fixture(scope="module")
@@ -72,14 +70,6 @@ def test_the_order_of_the_records_does_not_matter() -> None:
     # extremes of motions that differ by a part of the noise, 3 % of their deviation
     assert first.link("nes1").d_range == pytest.approx(second.link("nes1").d_range, rel=1e-2)
     assert first.findings == second.findings == ()
-
-
-@pytest.mark.slow
-def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record) -> None:
-    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=Student())
-    assert fit.trusted
-    # 6002 samples, and the estimate of their noise
-    assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.06)
 
 
 def test_a_law_that_is_not_finite_where_the_link_went_is_refused() -> None:
@@ -282,16 +272,6 @@ def test_records_that_state_different_errors_are_refused() -> None:
         match=r"state different errors of x:m2: its offset is known to 0\.0001 m, and its offset is known to 0\.001 m; state",
     ):
         lw.identify([stating(noisy(), offset=1e-4), stating(second, offset=1e-3)], UNKNOWN)
-
-
-@pytest.mark.slow
-def test_a_discovery_counts_what_records_state() -> None:
-    masses: Mapping[str, float] = {"m1": 1.0, "m2": 0.01}
-    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
-    stated = lw.discover(stating(record, gain=0.01), masses)
-    by_option = lw.discover(record, masses, calibration={"x:m2": 0.01})
-    assert stated.estimate.values == pytest.approx(by_option.estimate.values, rel=1e-8)
-    assert any(finding.startswith("x:m2 shows") for finding in stated.estimate.findings)
 
 
 @pytest.mark.slow
