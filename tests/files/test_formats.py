@@ -63,17 +63,6 @@ def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: 
         assert not any("ignored" in note for note in again.notes)
 
 
-@pytest.mark.parametrize("suffix", WRITTEN)
-@pytest.mark.parametrize("channels", [("x:m1",), ("x:m1", "f:piezo", "state:piezo.V")])
-def test_channels_and_nothing_else(tmp_path: Path, suffix: str, channels: tuple[str, ...]) -> None:
-    """A state has no unit of its own that a file could state."""
-    record = Record(0.0, RATE, channels, np.random.default_rng(4).normal(size=(N, len(channels))))
-    write_record(record, tmp_path / f"run{suffix}")
-    again = read_record(tmp_path / f"run{suffix}")
-    assert np.array_equal(again.values, record.values)
-    assert (again.channels, again.noise, again.notes) == (channels, {}, ())
-
-
 # Errors that all formats share ---------------------------------------------------------------------------------
 
 

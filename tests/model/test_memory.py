@@ -1,7 +1,5 @@
 """Links with memory: states as text, their units, the structure file, named laws, and what refuses them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
@@ -105,35 +103,6 @@ def test_a_table_of_a_state_is_decoded_strictly_and_an_unknown_initial_value_is_
     link = piezo(f'{{ rate = "{RATE}", initial = "unknown" }}')
     with pytest.raises(lw.StructureError, match=r"value of state V is unknown.*release state:piezo.V"):
         link.initial_state("V")
-
-
-def test_a_replaced_law_brings_its_own_states() -> None:
-    joint = lw.parse_structure(JOINT).link("joint")
-    slower = lw.Law.parse("k*d + c*v + F*z", {"z": lw.model.LinkState("(v - s*abs(v)*z)/x0", initial=0.1)})
-    one = lw.Coefficient.number(1.0)
-    cubic = lw.Law.parse("k*d**3 + c*v + F*z")  # it names the state, which is meant then
-    for law, coefficients, rates in (
-        (slower, "k c F s x0", ("z' = (v - s*abs(v)*z)/x0",)),
-        (lw.Law.parse("k*d + F*q", {"q": "(v - abs(v)*q)/x0"}), "k F x0", ("q' = (v - abs(v)*q)/x0",)),
-        (lw.Law.parse("k*d + c*v"), "k c", ()),
-        (cubic, "k c F s x0", joint.rate_texts),
-    ):
-        changed = replace(joint, law=law, coefficients=dict.fromkeys(coefficients.split(), one))
-        assert (changed.law.text, changed.rate_texts) == (law.text, rates)
-    started = replace(joint, states={"z": lw.model.LinkState(joint.law.rates[0].text, initial=0.2)})
-    assert replace(started, name="other").initial_state("z") == 0.2
-    longer = lw.Law.parse("k*d + c*v + F*z + c*v", started.states)
-    assert replace(started, law=longer).initial_state("z") == 0.2
-
-
-def test_force_and_rate_take_the_states() -> None:
-    link = lw.parse_structure(JOINT).link("joint")
-    assert float(link.force(1e-3, 0.0, {"z": 0.5})) == pytest.approx(1.0 + 10.0, rel=1e-15)
-    (rate,) = link.law.state_rates(0.0, [0.1, -0.1], {**link.values, "z": 0.5})
-    np.testing.assert_allclose(rate, [(0.1 - 0.05) / 1e-3, (-0.1 - 0.03 + 0.02) / 1e-3], rtol=1e-14)
-    assert float(link.potential(2e-3)) == pytest.approx(0.5 * 1e3 * 4e-6, rel=1e-14)
-    with pytest.raises(lw.LawError, match="state 'z' has no value"):
-        link.force(1e-3)
 
 
 @pytest.mark.parametrize("name", NAMED_LAWS)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from scipy.sparse import diags_array
-from structures import link, structure, torsion_chain
+from structures import torsion_chain
 
 import linkwise as lw
 
@@ -167,15 +167,6 @@ def test_what_contradicts_the_unit_of_a_mass_is_refused(second: str, message: st
     text = DISCS.format(first=f"{TURNS}1.0", second='mass = "=disc1.mass"')
     with pytest.raises(lw.StructureError, match=re.escape('cannot be equal to "disc1.mass" in kg m^2')):
         lw.parse_structure(text.replace('"disc2", "disc1"', '"disc2", "ground"'))
-
-
-def test_equations_are_those_of_masses_with_the_same_numbers() -> None:
-    turning, plain = torsion_chain(), torsion_chain(turns=False)
-    assert turning.shape_key == plain.shape_key
-    assert lw.analysis.modes(turning).frequencies.tolist() == lw.analysis.modes(plain).frequencies.tolist()
-    bound = lw.Coefficient.unknown(lower=-2.0, upper=-1.0)
-    with pytest.raises(lw.StructureError, match=r"the upper bound must be positive, got -1\.0 kg m\^2"):
-        structure({"disc": bound}, link("shaft", "disc-ground", "k*d", k=1.0), rotations=["disc"])
 
 
 def test_notes_and_errors_of_motions_are_in_rad() -> None:

@@ -15,7 +15,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel, require_complete
-from linkwise.records.joining import common_samples, sampled_every
+from linkwise.records.joining import common_samples
 from linkwise.records.timeline import resample_evenly
 from linkwise.signals.noise import channel_noise
 
@@ -88,23 +88,6 @@ def test_common_samples_are_those_of_the_slower_channel(first: int) -> None:
     assert common.rate == pytest.approx(record.rate / 3, rel=1e-12)
     assert common.start == pytest.approx(first / record.rate, rel=1e-12)
     np.testing.assert_array_equal(common.values, record.values[first::3])
-
-
-def test_a_record_with_some_gaps_has_one_rate() -> None:
-    record = two_rates(1)
-    assert common_samples(record) is None
-    values = record.values.copy()
-    values[100:900, 0] = np.nan
-    values[::7, 1] = np.nan
-    assert common_samples(replace(record, values=values)) is None
-    assert sampled_every(np.zeros(5, dtype=bool)) == 1
-    thinned = np.zeros(3000, dtype=bool)  # samples of a channel at a lower rate may be missing
-    thinned[1::3] = np.random.default_rng(3).random(1000) < 0.8
-    assert sampled_every(thinned) == 3
-    slow = np.full((len(record), 1), np.nan)  # a slow load cell does not thin the motion
-    slow[::100] = 1.0
-    channels = parsed(*record.channels, "f:nes1")
-    assert common_samples(replace(record, channels=channels, values=np.hstack([record.values, slow]))) is None
 
 
 @pytest.mark.parametrize("every", [2, 5])

@@ -14,7 +14,7 @@ from linkwise.errors import ArgumentTypeError, RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.records.timeline import ATTENUATION, PASSBAND, lowpass
+from linkwise.records.timeline import ATTENUATION, PASSBAND
 from linkwise.records.truth import EnergyBalance, SimulationTruth
 
 N = 400
@@ -277,18 +277,6 @@ def test_decimation_suppresses_what_would_alias(factor: int, share: float) -> No
     assert 20.0 * np.log10(left) < -ATTENUATION
     plain = tone(frequency).channel("x:m1")[::factor]
     assert np.max(np.abs(plain)) > 0.9  # unfiltered, the tone comes back at full size
-
-
-def test_decimation_picks_the_truth_at_the_same_instants() -> None:
-    whole = replace(tone(10.0, 2000), noise={"x:m1": 0.5}, simulated=truth(2000))
-    thin = whole.decimate(4)
-    assert np.array_equal(present(thin.simulated).displacement[:, 0], np.rint(thin.time * RATE))
-    assert len(present(thin.simulated).energy.supplied) == len(thin)
-    assert thin.notes == (
-        "Decimated by 4 behind an anti-alias filter, which leaves 50 % of the standard deviation of white noise; "
-        f"{lowpass(4).half} samples at each end were dropped, where the filter is incomplete.",
-    )
-    assert whole.decimate(1) is whole
 
 
 def test_motion_that_folds_is_told() -> None:

@@ -136,16 +136,6 @@ def test_a_known_error_of_all_sensors_is_not_dropped_in_silence(stated: dict[str
     assert known.uncertainty == {"common": lw.records.SensorUncertainty(gain=0.01)}
 
 
-def test_channels_keep_what_is_known_of_them() -> None:
-    of_first, of_all = lw.records.SensorUncertainty(offset=1e-4), lw.records.SensorUncertainty(gain=0.01)
-    known = {"x:m1": of_first, "common": of_all}
-    both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)
-    assert both.select(["x:m2"]).uncertainty == {"common": known["common"]}
-    assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
-    second = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.records.SensorUncertainty(delay=1e-3)})
-    assert set(lw.records.beside(both.select(["x:m1"]), second).uncertainty) == {"x:m1", "x:m2", "common"}
-
-
 @pytest.mark.parametrize(
     ("given", "value", "sigma"),
     [
