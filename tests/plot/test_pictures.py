@@ -91,14 +91,6 @@ def test_independent_noise_exceeds_the_level_of_chance_in_one_of_twenty() -> Non
     assert 6 < exceeded < 46
 
 
-def test_what_follows_linearly_is_coherent() -> None:
-    rng = np.random.default_rng(63)
-    first = rng.normal(size=COUNT)
-    second = 3.0 * first + rng.normal(size=COUNT)
-    values, _ = lw.plot.coherence(sampled(m1=first, m2=second), "x:m1", "x:m2").get_lines()
-    assert np.mean(np.asarray(values.get_ydata())) == pytest.approx(0.9, abs=0.03)
-
-
 CHAIN = lw.bnes_chain(2)
 
 
