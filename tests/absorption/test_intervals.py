@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import document, refusal, said
-from present import present, some
+from present import present
 from problems import chain_record
 from structures import equal_sinks
 
@@ -65,17 +65,6 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
         ends[1], abs=slack
     )
     assert intervals.quantity("crossings").missing == 0 and intervals.diverged == 0 and intervals.trusted
-
-
-@pytest.mark.slow
-def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
-    trial: dict[str, Any] = {"duration": 2.0, "rate": 500.0, "release": {"v:m1": 3.0}}
-    knowledge = known([[1.0]], "nes1.alpha", masses=6)
-    intervals = lw.absorption.absorption_intervals(knowledge, **trial, draws=4)
-    assert intervals.absorption.with_sinks.horizon is not None
-    for work in some(intervals.absorption.sinks):
-        assert intervals.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
-        assert intervals.quantity(f"share:{work.sink.link}").value == pytest.approx(work.share, rel=1e-12)
 
 
 def test_draws_are_those_of_the_seed() -> None:

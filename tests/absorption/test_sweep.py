@@ -54,24 +54,6 @@ def test_two_coefficients_of_the_sink() -> None:
     assert best == {"nes1.alpha": alphas[row], "nes1.beta": betas[column]}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("without", ["removed", "locked"])
-def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
-    """Masses and springs of the primary part, and what it is released with, change the comparison as well."""
-    chain, trial = lw.bnes_chain(4), {**SHORT, "without": without}
-    swept = absorption_map(chain, {"spring1.k": [2e4, 4e4], "m3.mass": [0.8, 1.3]}, **trial)
-    names = {quantity.name for quantity in swept.quantities}
-    assert {"settled:m1", "rms_reduction:m3", "crossings:nes2"} <= names
-    single = lw.absorb(chain.with_values({"spring1.k": 4e4, "m3.mass": 0.8}), **trial)
-    check(swept, (1, 0), single)
-    assert swept["rms_reduction:m3"][1, 0] == pytest.approx(single.masses[1].rms_reduction, abs=1e-7)
-    mass = absorption_map(chain, {"m2.mass": [0.01, 0.02]}, **trial)
-    check(mass, (1,), lw.absorb(chain.with_values({"m2.mass": 0.02}), **trial))
-    speed = absorption_map(chain, {"v:m1": [0.3, 1.2]}, **trial | {"release": {}})
-    check(speed, (0,), lw.absorb(chain, **trial | {"release": {"v:m1": 0.3}}))
-    assert speed.axes[0].unit == "m/s"
-
-
 def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
     swept = absorption_map(CHAIN, {"nes1-harvester.c": [0.005, 0.03]}, **SHORT, harvesters={"nes1": 0.01})
     check(swept, (1,), lw.absorb(CHAIN, **SHORT, harvesters={"nes1": 0.03}))

@@ -166,23 +166,6 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path, tmp_path: Path
     assert "small: 0 of 24 cases done, 0 failed" in str(lw.study.study_summary(tmp_path / "out"))
 
 
-def test_the_summary_is_that_of_the_rows(folder: Path) -> None:
-    lw.study.export_study(folder)
-    rows, table = lw.study.read_rows(folder), read(folder / "summary.csv")
-    assert len(table) == 3 * 2 * 3
-    for line in some(table):
-        key = line["structure"], float(line["snr_db"]), line["method"]
-        mine = [row for row in rows if (row.structure, row.snr_db, row.method) == key]
-        assert (int(line["cases"]), int(line["done"])) == (2, len(mine) or 1)
-        assert int(line["failed"]) == sum(row.failed for row in mine)
-        errors = [row.nmse for row in mine if row.nmse is not None]
-        if errors:
-            assert float(line["median"]) == np.median(errors) and float(line["worst"]) == max(errors)
-            assert float(line["seconds"]) == np.median([row.seconds for row in mine])
-        else:
-            assert line["median"] == line["worst"] == line["seconds"] == ""
-
-
 def test_the_summary_prints_itself(folder: Path) -> None:
     summary = lw.study.study_summary(folder)
     text = str(summary)

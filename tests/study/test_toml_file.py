@@ -69,13 +69,6 @@ def test_lists_of_lengths_and_rates_are_structures_of_their_own() -> None:
     assert plain.samples_per_period is None and "frequency" not in plain.document()
 
 
-def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
-    study = lw.study.read_study(small(tmp_path, cycles=3))
-    assert [case.seed for case in study.cases()] == sorted([1000, 1001, 1002] * 12)
-    assert len(set(study.cases())) == len(study) == 36
-    assert [study.cycle(case) for case in study.cases()][::12] == [0, 1, 2]
-
-
 def test_a_study_is_the_same_from_its_document(tmp_path: Path) -> None:
     for study in (
         lw.study.read_study("paper"),
