@@ -58,17 +58,6 @@ def test_a_known_mass_sets_the_scale_of_another(record: lw.Record, chain: lw.Str
 
 
 @pytest.mark.slow
-def test_base_motion_has_no_noise_and_a_constant_force_is_a_law() -> None:
-    problem = PROBLEMS["base moved"]
-    fit = weak(problem.record(), problem.unknown_structure)
-    assert fit.trusted and fit.noise["x:base"].snr_db > 100.0  # it has none: rounding is at 300 dB
-    with pytest.raises(lw.LinkwiseError, match=r"spring.* ends at the base, .* channel x:base"):
-        weak(problem.record().select(["x:m1", "x:m2"]), problem.unknown_structure)
-    problem = PROBLEMS["constant force"]
-    assert weak(problem.record(), problem.unknown_structure).coefficient("load.f0").unit == "N"
-
-
-@pytest.mark.slow
 def test_a_clearance_is_found_from_a_start() -> None:
     """g enters k*max(d - g, 0) nonlinearly: Gauss-Newton from a start half as large."""
     problem = PROBLEMS["clearance"]
@@ -84,18 +73,6 @@ def test_a_clearance_is_found_from_a_start() -> None:
     problem = PROBLEMS["friction curved in v"]
     fit = weak(problem.record(), problem.unknown_structure)
     assert "The law of link is nonlinear in v" in fit.findings[0]
-
-
-def test_gaps_and_single_missing_samples(record: lw.Record, chain: lw.Structure) -> None:
-    values = record.values.copy()
-    values[1000:1300] = np.nan
-    values[np.random.default_rng(0).integers(0, len(record), 60), 0] = np.nan
-    fit = weak(replace(record, values=values), chain.unknown("all"))
-    lost = int(np.isnan(values).sum())
-    # four standard errors: 6e-5 of chance each
-    assert fit.trusted and max(misses(fit, chain).values()) < 4.0
-    assert f"{lost} samples are missing; equations that need them are left out." in fit.findings
-    assert fit.samples == values.size - lost
 
 
 # --- what is refused
@@ -128,13 +105,6 @@ def test_wrong_noise_is_refused(record: lw.Record, chain: lw.Structure, factor: 
     fit = weak(replace(record, noise=stated), chain.unknown("nes"))
     assert not fit.trusted and message in fit.message
     assert weak(replace(record, noise=present(record.simulated).noise), chain.unknown("nes")).trusted
-
-
-def test_a_force_that_is_not_in_the_record_is_seen(pair: lw.Structure) -> None:
-    """Either the residuals tell, or a damper that feeds the motion does."""
-    record = lw.simulate(pair, forces={"m1": "30*sin(50*t)"}, **SAMPLING).with_noise(40.0, seed=1)
-    fit = weak(record.select(["x:m1", "x:m2"]), pair.unknown("all"))
-    assert not fit.trusted or any("feeds energy into the motion" in finding for finding in fit.findings)
 
 
 def test_a_small_missing_term_widens_the_intervals(record: lw.Record, chain: lw.Structure) -> None:

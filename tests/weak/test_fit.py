@@ -68,22 +68,6 @@ def test_the_motion_of_the_base_counts() -> None:
 
 
 @pytest.mark.slow
-def test_standard_errors_of_a_linear_oscillator() -> None:
-    """z over 60 records: rms 1 within 0.25, mean 0 within 4/sqrt(60): under three and four of their standard errors.
-
-    Its windows cancel the motion's own frequency, so what is known of the damper comes from the ends of the record.
-    """
-    true = oscillator("k*d + c*v", k=1000.0, c=2.0)
-    record = lw.simulate(true, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
-    z = []
-    for seed in range(60):
-        fit = identify(record.with_noise(20.0, seed=seed), true.unknown("all"))
-        z.append((fit.values - [1000.0, 2.0]) / np.sqrt(np.diag(fit.covariance)))
-    assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
-    assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(60)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("law", ["tanh(v/0.02)", "v*abs(v)"])
 def test_damping_by_the_rate_is_unbiased_where_the_motion_decays_into_noise(law: str) -> None:
     """z over 24 records: mean 0 within 4/sqrt(24), and none trusted that is 4.5 standard errors off.
