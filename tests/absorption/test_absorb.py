@@ -1,6 +1,5 @@
 """Absorption: closed forms of linear structures, energy to the last joule, crossings between samples, refusals."""
 
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -234,24 +233,6 @@ def test_the_text_says_what_matters_and_what_is_not_known(paper: lw.Absorption) 
     start = {**sink.coefficients, "alpha": Coefficient.unknown(-100.0)}
     guessed = lw.absorb(with_links(CHAIN, replace(sink, coefficients=start)), duration=0.5, release=RELEASE)
     assert "nes1.alpha is unknown: this result is for the start values." in guessed.findings
-
-
-def test_a_torsion_chain_is_told_in_rad() -> None:
-    """The numbers are those of masses on springs."""
-    both = [
-        lw.absorb(
-            torsion_chain(turns=turns), duration=4.0, release={"v:disc1": 6.0}, harvesters={"sink": 0.002}
-        )
-        for turns in (True, False)
-    ]
-    turned, plain = (str(result) for result in both)
-    assert re.search(r"disc1 +0\.\d+ rad +0\.\d+ rad", turned) and "0.002 N m s/rad" in turned
-    assert not re.search(r"\d m\b|N s/m", turned)
-    assert re.search(r"disc1 +0\.\d+ m +0\.\d+ m", plain) and "0.002 N s/m" in plain
-    assert both[0].rms_reduction == both[1].rms_reduction
-    assert both[0].masses[0].with_sinks.peak == both[1].masses[0].with_sinks.peak
-    assert lw.plot.absorption(both[0]).get_ylabel() == "disc1\nmrad"
-    assert lw.plot.crossings(both[0]).get_ylabel() == "mrad"
 
 
 @pytest.mark.slow

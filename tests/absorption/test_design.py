@@ -56,18 +56,6 @@ def test_the_best_is_what_a_sweep_says_of_it(quantity: str, maximise: bool) -> N
     assert found.trade_off == ((0.01, found.objective),)
 
 
-@pytest.mark.parametrize("maximise", [False, True])
-def test_what_designs_near_the_best_reach_is_said(maximise: bool) -> None:
-    options = DesignOptions(evaluations=80, maximise=maximise)
-    found = lw.design(CHAIN, {"nes1.c": (0.01, 0.08)}, "rms", options, **SHORT)
-    near = np.abs(found.points[:, 0] - found.best["nes1.c"]) <= 0.02 * 0.07
-    assert found.nearby is not None and found.nearby[0] == near.sum() >= 5
-    extreme = np.min if maximise else np.max
-    assert found.nearby[1:] == (np.median(found.objectives[near]), extreme(found.objectives[near]))
-    assert any(f"{near.sum()} designs within 2% of the bounds" in finding for finding in found.findings)
-    assert found.findings[0].startswith("The best lies at a bound of nes1.c")
-
-
 def test_limits_hold_and_mass_is_traded_off() -> None:
     options = DesignOptions(evaluations=80, limits={"stroke:nes1": 0.025, "added_mass": 0.03})
     found = lw.design(CHAIN, MASS | BETA, "rms", options, **SHORT)

@@ -67,16 +67,6 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
     assert intervals.quantity("crossings").missing == 0 and intervals.diverged == 0 and intervals.trusted
 
 
-def test_draws_are_those_of_the_seed() -> None:
-    knowledge = known([[25.0]], "nes1.alpha")
-    first, again, another = (
-        lw.absorption.absorption_intervals(knowledge, **TRIAL, draws=20, seed=seed, workers=workers)
-        for seed, workers in ((1, 1), (1, 2), (2, 1))
-    )
-    assert first.quantities == again.quantities != another.quantities
-    np.testing.assert_array_equal(first.lower, again.lower)
-
-
 def test_an_estimate_gives_intervals_that_hold_the_truth(fitted: lw.Estimate) -> None:
     intervals = lw.absorption.absorption_intervals(fitted, **TRIAL, draws=100, seed=1000)
     truth = lw.absorb(lw.bnes_chain(2), **TRIAL)

@@ -26,7 +26,7 @@ def chain_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_a_response_is_printed_written_and_handed_on(chain_file: Path) -> None:
     folder = chain_file.parent / "response"
-    line = f"respond {chain_file} --force m1=0.5 --levels 0.3,0.1 --show x:m2 {RANGE}"
+    line = f"respond {chain_file} --force m1=0.5 --levels 0.3,0.1 --show x:m2 --from 21 --to 22 --starts 0"
     result = document(f"{line} -o {folder}")
     assert [level["force"] for level in result["levels"]] == [0.1, 0.3]
     level = result["levels"][1]
@@ -48,7 +48,7 @@ def test_a_response_is_printed_written_and_handed_on(chain_file: Path) -> None:
 
 @pytest.mark.slow
 def test_an_answer_has_bands_and_tells_where_its_laws_are_extrapolated(answer_folder: Path) -> None:
-    line = f"respond {answer_folder} --force m1=200 --from 24.5 --to 25.5 --starts 0 --draws 12 --show x:m2"
+    line = f"respond {answer_folder} --force m1=200 --from 24.5 --to 25.5 --starts 0 --draws 8 --show x:m2"
     result = document(line)
     branch = max(result["levels"][0]["branches"], key=lambda branch: len(branch["points"]))
     stable = [point for point in branch["points"] if point["stable"]]

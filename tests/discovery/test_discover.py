@@ -21,7 +21,6 @@ pytestmark = pytest.mark.slow
 
 DURATION, RATE = 3.0, 1000.0
 Asked = tuple[lw.Structure, list[lw.Record]]
-SINE = "60*sin(150*t) + 40*sin(190*t)"
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +61,7 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
 
 
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
-    """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
+    """At 5 dB the chain is found; at -8 dB it is lost, but the answer knows."""
     chain = lw.bnes_chain(2)
     record = chain_record(2)
     discovery = lw.discover(record.with_noise(5.0, seed=1000), masses(chain))
@@ -70,8 +69,6 @@ def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     assert (
         discovery.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
     )
-    faint = trusted(record.with_noise(0.0, seed=1000), chain)
-    assert faint is None or terms(faint) == terms(chain)
     assert trusted(record.with_noise(-8.0, seed=1000), chain) is None
 
 
@@ -82,8 +79,6 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.R
     assert again.terms == discovery.terms
     assert again.path == discovery.path
     assert again.runners_up == discovery.runners_up
-    another = lw.discover(chain_record(2, duration=0.5).with_noise(20.0, seed=1001), masses(lw.bnes_chain(2)))
-    assert another.estimate.values.tolist() != discovery.estimate.values.tolist()
 
 
 def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Discovery]) -> None:
@@ -143,7 +138,6 @@ def coupled_ring(snr_db: float, seed: int, duration: float = 29.8) -> Asked:
 CHAINS: dict[str, Callable[[], Asked]] = {
     "two structures that do not touch": lambda: apart_or(seed=1001),
     "a tenth of a spring between them": lambda: apart_or(link("touch", "m3-m1", "k*d", k=3000.0), seed=1000),
-    "driven by a force": lambda: driven("ground", forces={"m1": SINE}),
     "driven by the base": lambda: driven("base", base="0.01*sin(150*t) + 0.006*sin(190*t)"),
     "two records": twice,
     "sixty samples of a ring": lambda: coupled_ring(24.0, 5_003_010),
@@ -189,8 +183,7 @@ def test_what_is_stated_or_offered_besides_changes_nothing(given: str, four: lw.
         assert not asked & {frozenset(pair.split("-")) for pair in none}
 
 
-@pytest.mark.parametrize("n", [2, 4])
-@pytest.mark.parametrize("stated", [False, True])
+@pytest.mark.parametrize(("n", "stated"), [(2, False), (4, True)])
 def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool) -> None:
     clean = chain_record(n, duration=DURATION)
     values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
@@ -210,7 +203,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
 @pytest.mark.usefixtures("memory_not_sought")
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look: at a constant force in that link."""
-    record = two[0][:1000]
+    record = two[0][:600]
     shifted = record.values + np.array([0.0, 0.02])
     discovery = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
     assert terms(discovery.structure) != terms(lw.bnes_chain(2)) and not discovery.trusted
@@ -280,6 +273,7 @@ def test_integrated_channels_are_trusted_with_noise(
     assert rounds in (None, discovery.rounds)
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise() -> None:
     """The sink has two wells, and no cubic term is offered."""
     chain = lw.bnes_chain(2)

@@ -141,7 +141,7 @@ def test_memory_is_found_in_a_joint_of_a_beam() -> None:
         {"body": 0.5}, named("joint", "body-beam.tip", "bouc-wen", **law), hosts=[known], name="beam"
     )
     taps = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 0.225)/0.002)**2)"
-    sensors = ("a:beam.tip", "a:beam.mid", "a:beam.root", "a:body")
+    sensors = ("x:beam.tip", "x:beam.mid", "x:beam.root", "x:body")
     record = lw.simulate(true, forces={"beam.root": taps}, duration=0.4, rate=1000.0, sensors=sensors)
     discovery = lw.discover(
         record.with_noise(40.0, seed=5),

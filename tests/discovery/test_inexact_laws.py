@@ -1,7 +1,5 @@
 """Discovery where no combination of the terms on offer is the true law: the structure is right, and the error is told."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy
@@ -49,21 +47,6 @@ def test_the_structure_is_found_with_a_model_error() -> None:
         and stiffness["m2-m1.k3"] is lw.discovery.Decision.CERTAIN
     )
     assert not [term for term in discovery.terms if term.kept and term.certain and term.term == "d**2"]
-
-
-def test_a_servo_axis_has_no_spring_beyond_doubt(shared_data: Path) -> None:
-    data = scipy.io.loadmat(shared_data / "emps.mat")
-    force = data["vir"].ravel() * float(data["gtau"].item())
-    record = lw.Record.from_arrays(data["t"].ravel(), {"x:m1": data["qm"].ravel(), "force:m1": force})
-    third = record[: len(record) // 3]
-    discovery = lw.discover(
-        third, {"m1": "unknown"}, terms="1, d, d**2, d**3, v, v*abs(v), sign(v), stribeck(0.01)"
-    )
-    # published, with 1 % for the scatter of five pieces of the record, which that of thirds is below
-    assert discovery.estimate.coefficient("m1.mass").value == pytest.approx(95.109, rel=0.01)
-    selected = {term.term for term in discovery.terms if term.kept}
-    assert {"1", "v", "sign(v)"} <= selected
-    assert not [term for term in discovery.terms if term.kept and term.certain and term.term.startswith("d")]
 
 
 def test_an_unknown_mass_and_a_constant_force_are_found() -> None:
@@ -125,7 +108,7 @@ def filtered_record(seed: int = 5_090_000) -> lw.Record:
     k, c = (2.0 * np.pi * 65.0) ** 2, 45.0
     truth = oscillator("k*d + c*v + k3*d**3", mass=1.0, name="m1-ground", k=k, c=c, k3=6.0 * k)
     rate = finer * SLOW
-    samples = round(40.0 * rate)
+    samples = round(20.0 * rate)
     frequency = np.fft.rfftfreq(samples, 1.0 / rate)
     band = (frequency > 1.0) & (frequency < 200.0)
     spectrum = np.where(band, np.exp(2j * np.pi * rng.uniform(size=len(band))), 0.0)

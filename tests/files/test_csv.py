@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
@@ -308,23 +307,6 @@ def test_the_measured_records_are_read(shared_data: Path) -> None:
     silver = read_record(shared_data / "silverbox_multisine.csv")
     assert (silver.channels, silver.rate, len(silver)) == (("force:m1", "x:m1"), 1.0 / 0.0016384, 65062)
     assert silver.inputs == ("force:m1",)
-
-
-@given(
-    strategies.text(alphabet="time,x:m1[]() ;\t\n\r0.5-e+#\"'_naif\u00b5", max_size=300),
-    strategies.booleans(),
-)
-def test_any_file_is_a_record_or_an_error(
-    tmp_path_factory: pytest.TempPathFactory, junk: str, headed: bool
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "junk.csv"
-    path.write_bytes((text(HEADER, body()) + junk if headed else junk).encode())
-    try:
-        record = read_record(path)
-    except RecordError as error:
-        assert str(error).startswith(str(path))
-    else:
-        assert np.all(np.isfinite(record.values) | record.missing)
 
 
 @pytest.mark.parametrize(("above", "below"), [("\N{INFINITY}", "-\N{INFINITY}"), ("inf", "-Infinity")])

@@ -63,7 +63,6 @@ def assert_right(fit: Estimate, subject: lw.Structure, line: tuple[str, float]) 
 @pytest.mark.parametrize(
     ("subject", "mass", "hz", "options"),
     [
-        pytest.param(OSCILLATOR, "m1", 7.3, {}, marks=pytest.mark.slow),
         pytest.param(PAIR, "m2", 4.0, {}, marks=pytest.mark.slow),
         pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow),
     ],
@@ -115,6 +114,7 @@ def test_a_harmonic_force_is_taken_into_the_model() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("memory_not_sought")
 def test_discover_allows_for_a_harmonic_force() -> None:
     record = machine(OSCILLATOR, 7.3, seed=3, duration=5.0)
     found = lw.discover(record, {"m1": 1.0}, harmonics={"m1": 7.3})

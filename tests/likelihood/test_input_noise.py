@@ -201,27 +201,6 @@ def test_drifts_of_absolute_sensors_start_where_they_will_in_each_record() -> No
     assert_within(fit, rig, ERRORS)
 
 
-def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
-    mass, deviation = 2.0, 0.2
-    rng = np.random.default_rng(5)
-    acceleration = np.convolve(rng.standard_normal(600), np.ones(5), "same")
-    force = lw.model.Sampled(0.0, RATE, -mass * acceleration, band_limited=True)
-    moved = lw.simulate(storey("ground"), forces={"m1": force}, duration=5.99, rate=RATE)
-    x = moved.with_noise(40.0, seed=5).channel("x:m1")
-    measured = acceleration + deviation * rng.standard_normal(600)
-    on_base = lw.Record(0.0, RATE, ("rel:x:m1", "a:base"), np.column_stack([x, measured]))
-    pushed = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.column_stack([x, -mass * measured]))
-    of_base = lw.identify(on_base, storey("base").unknown("all"), input_noise={"a:base": deviation})
-    of_force = lw.identify(
-        pushed, storey("ground").unknown("all"), input_noise={"force:m1": mass * deviation}
-    )
-    assert of_base.trusted, of_base.message
-    # the same equations; searches end within a twentieth of a standard error of the optimum
-    errors = np.sqrt(of_base.covariance.diagonal())
-    np.testing.assert_allclose(of_base.values, of_force.values, atol=0.1 * float(errors.min()))
-    np.testing.assert_allclose(errors, np.sqrt(of_force.covariance.diagonal()), rtol=0.02)
-
-
 @pytest.mark.slow
 def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
     record = on_noisy_base(("rel:x", "a:base"), "k*d + c*v", 7)

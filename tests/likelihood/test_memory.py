@@ -202,16 +202,6 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
         assert low < most and value < high, key
 
 
-def test_loops_that_stiffen_take_the_law_without_bounds() -> None:
-    values = {"k": 300.0, "c": 1.5, "kh": 400.0, "beta": 30.0, "gamma": -42.0}
-    true = structure({"m1": 1.0}, named("joint", "m1-ground", "bouc-wen-classical", **values))
-    forces = {"m1": multisine(2.5, 60.0)}
-    record = lw.simulate(true, duration=2.0, rate=200.0, sensors=["x"], forces=forces).with_noise(
-        40.0, seed=9
-    )
-    assert_within(lw.identify(record, true.unknown("all")), true, 5.0)
-
-
 def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
     w = 2.0 * np.pi
@@ -223,47 +213,6 @@ def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
     )
     record = lw.simulate(true, duration=7.5, rate=60.0, base=base, sensors=["a", "a:base"])
     assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
-
-
-def hysteretic_frame() -> lw.Structure:
-    """Two storeys of 3 Hz each that yield."""
-    w = 2.0 * np.pi * 3.0
-    lower = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.009 * w**2, "x0": 0.012, "s": 0.6}
-    upper = {"k": 0.4 * w**2, "c": 0.04 * w, "F": 0.006 * w**2, "x0": 0.01, "s": 0.5}
-    return structure(
-        {"m1": 1.0, "m2": 1.0},
-        named("lower", "m1-base", "bouc-wen", **lower),
-        named("upper", "m2-m1", "bouc-wen", **upper),
-    )
-
-
-@pytest.fixture(scope="module")
-def shaken_frame() -> lw.Record:
-    """Accelerations of the floors at 30 dB and of the base, which moves below the frequencies of the frame, too."""
-    w = 2.0 * np.pi
-    base = "+".join(
-        f"{size / (w * f) ** 2:.6g}*sin({w * f:.5f}*t + {phase})"
-        for size, f, phase in ((1.6, 0.45, 0), (1.2, 0.8, 1), (1.8, 1.3, 2), (1.4, 2.2, 3), (1.5, 4.1, 4))
-    )
-    record = lw.simulate(hysteretic_frame(), duration=7.5, rate=100.0, base=base, sensors=["a", "a:base"])
-    return on_exact_base(record, 30.0, 21)
-
-
-def test_hysteretic_storeys_of_a_frame_are_found_from_accelerations(shaken_frame: lw.Record) -> None:
-    true = hysteretic_frame()
-    assert_within(lw.identify(shaken_frame, true.unknown("all")), true, 5.0)
-
-
-def test_storeys_that_move_below_any_frequency_of_a_filter_are_found_with_shared_coefficients() -> None:
-    lower = hysteretic_frame().link("lower")
-    same = {key: lw.Coefficient.shared(f"lower.{key}") for key in lower.coefficients}
-    upper = replace(lower, name="upper", between=("m2", "m1"), coefficients=same)
-    frame = replace(hysteretic_frame(), links=(lower, upper))
-    base = "0.2*sin(2.8*t) + 0.02*sin(8*t + 1) + 0.01*sin(14*t + 2) + 0.002*sin(26*t)"
-    record = lw.simulate(frame, duration=4.0, rate=100.0, base=base, sensors=["a", "a:base"])
-    fit = lw.identify(record.with_noise(40.0, seed=31), frame.unknown("all"))
-    assert len(fit.parameters) == 5
-    assert_within(fit, frame)
 
 
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}

@@ -167,17 +167,6 @@ def test_the_well_in_which_a_hidden_mass_rests_is_identified() -> None:
     assert lower < WELL < upper and not lower < -WELL < upper
 
 
-@pytest.mark.parametrize(
-    ("well", "force", "snr", "seed"), [(WELL, 0.3, 30.0, 5215201), (-WELL, 1.0, 20.0, 5215202)]
-)
-def test_the_well_where_the_law_hardly_bends_is_found(
-    well: float, force: float, snr: float, seed: int
-) -> None:
-    """A law of one well leaves about as much noise, and its fit ends first."""
-    fit = lw.identify(_hit(well, seed, force=force, snr=snr), _beam(0.03))
-    assert_within(fit, of("nes", SINK))
-
-
 def test_a_motion_that_tells_no_well_is_not_trusted_and_names_what_it_does_not_tell() -> None:
     """At 20 dB noise hides by how much springs of a hardening link and of one in a well differ in so small a motion."""
     fit = lw.identify(_hit(-WELL, 5215204, force=0.2, snr=20.0), _beam(0.03))

@@ -9,12 +9,11 @@ import pytest
 import scipy
 from present import some
 from shaken_chain import DAMPING, NOISE, RATE, STEADY, STIFFNESS, SUBSTEPS, chain, motion
-from structures import oscillator, torsion_chain
+from structures import oscillator
 from within import assert_within
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.random_forces import force_estimates, random_forces
 from linkwise.verdict import Verdict
 
 pytestmark = pytest.mark.slow
@@ -195,21 +194,6 @@ def test_an_error_of_the_law_is_not_told_as_noise_of_the_load_cell() -> None:
     assert not fit.trusted
 
 
-def test_random_moments_are_told_in_newton_metres() -> None:
-    subject = torsion_chain()
-    record = lw.simulate(
-        subject, release={"v:disc1": 6.0}, forces={"disc2": "sin(20*t)"}, duration=1.0, rate=500.0
-    )
-    forces = random_forces({"disc1": None}, {"force:disc2": 0.1}, record, subject)
-    found = force_estimates(forces, np.array([2.0, 0.1]), record.rate)
-    assert [force.unit for force in found] == ["N m", "N m"]
-    assert "on disc1 of 0.126 N m/sqrt(Hz)" in found[0].description
-    assert "Noise of force:disc2 of 0.1 N m, as stated" in found[1].description
-    assert found[0].to_dict()["spectral_density_unit"] == "N m/sqrt(Hz)"
-    with pytest.raises(lw.IdentificationError, match=r"N m/sqrt\(Hz\)"):
-        random_forces({"disc1": -1.0}, {}, record, subject)
-
-
 def low_pass(forces: Floats, corner: float) -> Floats:
     """Forces behind a filter of first order at a corner in Hz."""
     b, a = scipy.signal.butter(1, corner / (RATE * SUBSTEPS / 2.0))
@@ -251,16 +235,6 @@ def test_forces_that_depend_on_each_other_are_named() -> None:
     # forces are told with the noise of sensors, which lowers a correlation, here by less than a quarter
     assert cause.size == pytest.approx(-0.8, abs=0.2)
     assert f"a correlation of {cause.size:.2g} between the ambient forces on m1 and m2" in fit.message
-
-
-def test_records_are_judged_together() -> None:
-    """Records of different lengths: white forces are trusted, coloured ones named."""
-    rng, asked = np.random.default_rng(5700014), chain(2).unknown("all")
-    white = [shown(white_forces(rng, seconds), rng) for seconds in (12.0, 8.0)]
-    fit = lw.identify(white, asked, ambient="all")
-    assert fit.trusted and fit.diagnosis == (), fit.message
-    coloured = [in_coloured_forces(3.0, seconds, seed=5700015) for seconds in (12.0, 8.0)]
-    assert lw.identify(coloured, asked, ambient="all").diagnosis[0].kind == "coloured force"
 
 
 def test_a_level_that_changes_with_time_is_named_before_a_term_that_seems_to_be_missing() -> None:
@@ -349,13 +323,6 @@ def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refu
     assert fit.diagnosis[0].kind == "coloured force"
     assert "below 50 Hz, as behind a filter against aliasing)" in fit.message
     assert "resample the accelerations at twice the frequency up to which the filter is flat" in fit.message
-
-
-def test_laws_that_are_not_linear_are_judged_by_the_whole_record() -> None:
-    """Parts in which the motion is larger or smaller move a damper like v*abs(v) by several standard errors."""
-    record = ambient((1.0, 1.0), 25.0, 5799007)
-    fit = lw.identify(record, chain(2, "k*d + c*v + c2*v*abs(v)").unknown("all"), ambient="all")
-    assert_within(fit, {"l1.c2": 0.0, "l2.c2": 0.0})
 
 
 def test_an_ambient_force_on_a_mass_that_is_not_named_takes_trust_and_is_told() -> None:

@@ -226,19 +226,6 @@ def damped(damping: scipy.sparse.csc_array) -> lw.modal.HostMatrices:
     return lw.modal.HostMatrices(mass, stiffness, damping, tuple(map(str, range(1, 21))))
 
 
-def test_a_dashpot_couples_modes_of_one_frequency_without_limit() -> None:
-    """Two equal oscillators joined by a dashpot alone: their own modes are not those of the structure."""
-    matrices = lw.modal.HostMatrices(
-        scipy.sparse.csc_array(np.eye(3)),
-        scipy.sparse.csc_array(np.diag([100.0, 100.0, 900.0])),
-        scipy.sparse.csc_array(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])),
-        ("1", "2", "3"),
-    )
-    reduced = matrices.reduce("pair", {"a": 1}, keep=2)
-    assert reduced.damping_coupling == np.inf
-    assert sum(first != second for first, second in reduced.host.damping) >= 1
-
-
 def test_names_are_one_to_a_row_and_what_neither_weighs_nor_holds_is_named() -> None:
     mass, stiffness = beam(10)
     for names in (("1", "2"), ("1",) * 20):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -60,35 +60,6 @@ def test_crossings_are_marked_above_each_sink(eight: lw.Absorption) -> None:
     one_well, trial = lw.bnes_chain(2, alpha=100.0), {"v:m1": 1.0}
     figure = crossings_figure(lw.absorb(one_well, sinks=["nes1"], duration=0.2, rate=500.0, release=trial))
     assert labels(figure) == ["elongation"] and figure.axes[0].get_title("left") == "nes1: one well"
-
-
-RATE, COUNT = 1000.0, 8192
-TIME = np.arange(COUNT) / RATE
-
-
-def sampled(**channels: np.ndarray) -> lw.Record:
-    return lw.Record.from_arrays(TIME, {f"x:{name}": values for name, values in channels.items()})
-
-
-def test_a_line_that_starts_late_is_dark_from_there_on() -> None:
-    noise = 0.01 * np.random.default_rng(61).normal(size=COUNT)
-    late = noise + np.sin(2.0 * np.pi * 125.0 * TIME) * (TIME > 4.0)
-    axes = lw.plot.spectrogram(sampled(m1=late), "x:m1")
-    power = np.asarray(axes.collections[0].get_array())  # frequencies by blocks
-    line = power[np.argmax(power.sum(axis=1))]
-    assert np.argmax(power.sum(axis=1)) / (len(power) - 1) == pytest.approx(0.25, abs=0.01)
-    assert line[-3:].min() > 1e3 * line[:3].max()
-
-
-def test_independent_noise_exceeds_the_level_of_chance_in_one_of_twenty() -> None:
-    """Of 512 frequencies in two pairs 26, within four standard deviations of a count."""
-    rng = np.random.default_rng(62)
-    noises = sampled(**{f"m{number}": rng.normal(size=COUNT) for number in range(4)})
-    exceeded = 0
-    for first, second in (("x:m0", "x:m1"), ("x:m2", "x:m3")):
-        values, level = lw.plot.coherence(noises, first, second).get_lines()
-        exceeded += int(np.sum(np.asarray(values.get_ydata()) > np.asarray(level.get_ydata())[0]))
-    assert 6 < exceeded < 46
 
 
 CHAIN = lw.bnes_chain(2)
@@ -157,14 +128,6 @@ def test_lines_are_the_shapes_at_the_points() -> None:
         line = bars.get_children()[0]
         assert isinstance(line, Line2D)
         assert list(line.get_ydata()) == [values[mode] for values in SHAPES.values()]  # type: ignore[arg-type]
-
-
-def test_bars_are_two_standard_deviations_either_way() -> None:
-    bars = some(lw.plot.shapes(wing().known_to_within(shape=0.05)).containers)[0].get_children()[-1]
-    assert isinstance(bars, LineCollection)
-    np.testing.assert_allclose([np.ptp(ends[:, 1]) for ends in bars.get_segments()], 4.0 * 0.05, atol=1e-12)
-    known = [part for bars in some(lw.plot.shapes(wing()).containers) for part in bars.get_children()]
-    assert not any(isinstance(part, LineCollection) for part in known)
 
 
 def test_every_host_and_unit_has_a_panel() -> None:

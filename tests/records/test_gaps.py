@@ -253,12 +253,6 @@ def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Reco
     assert error.value.arguments == ("earliest", "latest")
 
 
-def test_a_modal_test_refuses_a_gap_in_its_force() -> None:
-    message = r"channel force:beam\.tip: 2 of 201 samples are missing"
-    with pytest.raises(lw.IdentificationError, match=message):
-        lw.modal.identify_host(_lacking(_beam()))
-
-
 @pytest.mark.parametrize(
     ("missing", "longest"), [([0, 3], (4, 9)), ([9, 2], (3, 8)), ([6], (0, 5)), (range(1, 10), (0, 0))]
 )

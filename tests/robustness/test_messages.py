@@ -32,21 +32,6 @@ def test_a_long_message_keeps_its_beginning_and_its_end() -> None:
 
 
 @pytest.mark.parametrize(
-    "error",
-    [
-        lw.LinkwiseError(LONG),
-        lw.LawError(LONG, LONG, 100_000, LONG),
-        lw.StructureError(LONG, LONG),
-        lw.RecordError(LONG, LONG, 1, LONG),
-        lw.SimulationError(LONG),
-        lw.StudyError(LONG, LONG),
-    ],
-)
-def test_an_error_fits_on_a_screen(error: lw.LinkwiseError) -> None:
-    assert len(str(error)) < SCREEN
-
-
-@pytest.mark.parametrize(
     "text",
     [
         f'name = "{LONG}',

@@ -361,18 +361,6 @@ def test_file_keeps_its_suffix_while_written_and_a_failed_one_leaves_the_earlier
     assert target.read_text() == "text" and list(target.parent.iterdir()) == [target]
 
 
-@pytest.mark.parametrize("earlier", [None, "empty", "result"])
-def test_folder_is_replaced_where_it_may_be(tmp_path: Path, earlier: str | None) -> None:
-    folder = tmp_path / "answer"
-    if earlier == "empty":
-        folder.mkdir()
-    elif earlier == "result":
-        write_result(folder, a="1", b="2")
-    write_result(folder, a="3")
-    assert {path.name for path in folder.iterdir()} == {"a", "result.json"}
-    assert (folder / "a").read_text() == "3" and list(tmp_path.iterdir()) == [folder]
-
-
 def test_what_the_user_put_beside_a_result_is_kept(tmp_path: Path) -> None:
     folder = tmp_path / "answer"
     write_result(folder, a="1", b="2")

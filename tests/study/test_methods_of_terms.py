@@ -2,7 +2,6 @@
 
 import sys
 from pathlib import Path
-from typing import get_args
 
 import pytest
 from structures import link, named, structure, torsion_chain
@@ -11,11 +10,9 @@ import linkwise as lw
 from linkwise.study.definition import parse_study
 from linkwise.study.methods import (
     DiscoveryMethod,
-    Library,
     PySindyMethod,
     SindyMethod,
     judged,
-    true_monomials,
 )
 from linkwise.study.subject import Subject
 
@@ -65,26 +62,6 @@ def test_a_link_is_judged_by_its_ends_in_either_order(between: str, subject: Sub
     assert terms == {"right": 4, "missing": 1, "extra": 1}
     weaker = lw.bnes_chain(2, alpha=-99.0).link("nes1")
     assert links["nes1"] == pytest.approx(lw.nmse(CHAIN.link("nes1"), weaker, subject.simulate()), rel=1e-8)
-
-
-def test_sindy_has_the_terms_where_there_is_no_noise(subject: Subject) -> None:
-    """Both libraries hold the truth, and the accelerations of a record at 180 samples a period are all but exact."""
-    clean = Subject("fine", CHAIN, duration=1.0, rate=5000.0, release={"v:m1": 1.0}).simulate()
-    for library, terms in zip(get_args(Library), (5, 16), strict=True):
-        method = SindyMethod(library, library, derivative="differences", threshold=1e-6)
-        result = method.evaluate(subject, clean, snr_db=300.0, seed=1)
-        assert (result.terms["right"], result.terms["missing"]) == (terms, 0)
-        assert result.status == "converged"
-
-
-def test_monomials_are_those_that_a_regression_finds_without_noise() -> None:
-    """Two ways agree: laws written out, and least squares on a record of exact states and accelerations."""
-    chain = lw.bnes_chain(4)
-    record = lw.simulate(chain, release={"v:m1": 3.0}, duration=2.0, rate=1000.0, sensors=("x", "v", "a"))
-    fit = lw.sindy.Stlsq(1e-5).fit(lw.sindy.monomial_equations(lw.sindy.differentiate(record), order=3))
-    equations = [target for target in fit.targets if target.endswith("''")]
-    assert true_monomials(chain) == {(target, name) for target in equations for name in fit.terms(target)}
-    assert len(true_monomials(chain)) == 36
 
 
 def test_pysindy_is_named_where_it_is_missing(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:

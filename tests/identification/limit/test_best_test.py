@@ -102,13 +102,6 @@ def test_chaotic_motion_has_shorter_segments_that_tell_more_than_the_shortest() 
 
 
 @pytest.mark.slow
-def test_ten_chaotic_masses_keep_what_short_segments_determine() -> None:
-    plan = {**CHAOTIC, "duration": 2.0, "release": {"v:m1": 3.0}}
-    limit = lw.limit(lw.bnes_chain(10), unknown=["nes"], **plan)
-    assert limit.trusted and np.isfinite(limit.standard_errors).all()
-
-
-@pytest.mark.slow
 def test_segments_that_lose_what_shorter_ones_determine_and_too_low_a_rate_are_refused() -> None:
     """28 Hz at a sample in 20 s, of which steps as long as ten periods grew without end."""
     message = r"segments of 3 s are too long: .* what segments of 0\.25 s determine"
