@@ -32,7 +32,7 @@ def precise(clean: lw.Record) -> lw.Discovery:
 @pytest.mark.slow
 def test_a_damper_that_the_record_cannot_show_is_not_told_as_absent(clean: lw.Record) -> None:
     """At 5 dB the damper is within its standard error: the criterion prefers the model without it by more than CERTAIN."""
-    discoveries = [lw.discover(clean.with_noise(5.0, seed=seed), masses(ROW)) for seed in range(2)]
+    discoveries = [lw.discover(clean.with_noise(5.0, seed=seed), masses(ROW)) for seed in range(4)]
     dropped = [
         term
         for discovery in discoveries

@@ -108,7 +108,7 @@ def filtered_record(seed: int = 5_090_000) -> lw.Record:
     k, c = (2.0 * np.pi * 65.0) ** 2, 45.0
     truth = oscillator("k*d + c*v + k3*d**3", mass=1.0, name="m1-ground", k=k, c=c, k3=6.0 * k)
     rate = finer * SLOW
-    samples = round(20.0 * rate)
+    samples = round(40.0 * rate)
     frequency = np.fft.rfftfreq(samples, 1.0 / rate)
     band = (frequency > 1.0) & (frequency < 200.0)
     spectrum = np.where(band, np.exp(2j * np.pi * rng.uniform(size=len(band))), 0.0)

@@ -30,10 +30,9 @@ def test_both_methods_find_the_coefficients_and_likelihood_is_the_sharper(proble
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two masses, 20 dB", "base moved", "masses unknown, a force applied"])
-def test_a_linear_law_in_place_of_the_last_one_is_not_trusted(name: str) -> None:
+def test_a_linear_law_in_place_of_the_last_one_is_not_trusted() -> None:
     """Beside what must be accepted, one that must not."""
-    problem = PROBLEMS[name]
+    problem = PROBLEMS["masses unknown, a force applied"]
     unknown_structure = problem.unknown_structure
     last = unknown_structure.links[-1]
     unknown = lw.Coefficient.unknown(start=1.0)

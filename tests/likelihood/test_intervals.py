@@ -117,15 +117,14 @@ SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reac
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (6, 3)])
+@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (6, 2)])
 def test_at_20_db_every_sink_is_found_to_a_few_millionths(n: int, seeds: int) -> None:
     paper_fits.check_sinks_at_20_db(identified(n, 20.0, seeds))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n", "seeds"), [(2, 3), (10, 1)])
-def test_at_40_db_a_hundred_times_better(n: int, seeds: int) -> None:
-    assert np.median(identified(n, 40.0, seeds).nmse) <= LARGEST_NMSE[40.0]
+def test_at_40_db_a_hundred_times_better() -> None:
+    assert np.median(identified(2, 40.0, 3).nmse) <= LARGEST_NMSE[40.0]
 
 
 @pytest.mark.slow

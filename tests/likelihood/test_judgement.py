@@ -73,8 +73,6 @@ def test_outliers_that_exceed_the_noise_ask_for_a_robust_loss(chain: lw.Structur
     assert robust.verdicts == (lw.Verdict.CONVERGED,)
     errors = (robust.values - truth(chain, unknown)) / np.sqrt(robust.covariance.diagonal())
     assert np.max(np.abs(errors)) < 4.0  # standard errors: by chance once in 3000 fits
-    stated = replace(noisy, noise={name: sigma.sigma * 2.0 for name, sigma in robust.noise.items()})
-    assert not lw.identify(stated, unknown, method=lw.MaximumLikelihood(loss=loss)).trusted
 
 
 def test_few_samples_a_period_are_told_by_the_weak_form(chain: lw.Structure) -> None:
@@ -186,7 +184,7 @@ def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:
 def test_a_missing_link_is_named(law: str, values: dict[str, float], term: str, chain: lw.Structure) -> None:
     """A damper of the size of the sink's own, and a weak spring: a small model error makes up for either."""
     noisy = record(with_link(chain, law, **values)).with_noise(40.0, seed=4101)
-    fit = lw.identify(noisy, chain.unknown("all"))
+    fit = lw.identify(noisy, chain.unknown("all"), as_stated=True)
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     cause = fit.diagnosis[0]
     assert (cause.kind, cause.where, cause.term) == ("link", "m2-ground", term)
@@ -204,7 +202,7 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
     for linear in (0.0, 3.0):
         whole = oscillator("k*d + c*v + k3*d**3 + q*v*abs(v)", k=987.0, c=linear, k3=4e5, q=1.0)
         clean = lw.simulate(whole, forces={"m1": force}, duration=10.0, rate=200.0)
-        fits.append(lw.identify(clean.with_noise(40.0, seed=4102), unknown))
+        fits.append(lw.identify(clean.with_noise(40.0, seed=4102), unknown, as_stated=True))
     assert fits[0].diagnosis[0].overturned == ("link.c",)
     assert fits[0].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert {fit.grade for fit in fits} == {lw.Grade.APPROXIMATE}  # of a linear damper that comes closest
@@ -223,7 +221,7 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
     def answer(duration: float, seed: int) -> lw.Estimate:
         force = random_force(np.random.default_rng(seed), duration, 200.0)
         clean = lw.simulate(whole, forces={"m1": force}, duration=duration, rate=200.0)
-        return lw.identify(clean.with_noise(40.0, seed=seed), unknown)
+        return lw.identify(clean.with_noise(40.0, seed=seed), unknown, as_stated=True)
 
     long, *short = (answer(duration, seed) for duration, seed in [(40.0, 8100), (10.0, 8101), (10.0, 8102)])
     assert {fit.grade for fit in (long, *short)} == {lw.Grade.APPROXIMATE}

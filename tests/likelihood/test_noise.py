@@ -19,7 +19,6 @@ SNR = 30.0
 
 
 COLOURS: dict[str, Callable[[np.random.Generator, tuple[int, int]], np.ndarray]] = {
-    "AR(1) of 0.5": lambda rng, shape: autoregressive(rng, shape, 0.5),
     "AR(1) of 0.9": lambda rng, shape: autoregressive(rng, shape, 0.9),
     "differenced": differenced,
 }
@@ -175,7 +174,7 @@ def test_noise_that_is_stated_stays() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["x", "v", "a"])
+@pytest.mark.parametrize("kind", ["x", "a"])
 def test_a_record_without_noise_is_identified(kind: str) -> None:
     """What a simulation gives: its channels count as 160 dB, and no search fits rounding."""
     chain = lw.bnes_chain(2)
@@ -192,7 +191,7 @@ def test_a_record_without_noise_refuses_another_law() -> None:
     chain = lw.bnes_chain(2)
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     other = lw.parse_structure(lw.model.format_structure(chain).replace("beta*d**3", "beta*d**2"))
-    fit = lw.identify(record, other.unknown("nes"))
+    fit = lw.identify(record, other.unknown("nes"), as_stated=True)
     assert not fit.trusted
 
 

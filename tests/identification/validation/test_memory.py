@@ -92,10 +92,3 @@ def test_an_answer_predicts_the_voltage_of_another_record() -> None:
     weaker = lw.validate(record[1200:], bistable(theta=0.9e-3))
     assert not weaker.trusted and not weaker.channels["state:piezo.V"].agrees
     assert any("V; noise and intervals allow" in finding for finding in weaker.findings)
-
-
-def test_chaotic_motion_is_predicted_in_windows() -> None:
-    record = in_wells(bistable(c=0.02), 3.0, "0.005*sin(20*t)", 8, rate=400.0)
-    validation = lw.validate(record, bistable(c=0.02))
-    assert not validation.free_run and validation.windows > 1 and validation.trusted
-    assert not lw.validate(record, bistable(c=0.02, alpha=-55.0)).trusted
