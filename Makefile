@@ -73,9 +73,9 @@ check: env  ## lint, check the format and the types of the package and its tests
 	$(BIN)/mypy
 
 docs: $(VENV)/.docs  ## build the documentation in docs/site, with warnings as errors
-	$(BIN)/sphinx-build -q -E -W --keep-going -j auto -b html -d docs/site/.doctrees docs docs/site
+	$(TESTING) $(BIN)/sphinx-build -q -E -W --keep-going -j auto -b html -d docs/site/.doctrees docs docs/site
 	$(BIN)/python docs/check_site.py docs/site
-	$(BIN)/python -m pytest -q tests/docs
+	$(TESTING) $(BIN)/python -m pytest -q tests/docs
 
 $(VENV)/.docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'

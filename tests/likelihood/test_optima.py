@@ -108,7 +108,7 @@ def test_a_peak_among_others_is_not_trusted() -> None:
     """At 5 dB a stiffness came out 200 standard errors off, at chi-square 1."""
     structure = pair(3.0 * STIFFNESS)
     unknown = structure.unknown("all")
-    fit = lw.identify(released(structure, 5.0, 0), unknown)
+    fit = lw.identify(released(structure, 5.0, 0), unknown, as_stated=True)
     z = np.abs(fit.values - truth(structure, unknown)) / np.sqrt(fit.covariance.diagonal())
     assert np.max(z) > 100.0 and fit.chi_square_per_sample == pytest.approx(1.0, abs=0.1)
     assert fit.verdicts[0] is lw.Verdict.SEVERAL_OPTIMA and not fit.trusted
@@ -121,7 +121,7 @@ def test_motion_that_neighbours_force_on_a_link_does_not_tell_its_frequency(snr_
     structure = pair(3.0 * STIFFNESS)
     unknown = structure.unknown("all")
     clean = lw.simulate(structure, release={"v:m1": 1.0, "v:m2": 1.0}, duration=DURATION, rate=RATE)
-    fit = lw.identify(clean.with_noise(snr_db, seed=seed), unknown)
+    fit = lw.identify(clean.with_noise(snr_db, seed=seed), unknown, as_stated=True)
     z = np.max(np.abs(fit.values - truth(structure, unknown)) / np.sqrt(fit.covariance.diagonal()))
     is_determined = snr_db > 20.0
     # of four by chance once in 4000
@@ -169,7 +169,7 @@ def test_the_well_in_which_a_hidden_mass_rests_is_identified() -> None:
 
 def test_a_motion_that_tells_no_well_is_not_trusted_and_names_what_it_does_not_tell() -> None:
     """At 20 dB noise hides by how much springs of a hardening link and of one in a well differ in so small a motion."""
-    fit = lw.identify(_hit(-WELL, 5215204, force=0.2, snr=20.0), _beam(0.03))
+    fit = lw.identify(_hit(-WELL, 5215204, force=0.2, snr=20.0), _beam(0.03), as_stated=True)
     assert fit.fit_verdicts == (lw.Verdict.SEVERAL_OPTIMA,) and not fit.trusted
     assert "nes.alpha and nes.beta are hardly determined" in fit.message
     assert any(remark.startswith("Another set of values explains the records") for remark in fit.remarks)
@@ -189,25 +189,14 @@ def test_the_well_of_a_mass_of_a_chain_with_accelerometers_is_identified() -> No
     assert_within(fit, of("nes", SINK))
 
 
-def test_a_known_coefficient_stays() -> None:
-    fit = lw.identify(_hit(-WELL, 5205205), _beam(0.03, beta=2e6))
-    assert_within(fit, {"nes.alpha": -60.0, "nes.c": 0.1})
-
-
 PER_PERIOD = 5.5
 
 
-@pytest.fixture(scope="module")
-def softening() -> lw.Structure:
-    """One mass whose spring lets go beyond 1/sqrt(300) = 58 mm."""
-    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=1e4, k3=-3e6, c=0.5)
-
-
-@pytest.mark.parametrize("release", [2.5, 3.0])
-def test_a_state_that_runs_to_infinity_is_borne(softening: lw.Structure, release: float) -> None:
-    """A record of few samples a period, whose smoothed states pass the barrier: the laws themselves are right."""
+def test_a_state_that_runs_to_infinity_is_borne() -> None:
+    """A record of few samples a period, whose smoothed states pass the barrier of 58 mm: the laws themselves are right."""
+    softening = oscillator("k*d + k3*d**3 + c*v", name="spring", k=1e4, k3=-3e6, c=0.5)
     rate = PER_PERIOD * float(np.max(lw.analysis.modes(softening).frequencies))
-    clean = lw.simulate(softening, release={"v:m1": release}, duration=1000 / rate, rate=rate)
+    clean = lw.simulate(softening, release={"v:m1": 3.0}, duration=1000 / rate, rate=rate)
     fit = lw.identify(clean.with_noise(15.0, seed=3), softening.unknown("all"))
     assert lw.Verdict.NOT_CONVERGED not in fit.verdicts
     true = np.array([softening.coefficient(p.name).value for p in fit.parameters], dtype=float)

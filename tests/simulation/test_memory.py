@@ -14,7 +14,7 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.expression import Number, Program, substitute
 
-END, RATE = 3.0, 100.0  # s, Hz: each law passes its kinks several times
+END, RATE = 2.0, 100.0  # s, Hz: each law passes its kinks several times
 VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
 DRIVE = "30*sin(7*t) + 12*sin(2.3*t)"
 VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through its nonlinear range
