@@ -11,7 +11,6 @@ from linkwise.errors import IdentificationError, RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.structure import Structure
 from linkwise.signals.states import States
-from linkwise.sindy import library
 from linkwise.sindy.library import Monomials, link_columns, local_equations, monomial_equations
 from linkwise.sindy.regression.regressors import LeastSquares, Stlsq
 
@@ -54,19 +53,6 @@ def test_monomials_are_counted_named_and_evaluated_in_the_same_order() -> None:
         np.testing.assert_allclose(columns[:, column], expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("mixing", [1, 2, 3, 4, None])
-@pytest.mark.parametrize("order", [0, 1, 3, 4])
-def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | None) -> None:
-    values = np.random.default_rng(2).normal(size=(20, 4))
-    everything, limited = Monomials(tuple("abcd"), order), Monomials(tuple("abcd"), order, mixing)
-    unmixed = [j for j, name in enumerate(everything.names) if len(set(name) & set("abcd")) <= (mixing or 4)]
-    assert limited.names == tuple(everything.names[j] for j in unmixed)
-    assert len(limited) == len(limited.names)
-    columns = limited.evaluate(values)
-    assert columns.flags.f_contiguous
-    np.testing.assert_array_equal(columns, everything.evaluate(values)[:, unmixed])
-
-
 def test_a_library_that_cannot_be_is_refused() -> None:
     message = "an order of 0 or more and names that differ, got order -1 in a, b"
     with pytest.raises(IdentificationError, match=message):
@@ -104,25 +90,6 @@ def test_masses_without_states_are_refused() -> None:
         monomial_equations(states, 3, equations_of=())
     with pytest.raises(RecordError, match="mass m3 of the structure has no channel"):
         local_equations(states, bnes_chain(4), 3)
-
-
-def test_a_library_beyond_memory_says_its_size_and_what_would_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    flat = np.zeros((40, 50))
-    states = States(np.arange(40.0), tuple(f"m{k + 1}" for k in range(50)), flat, flat, flat, flat)
-    monkeypatch.setattr(library, "available_memory", lambda: 16 * 10**9)
-    with pytest.raises(
-        IdentificationError,
-        match=r"order 3 in the 100 states of 50 masses are 176851 columns; their Gram matrix alone takes 250 GB, a fit "
-        r"1752 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 13 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
-        r"order=2 \(5151 columns, 1\.52 GB\), columns_of=.* \(link_columns\)",
-    ):
-        monomial_equations(states, 3)
-    monkeypatch.setattr(library, "available_memory", lambda: 10**9)
-    message = r"1\.00 GB are free\. Smaller are mixing=1 \(301 .* columns_of"
-    with pytest.raises(IdentificationError, match=message):
-        monomial_equations(states, 3)
-    assert len(monomial_equations(states, 3, mixing=1).names) == 301
-    assert len(monomial_equations(states, 3, columns_of=("m1", "m2", "m3")).names) == 84
 
 
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])
