@@ -75,15 +75,6 @@ def test_a_delay_that_is_named_is_found() -> None:
     assert float(sentence.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
 
 
-def test_a_delay_is_found_beside_a_gain() -> None:
-    discovery = lw.discover(record(), MASSES, delays=["x:m2"], calibration={"all": WIDTH})
-    assert_found(discovery)
-    findings = [
-        finding for finding in discovery.estimate.findings if "estimated with the other unknowns" in finding
-    ]
-    assert len(findings) == 3  # a delay and two gains
-
-
 @pytest.mark.parametrize(("sigma", "refused"), [(0.05, False), (0.2, True)])
 def test_a_calibration_that_alone_tells_the_scale_must_be_narrow(sigma: float, refused: bool) -> None:
     """A test of a term is linear, in which the scale could shrink all of them to nothing."""

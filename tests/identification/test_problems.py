@@ -101,15 +101,6 @@ def test_straight_lines_taken_for_a_band_limited_force_look_like_a_filter() -> N
     assert "(as of an input that runs in straight lines between its samples)" in cause.description
 
 
-def test_weak_form_of_a_held_force() -> None:
-    """The delay of half a sample would put k off by 2 % and c by 20 %: a force of mean period 0.15 s, as the motion has."""
-    record = replace(driven("held"), interpolation={"force:m1": "held"})
-    stated = lw.identify(record, duffing().unknown("all"), method="weak")
-    ignored = lw.identify(driven("held"), duffing().unknown("all"), method="weak")
-    exact = truth(duffing(), stated.given_structure)
-    assert np.all(np.abs(stated.values / exact - 1.0) < 0.25 * np.abs(ignored.values / exact - 1.0).max())
-
-
 def test_interpolations_travel_with_the_record() -> None:
     record = replace(driven("held"), interpolation={"force:m1": "held"})
     assert dict(record[:50].interpolation) == {"force:m1": "held"}

@@ -319,14 +319,6 @@ def test_noise_stated_small(
 
 
 @pytest.mark.slow
-def test_laws_that_lack_a_term_are_not_taken_for_noise() -> None:
-    """The same statement, without the cubic term of the sink."""
-    record = record_with_stated({"x:m1": 0.1, "x:m2": 0.1})
-    fit = lw.identify(record, with_links(CHAIN, link("nes1", "m2-m1", "k*d + c*v")), as_stated=True)
-    assert not fit.trusted and "stated too small" not in fit.message
-
-
-@pytest.mark.slow
 def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
     """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
     fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"), as_stated=True)

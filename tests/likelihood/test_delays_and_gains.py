@@ -320,16 +320,13 @@ ON_TIME, DRIVEN_AT_TOP, ZERO = (
     [
         (ON_TIME, CHAIN_ASKED, {"delays": ["x:m9"]}, "no delay of x:m9 can be estimated: the sensors"),
         (ON_TIME, CHAIN_ASKED, {"delays": ["x:m1", "x:m1"]}, "x:m1 is named twice"),
-        (ON_TIME, CHAIN_ASKED, {"offsets": ["x:m1", "x:m1"]}, "x:m1 is named twice"),
         (lambda: [late("a:m2", 30, seed=36), late("a:m2", 30, seed=36).decimate(2)], CHAIN_ASKED, {"delays": ["a:m2"]},
          "late by more than a sample, which cannot be found from records of different"),
         (DRIVEN_AT_TOP, ASKED, {"gains": ["force:m1"]}, FIRST_ABSENT),
-        (DRIVEN_AT_TOP, ASKED, {"delays": ["force:m1"]}, FIRST_ABSENT),
         (DRIVEN_AT_TOP, ASKED, {"calibration": {"force:m1": 0.01}}, "no calibration of force:m1 .* and the forces force:m2"),
         (lambda: replace(driven(), interpolation={"force:m2": "held"}), ASKED, {"delays": ["force:m2"]},
          "no delay of force:m2, which is held between its samples"),
         (partial(driven, gains=ZERO), ASKED, {"gains": ["force:m1"]}, FIRST_ZERO),
-        (partial(driven, gains=ZERO), ASKED, {"delays": ["force:m1"]}, FIRST_ZERO),
         (lambda: [driven(gains=ZERO, seed=seed) for seed in (41, 42)], ASKED, {"gains": ["force:m1"]}, FIRST_ZERO),
     ],
 )  # fmt: skip

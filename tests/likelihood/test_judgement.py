@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +13,6 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.checks.verdicts import event
-from linkwise.likelihood.noise import is_coloured, whiteness_text
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 
@@ -94,22 +90,6 @@ def test_a_low_rate_needs_no_model_error(chain: lw.Structure) -> None:
     fit = lw.identify(chain_record(2, duration=DURATION, rate=200.0).with_noise(30.0, seed=1000), unknown)
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.model_error == 0.0
     assert_within(fit, chain, 5.0)
-
-
-@pytest.mark.parametrize(("correlation", "coloured"), [(0.0, False), (0.3, True), (-0.3, True)])
-def test_whiteness_of_a_channel(correlation: float, coloured: bool) -> None:
-    """Beside white channels; samples that were not measured are zero and do not count."""
-    errors = np.random.default_rng(6).normal(size=(5, 2, 1200))
-    series = errors[:, 1].T.ravel()
-    for k in range(1, len(series)):
-        series[k] += correlation * series[k - 1]
-    errors[:, 1] = series.reshape(-1, 5).T
-    errors[:, :, 300:400] = 0.0
-    assert is_coloured(errors) is coloured
-    told = [whiteness_text(f"x:m{number}", errors[:, number].T.ravel()) for number in range(2)]
-    assert told[0] == "x:m0: white, by the cumulative periodogram."
-    assert told[1].startswith("x:m1: not white" if coloured else "x:m1: white")
-    assert whiteness_text("x:m1", np.ones(31)) == "x:m1: not tested for whiteness, which takes 32 samples."
 
 
 def test_a_link_that_gives_energy_takes_trust_away(chain: lw.Structure) -> None:
@@ -231,31 +211,3 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         assert np.max(np.abs(fit.values - long.values) / deviations) < 3.0
         low, high = present(fit.coefficient("link.k3").interval)
         assert present(fit.coefficient("link.k3").value) > 4e5 and high - low < 1.2e5
-
-
-@pytest.mark.parametrize("valve", [None, "still", "open", "stepped"])
-def test_what_happens_while_a_signal_acts_is_no_hit(valve: str | None) -> None:
-    """A misfit of two segments of a hundred, during which a valve opens, or stands as before."""
-    residuals = np.random.default_rng(7).normal(size=(20, 1, 100))
-    residuals[:, :, 50:52] *= 30.0
-    signal = np.full((4, 5, 100), 0.2)
-    if valve == "open":
-        signal[:, :, 50:52] = 1.0
-    elif valve == "stepped":
-        signal[2:, :, 50], signal[:, :, 51:] = -0.2, -0.2
-    acting: dict[str, Any] = {
-        "force": None,
-        "base": None,
-        "frame": None,
-        "signals": {"u": signal} if valve else {},
-    }
-    segments = SimpleNamespace(
-        count=100, linked=np.ones(99, bool), samples=np.zeros(20), inputs=SimpleNamespace(**acting)
-    )
-    misfit = SimpleNamespace(residuals=residuals, defects=np.zeros((2, 99)))
-    fit = SimpleNamespace(
-        chi_square_off=True, segments=segments, misfit=misfit, optimum=SimpleNamespace(q=1e-6)
-    )
-    shown = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((2000, 1)))
-    examined: Any = SimpleNamespace(fit=fit, records=[shown], share=0.0, causes=(), explained="It moves")
-    assert (event(examined) is None) == (valve in ("open", "stepped"))

@@ -13,7 +13,6 @@ from random_signals import autoregressive, differenced, random_force
 from structures import link, oscillator, structure
 
 import linkwise as lw
-from linkwise.likelihood.noise import ColouredNoise
 
 SNR = 30.0
 
@@ -29,16 +28,6 @@ def coloured(noise: str, seed: int, *, duration: float = 3.0) -> lw.Record:
     size = np.sqrt(np.mean(clean.values**2, axis=0)) * 10.0 ** (-SNR / 20.0)
     drawn = COLOURS[noise](np.random.default_rng([seed, 20261122]), clean.values.shape)
     return replace(clean, values=clean.values + size * drawn)
-
-
-def in_segments(series: np.ndarray) -> np.ndarray:
-    """(5, C, K) segments of a series (N, C)."""
-    return series.reshape(-1, 5, series.shape[1]).transpose(1, 2, 0)
-
-
-def estimated_noise(series: np.ndarray) -> ColouredNoise | None:
-    segments = in_segments(series)
-    return ColouredNoise.of(segments, np.ones(segments.shape[2] - 1, dtype=bool))
 
 
 @pytest.mark.slow
@@ -95,46 +84,6 @@ def test_noise_that_is_stated_and_larger_is_not_excused() -> None:
     sizes = 0.5 * 10.0 ** (-SNR / 20.0) * np.sqrt(np.mean(record.values**2, axis=0))
     stated = replace(record, noise=dict(zip(record.channels, map(float, sizes), strict=True)))
     assert lw.identify(stated, lw.bnes_chain(2).unknown("nes")).verdicts[0] is lw.Verdict.NOISE_MISMATCH
-
-
-def resonant(rng: np.random.Generator, samples: float, damping: float) -> np.ndarray:
-    """A motion at so many samples a period under white forces."""
-    pole = np.exp((-damping + 1j) * 2.0 * np.pi / samples)
-    return np.asarray(scipy.signal.lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.normal(size=6000)))
-
-
-def spectrum(kind: str, rng: np.random.Generator) -> np.ndarray:
-    """(N,) a series of a kind."""
-    white = rng.normal(size=6010)
-    series: dict[str, Callable[[], np.ndarray]] = {
-        "white": lambda: white[10:],
-        "drift": lambda: np.cumsum(white)[10:],
-        "fading": lambda: autoregressive(rng, (6000, 1), 0.5)[:, 0] * np.linspace(1.5, 0.5, 6000),
-        "lightly damped": lambda: resonant(rng, 7.0, 0.01),
-        # at so few samples a period its poles are far from the circle; laws that miss a link leave it
-        "damped": lambda: resonant(rng, 5.0, 0.05) + 0.5 * white[10:],
-        "well damped": lambda: resonant(rng, 5.0, 0.3) + 0.5 * white[10:],
-        "average": lambda: np.convolve(white, np.ones(3), mode="valid")[:6000],
-        "filter": lambda: (
-            scipy.signal.sosfilt(scipy.signal.butter(8, 0.5, output="sos"), white)[10:]
-            + 0.05 * rng.normal(size=6000)
-        ),
-        "notch": lambda: scipy.signal.lfilter(*scipy.signal.iirnotch(0.3, 2.0), white)[10:],
-    }
-    return np.asarray(series[kind]())
-
-
-@pytest.mark.parametrize(
-    ("kind", "is_noise"),
-    [
-        *((kind, False) for kind in ("white", "drift", "fading", "lightly damped", "damped")),
-        *((kind, True) for kind in ("well damped", "average", "filter", "notch")),
-    ],
-)
-def test_what_is_coloured_noise_of_a_sensor(kind: str, is_noise: bool) -> None:
-    """Spectra with edges and notches, not the motion of a mode."""
-    noise = estimated_noise(spectrum(kind, np.random.default_rng(5))[:, None])
-    assert (noise is not None) is is_noise
 
 
 def test_a_missing_link_is_no_coloured_noise() -> None:

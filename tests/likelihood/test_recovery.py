@@ -208,16 +208,6 @@ def test_two_records_tell_more_than_either(chain: lw.Structure) -> None:
     assert np.trace(np.linalg.solve(information, joint)) / 5 == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_second_sensor_on_a_mass_sharpens(chain: lw.Structure, clean: lw.Record) -> None:
-    starts = {"spring1.k": 2.9e4, "spring1.c": 1.3, "nes1.alpha": -90.0, "nes1.beta": 9e5, "nes1.c": 0.03}
-    single, more = (
-        lw.identify(clean.select(names).with_noise(40.0, seed=12), chain.unknown("all"), starts=starts)
-        for names in (("x:m1", "x:m2"), ("x:m1", "x:m2", "v:m2"))
-    )
-    assert single.trusted and more.trusted
-    assert (np.diag(more.covariance) < np.diag(single.covariance)).all()
-
-
 @pytest.mark.slow
 def test_outliers_bend_the_gaussian_and_not_the_robust(chain: lw.Structure, clean: lw.Record) -> None:
     record = clean.select(["x:m1", "x:m2"]).with_noise(40.0, seed=13)

@@ -308,13 +308,6 @@ def test_amplitude_and_range_are_told_with_standard_errors() -> None:
     assert float(drift[3]) == pytest.approx(np.ptp(DRIFT) * sigma, rel=0.05)
 
 
-def test_every_record_has_sizes_of_its_own() -> None:
-    records = [disturbed(DRIFT, seed=23), disturbed(-2.0 * HUM, seed=24, start=7.0)]
-    fit = lw.identify(records, ASKED, drifts=["x:m2"], hums={"x:m2": 50.0})
-    assert_within(fit, CHAIN)
-    assert sum("x:m2 drifts over" in line for line in fit.findings) == 2
-
-
 @pytest.mark.parametrize(
     ("options", "reason"),
     [

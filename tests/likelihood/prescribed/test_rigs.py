@@ -171,14 +171,11 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "no motion": ("x:base", {}, "identified from the displacement of its base, x:base"),
     "no force": ("f:damper", {}, "has no load cell of its link: give channel f:damper"),
     "gain": ("", {"gains": ["f:damper"]}, "not supported for links alone on a rig"),
-    "calibration": ("", {"calibration": {"f:damper": 0.01}}, r"^calibration \(f:damper\): not supported"),
     "drift": ("", {"drifts": ["x:base"]}, r"^drift \(x:base\): not supported"),
     "unknown kind": ("", {"admit": ["bogus"]}, 'unknown error of a sensor "bogus"'),
-    "other kind": ("", {"admit": ["delay"]}, r"to be admitted \(delay\): not supported"),
     "twice": ("", {"offsets": ["f:damper", "f:damper"]}, "f:damper is named twice"),
     "robust": ("", {"loss": lw.likelihood.Student()}, "a robust loss: not supported for links alone on a rig"),
     "offset": ("", {"offsets": ["x:m1"]}, "no offset of x:m1 can be found"),
-    "weak": ("", {"method": "weak"}, 'links alone on a rig are not supported in method "weak"'),
     "sindy": ("", {"method": "sindy"}, 'links alone on a rig are not supported in method "sindy"'),
 }  # fmt: skip
 
