@@ -131,19 +131,6 @@ def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, message: str
     assert "modes.csv" in str(error.value)
 
 
-def test_equilibria_and_modes_of_a_structure_with_a_host() -> None:
-    """A sink of two wells on a point has three equilibria; in a well the tip is where its spring balances, at rest."""
-    wing = lw.parse_structure(
-        WING.replace("k*d + c*v", "alpha*d + beta*d**3 + c*v").replace(
-            "k = 200.0", "alpha = -200.0, beta = 2e6"
-        )
-    ).with_values({"wing.mode2.frequency": 21.0})
-    points = lw.analysis.equilibria(wing)
-    assert (len(points), len(points.stable)) == (3, 2)
-    np.testing.assert_allclose(np.abs(points.stable[0].x), [0.0, 0.0, np.sqrt(200.0 / 2e6)], atol=1e-12)
-    assert len(lw.analysis.modes(wing).frequencies) == 3
-
-
 def _universal(path: Path, modes: list[tuple[float, float, float, list[float]]], analysis: int = 2) -> None:
     """Data sets of type 55 with frequency, damping, modal mass and displacement along z at the nodes 12 and 15."""
     sets = [

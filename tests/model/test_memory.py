@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
 import linkwise as lw
 from linkwise.model.named_laws import NAMED_LAWS
@@ -146,23 +145,6 @@ def test_families_take_a_number_of_branches_and_have_bounds() -> None:
     for name, message in (("iwan(99)", "1 to 16"), ("dahl(2)", "no branches"), ("bouc-wenn", "did you mean")):
         with pytest.raises(lw.StructureError, match=message):
             lw.model.named_law(name)
-
-
-def test_iwan_sliders_add_up_to_its_force_and_stiffness() -> None:
-    law = lw.model.named_law("iwan(5)")
-    parsed = lw.Law.parse(law.law, law.states)
-    values = {"FS": 30.0, "KT": 2e4, "chi": -0.4, "beta": 0.7}
-    small = 1e-9  # m, sticking: every slider has the elongation of the link
-    stuck = parsed.force(small, 0.0, {**values, **dict.fromkeys(parsed.states, small)})
-    assert float(stuck) == pytest.approx(values["KT"] * small, rel=1e-12)
-    slips = []
-    for number, name in enumerate(parsed.states):
-        stretches = np.linspace(0.0, 6e-3, 60001)  # the largest one is where the rate vanishes
-        sizes: dict[str, ArrayLike] = {**values, **dict.fromkeys(parsed.states, 0.0), name: stretches}
-        rate = parsed.state_rates(0.0, 1.0, sizes)[number]
-        slips.append(stretches[np.flatnonzero(rate < 0.9)[0]])
-    slid = parsed.force(0.0, 0.0, {**values, **dict(zip(parsed.states, slips, strict=True))})
-    assert float(slid) == pytest.approx(values["FS"], rel=1e-4)  # the grid has steps of 1e-7 m
 
 
 @pytest.mark.parametrize("door", ["weak", "sindy", "discovery"])

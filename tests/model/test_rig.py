@@ -158,11 +158,6 @@ def test_a_structure_names_its_signals_and_is_written_as_it_was_read() -> None:
     assert float(structure.with_values({"damper.c0": 1.0}).link("damper").force(0.1, 2.0, {"u": 3.0})) == 54.0
 
 
-def test_units_of_coefficients_follow_from_that_of_a_signal() -> None:
-    levitated = lw.rig({"ball": 0.1}, {"coil": "ball - ground: K*i**2/(1 + d/a)**2"}, signals={"i": "A"})
-    assert dict(levitated.link("coil").law.units) == {"K": "N/A^2", "a": "m"}
-
-
 def test_a_state_may_be_driven_by_a_signal() -> None:
     law = lw.Law.parse("k*d - Bl*i", {"i": "(u - R*i - Bl*v)/L"}, signals={"u": "V"})
     assert law.variables == ("d", "v", "i", "u")

@@ -9,7 +9,6 @@ from present import present
 from problems import PROBLEMS, chain_record, parsed
 from rigs import hysteretic, measured, run
 from structures import beam_of_one_mode, link, oscillator
-from within import masses
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -81,15 +80,6 @@ def two_rates(every: int, first: int = 0) -> lw.Record:
     return replace(record, values=values)
 
 
-@pytest.mark.parametrize("first", [0, 1])
-def test_common_samples_are_those_of_the_slower_channel(first: int) -> None:
-    record = two_rates(3, first)
-    common = present(common_samples(record))
-    assert common.rate == pytest.approx(record.rate / 3, rel=1e-12)
-    assert common.start == pytest.approx(first / record.rate, rel=1e-12)
-    np.testing.assert_array_equal(common.values, record.values[first::3])
-
-
 @pytest.mark.parametrize("every", [2, 5])
 def test_noise_of_a_slower_channel_is_that_of_its_samples(every: int) -> None:
     """It was taken for rounding, 1e-12 of the motion."""
@@ -119,15 +109,6 @@ def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) ->
     assert narrower < wider
     with pytest.raises(lw.IdentificationError, match="keep the samples that all sensors have"):
         lw.identify(record, chain.unknown("nes"), method="weak")
-
-
-def test_links_are_discovered_from_channels_at_two_rates_and_the_slower_is_told_once_with_its_rate() -> None:
-    discovery = lw.discover(two_rates(2), masses(lw.bnes_chain(2)))
-    assert discovery.trusted
-    assert {link.name for link in discovery.structure.links} == {"m1-ground", "m2-m1"}
-    (alert,) = lw.inspect(two_rates(4)).alerts
-    assert (alert.kind, alert.channel) == ("dropped", "x:m2")
-    assert "in one of 4 rows, so that its rate is 250 Hz" in alert.message
 
 
 @pytest.mark.parametrize("missing", [0.6, 0.7])

@@ -221,11 +221,3 @@ def test_what_is_no_even_grid_is_refused(time: Floats, message: str) -> None:
     assert COARSEST * 1.0 / 610.3515625 < 1e-3  # the rounding to 1e-3 s is beyond what is taken as even
     with pytest.raises(RecordError, match=message):
         Timeline.fit(time)
-
-
-def test_gaps_keep_every_sample_at_its_place() -> None:
-    index = np.delete(np.arange(5000), np.r_[100:103, 700, 4000:4400])
-    timeline = Timeline.fit(np.round(index / 51200.0, 7))
-    assert np.array_equal(timeline.index, index)
-    assert timeline.rate == 51200.0
-    assert timeline.notes[-1].startswith("Gaps in time: 3, the first after 0.0019336 s; 404 rows were added")

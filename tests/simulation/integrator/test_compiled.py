@@ -123,15 +123,6 @@ def test_a_gap_is_met_exactly(law: str) -> None:
     closes(record)
 
 
-def test_two_gaps_that_are_met_at_once() -> None:
-    """Two equal masses on equal gaps: the second kink is not lost behind the first."""
-    gaps = (link(f"l{mass}", f"{mass}-ground", "kc*max(d - g, 0)", kc=4e4, g=0.1) for mass in ("m1", "m2"))
-    pair = structure({"m1": 1.0, "m2": 1.0}, *gaps)
-    record = simulate(pair, release={"v:m1": 2.0, "v:m2": 2.0}, duration=0.2, rate=1000.0)
-    expected = contact(record.time, 2.0, 0.1, 200.0)
-    assert record.values == pytest.approx(np.column_stack([expected, expected]), abs=1e-13)
-
-
 def sliding(time: Floats, start: float, shift: float, frequency: float) -> Floats:
     """Dry friction, before it sticks: half waves about centres at +shift and -shift in turn."""
     half = np.floor(time * frequency / np.pi)
@@ -156,18 +147,6 @@ def test_dry_friction_slides_exactly_and_where_it_sticks_it_is_refused_with_advi
     with pytest.raises(SimulationError, match="sticks"):
         jump = oscillator("F*sign(d) + G*sign(v)", F=1.0, G=0.5)
         simulate(jump, release={"v:m1": 1.0}, duration=100.0, rate=10.0)
-
-
-def test_the_advice_is_good() -> None:
-    """The steep slope is seen before it comes, and it stays close to dry friction while that slides."""
-    structure = oscillator("k*d + F*tanh(v/s)", k=100.0, F=1.0, s=1e-5)
-    record = simulate(structure, release={"x:m1": 0.055}, duration=3.0, rate=100.0)
-    before = record.time < 0.9
-    slides = sliding(record.time[before], 0.055, 0.01, 10.0)
-    assert record.values[before, 0] == pytest.approx(slides, abs=1e-6)  # s/omega, the width of the slope in d
-    creep = 1e-5 * np.arctanh(100.0 * 0.005 / 1.0)  # m/s, where friction would hold the mass
-    assert record.values[-1, 0] == pytest.approx(0.005 - creep * (3.0 - 0.3 * np.pi), abs=1e-6)  # that width
-    closes(record)
 
 
 @pytest.mark.parametrize(
