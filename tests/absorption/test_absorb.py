@@ -154,17 +154,6 @@ def test_a_linear_absorber_may_be_named_and_harvested_from() -> None:
     assert present(absorption.masses[0].rms_reduction) > 0.3 and not len(absorption.sinks[0].crossings)
 
 
-def test_without_damping_nothing_settles() -> None:
-    still = built("a: m1-ground: k*d; s: m2-m1: p*d + q*d**3", 1.0, 0.01, k=900.0, p=-100.0, q=1e6)
-    absorption = lw.absorb(still, duration=2.0, release={"v:m1": 0.1})
-    assert absorption.settled == (None, None)
-    np.testing.assert_allclose(absorption.with_sinks.dissipated, 0.0, atol=1e-15)
-    assert absorption.with_sinks.remaining[-1] == pytest.approx(1.0, abs=1e-12)
-    # identity, but for the envelope, which is drawn through peaks between samples
-    assert absorption.masses[0].without.decay_rate == pytest.approx(0.0, abs=1e-6)
-    assert any("did not settle" in line for line in absorption.findings)
-
-
 @pytest.mark.slow
 def test_forces_kinks_and_impulses_are_no_obstacle() -> None:
     """A one-sided stop on the sink: energy still closes, a blow counts as put in."""

@@ -73,16 +73,6 @@ def test_limits_hold_and_mass_is_traded_off() -> None:
         lw.design(CHAIN, ALPHA, "rms", DesignOptions(evaluations=20, limits={"stroke:nes1": 1e-4}), **SHORT)
 
 
-def test_stroke_and_peak_are_those_of_the_motion() -> None:
-    """Between samples too: a fine simulation shows the same."""
-    swept = absorption_map(CHAIN, {"nes1.c": [0.02]}, **SHORT)
-    record = lw.simulate(CHAIN, release={"v:m1": 1.0}, duration=0.5, rate=1e5)
-    x = record.values
-    assert swept["stroke:nes1"][0] == pytest.approx(np.abs(x[:, 1] - x[:, 0]).max(), rel=1e-4)
-    assert swept["peak"][0] == pytest.approx(np.abs(x[:, 0]).max(), rel=1e-4)
-    assert swept["rms"][0] == pytest.approx(np.sqrt(np.mean(x[:, 0] ** 2)), rel=1e-3)
-
-
 def test_the_worst_level_counts_or_their_mean() -> None:
     levels, at = (0.5, 2.0), {"nes1.alpha": (-100.0 - 1e-9, -100.0)}
     every = [

@@ -106,19 +106,6 @@ def test_intervals_hold_frequencies_known_to_within() -> None:
 
 
 @pytest.mark.slow
-def test_harvesters_on_a_host() -> None:
-    """A damper beside the sink takes its share, and a power of the link is delivered."""
-    damper = lw.absorb(on_host(), **TAP, harvesters={"sink": 0.2})
-    share = damper.harvests[0].share
-    assert share == pytest.approx(damper.with_sinks.share("sink-harvester"), rel=1e-12) and share > 0.05
-    power = lw.absorb(on_host(), **TAP, harvesters={"sink": "c*v**2"})
-    # the sink has one damper alone; trapezoidal rule at 500 Hz over (2 w h)^2/12 of 40 rad/s
-    taken = pytest.approx(power.sinks[0].share * power.with_sinks.total, rel=(80 / 500) ** 2 / 12)
-    assert power.harvests[0].energy == taken
-    assert damper.trusted and power.trusted
-
-
-@pytest.mark.slow
 def test_a_piezo_between_points_of_a_beam_delivers_power() -> None:
     beam = host("beam", CANTILEVER, 0.01, CANTILEVER_SHAPES)
     law = lw.Law.parse("k*d - theta*V", {"V": lw.model.LinkState("(-theta*v - V/R)/C", unit="V")})

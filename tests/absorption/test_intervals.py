@@ -182,14 +182,6 @@ def test_an_edited_file_is_refused(
     assert not out.exists() and lw.export_answer(copy / "structure.toml", out).exists()
 
 
-def test_draws_that_diverge_are_no_answer() -> None:
-    wide, trial = known([[4e12]], "nes1.beta"), {**TRIAL, "sinks": ["nes1"]}
-    with pytest.raises(
-        lw.LinkwiseError, match=r"the motion of \d+ of 20 draws diverges: .* measure for longer"
-    ):
-        lw.absorption.absorption_intervals(wide, **trial, draws=20)
-
-
 @pytest.mark.slow
 def test_the_command_reads_the_folder_of_an_answer(answer_folder: Path, tmp_path: Path) -> None:
     command = f"absorb {answer_folder} --duration 1 --rate 500 --release v:m1=1.0 --draws 20 --seed 3"

@@ -9,7 +9,6 @@ from structures import equal_sinks, link, structure
 
 import linkwise as lw
 from linkwise.absorption import absorption_map, map
-from linkwise.absorption.wells import barriers
 
 CHAIN = lw.bnes_chain(2)
 RELEASE = {"v:m1": 1.0}
@@ -110,25 +109,6 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
 def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> None:
     with pytest.raises(lw.StructureError, match=message):
         absorption_map(CHAIN, over, **SHORT)
-
-
-@pytest.mark.slow
-def test_tops_and_floors_of_many_laws() -> None:
-    """Polynomials by companion matrices against wells(), which brackets the zeros of any law."""
-    law = lw.Law.parse("a*d + b*d**2 + e*d**3 + g*d**5")
-    rng = np.random.default_rng(1001)
-    values = {name: rng.normal(0, size, 60) for name, size in (("a", 100), ("b", 2e3), ("e", 1e6))}
-    values["g"] = np.full(60, 1e9)
-    found = barriers(law, values, 60)
-    for run in range(60):
-        spring = link("link", "m-ground", law, **{name: float(value[run]) for name, value in values.items()})
-        wells = lw.analysis.wells(spring)
-        tops = found.tops[run][np.isfinite(found.tops[run])]
-        floor = min(float(spring.potential(d)) for d in wells)
-        assert found.floor[run] == pytest.approx(floor, rel=1e-9, abs=1e-15)
-        for top, below, above in zip(tops, wells[:-1], wells[1:], strict=True):
-            assert below < top < above
-            assert abs(float(spring.force(top))) < 1e-10 * float(abs(spring.stiffness(top)))
 
 
 def test_a_map_of_chaos_says_so() -> None:

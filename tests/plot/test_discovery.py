@@ -155,14 +155,3 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discov
     assert 'class="verdict refused"' in page and 'class="verdict explained"' not in page
     assert "NOT to be trusted" in page and "Against the truth" not in page
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
-
-
-def test_nothing_is_left_of_a_failure(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
-    other = replace(chain, masses=chain.masses[:1], links=chain.links[:1])
-    with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
-        lw.report.write_result(discovered, tmp_path / "answer", truth=other)
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
-    with pytest.raises(lw.LinkwiseError, match="is not a result of linkwise"):
-        lw.report.write_result(discovered, tmp_path / "thesis")
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

@@ -13,17 +13,15 @@ from matplotlib.lines import Line2D
 from present import some
 from problems import chain_record
 from reach_rows import EXACT, reach_maps
-from rigs import rig
-from structures import host, structure
+from structures import host
 
 import linkwise as lw
 from linkwise.plot import save
 from linkwise.plot.absorptions import crossings_figure, decay_figure
-from linkwise.plot.estimates import residuals_figure, shapes_figure
+from linkwise.plot.estimates import residuals_figure
 from linkwise.plot.links import force_figure
 from linkwise.plot.records import histories_figure
-from linkwise.plot.studies import success_figure
-from linkwise.plot.style import WELL, envelope, scale, scattered
+from linkwise.plot.style import WELL, envelope, scattered
 
 
 @pytest.fixture(scope="module")
@@ -130,25 +128,6 @@ def test_lines_are_the_shapes_at_the_points() -> None:
         assert list(line.get_ydata()) == [values[mode] for values in SHAPES.values()]  # type: ignore[arg-type]
 
 
-def test_every_host_and_unit_has_a_panel() -> None:
-    """Shapes of points that turn have another unit and size."""
-    two = structure({}, hosts=[wing(), wing("tail")])
-    assert [axes.get_title(loc="left") for axes in shapes_figure(two).axes] == ["wing", "tail"]
-    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0), "mid": (0.6, 1.2)}
-    for rotations, unit in (
-        ([], "1/√kg"),
-        (["r"], "1/√kg or rad/(m √kg)"),
-        (["tip", "r", "mid"], "rad/(m √kg)"),
-    ):
-        beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=rotations)
-        assert lw.plot.shapes(beam).get_ylabel() == f"shape, {unit}"
-    beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"]).known_to_within(shape=0.02)
-    panels = shapes_figure(structure({}, hosts=[beam], name="beam")).axes
-    assert [panel.get_ylabel() for panel in panels] == ["shape, 1/√kg", "shape, rad/(m √kg)"]
-    names = [[text.get_text() for text in panel.get_xticklabels()] for panel in panels]
-    assert names == [["tip", "mid"], ["r"]]
-
-
 def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
     axes = lw.plot.surface(fitted, "nes1")
     [mesh] = [collection for collection in axes.collections if isinstance(collection, QuadMesh)]
@@ -164,16 +143,6 @@ def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
     # what is drawn of the samples may miss an end by the farthest that two of them are apart, each end once
     assert np.ptp(drawn) <= 1e3 * (high - low)
     assert np.ptp(drawn) > 1e3 * (high - low) - 2.0 * np.abs(np.diff(drawn)).max()
-
-
-def test_a_link_with_memory_has_no_surface() -> None:
-    sliding = rig("k*d + F*z", {"k": 400.0, "F": 1.0, "x0": 1e-3}, {"z": "(v - abs(v)*z)/x0"})
-    record = lw.simulate(sliding, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
-    fit = lw.identify(record, sliding.unknown("damper.k"))
-    with pytest.raises(
-        lw.StructureError, match="has memory or takes a signal, so that its force is not a function"
-    ):
-        lw.plot.surface(fit, "damper")
 
 
 def numbers(axes: Axes, color: str) -> dict[tuple[int, int], int]:
@@ -198,16 +167,6 @@ def test_each_cell_has_its_per_cent_and_in_red_what_is_wrong_and_trusted() -> No
     np.testing.assert_allclose(colours, np.array(EXACT) / 4.0, rtol=1e-12)
 
 
-def test_without_a_frequency_the_rate_is_shown_and_cells_that_were_not_run_are_empty() -> None:
-    cases = np.array([[4, 0, 4], [4, 4, 0]])
-    axes = lw.plot.success_map(replace(reach_maps()[0], frequency=None, name="a$b$c", cases=cases))
-    assert axes.get_ylabel() == "sampling rate, Hz" and axes.get_title(loc="left") == r"a\$b\$c: discover"
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["100", "500"]
-    assert set(numbers(axes, "black")) == {(0, 0), (0, 2), (1, 0), (1, 1)}
-    with pytest.raises(lw.StudyError, match="nothing to draw: no method of the study looks for terms"):
-        success_figure([])
-
-
 @pytest.fixture
 def measured(fitted: lw.Estimate) -> lw.Estimate:
     """The same estimate as if its record had been measured: nobody knows the truth."""
@@ -221,25 +180,6 @@ def waves(count: int, *, gap: slice | None = None, samples: int = 500) -> lw.Rec
     if gap is not None:
         channels["x:m1"][gap] = np.nan
     return lw.Record.from_arrays(time, channels, source="waves.csv")
-
-
-@pytest.mark.parametrize(
-    ("largest", "expected"),
-    [
-        (0.02, (1e3, "mm")),
-        (1.0, (1.0, "m")),
-        (999.0, (1.0, "m")),
-        (1000.0, (1e-3, "km")),
-        (3e-7, (1e9, "nm")),
-        (1e-15, (1e9, "nm")),
-        (0.0, (1.0, "m")),
-        (float("nan"), (1.0, "m")),
-    ],
-)
-def test_scale_brings_numbers_near_one(largest: float, expected: tuple[float, str]) -> None:
-    factor, unit = scale(largest, "m")
-    assert factor == pytest.approx(expected[0], rel=1e-12) and unit == expected[1]
-    assert scale(largest, "") == scale(largest, "?") == (1.0, "")
 
 
 def test_envelope_keeps_every_extreme_and_every_gap() -> None:

@@ -2,7 +2,6 @@
 
 import csv
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import linkwise as lw
 from linkwise.paper.tables import TABLE_2, Table2, explanation
 from linkwise.report.study import STUDY_FIGURES, StudyReport, study_page
 from linkwise.study.definition import parse_study, read_study
-from linkwise.study.row import FAILED, Case, Row
+from linkwise.study.row import FAILED, Row
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -36,16 +35,6 @@ def judged(rows: list[Row]) -> tuple[Table2, dict[str, bool | None]]:
     """The comparison of rows with the paper, and their claims."""
     report = StudyReport.of(STUDY, rows)
     return report.comparison, {claim.text: claim.met for claim in report.claims}
-
-
-def changed(changes: Callable[[Case, int], float | None]) -> list[Row]:
-    """The rows of the study with other medians for the cases and masses that have one here."""
-
-    def median(case: Case, masses: int) -> float:
-        value = changes(case, masses)
-        return error(case, masses) if value is None else value
-
-    return paper_rows(STUDY, median)
 
 
 def claim(rows: list[Row], start: str) -> tuple[str, bool | None]:
@@ -75,24 +64,6 @@ def test_the_best_convention_is_found_and_its_closeness_told() -> None:
     comparison, _ = judged(few)
     off = [cell for cell in comparison.cells if explanation(cell, BEST, comparison.classical)]
     assert {cell.masses for cell in off} == {8, 10}
-
-
-def test_likelihood_is_held_to_five_hundred_times_below_the_paper() -> None:
-    assert claim(paper_rows(STUDY), "ml at 20 dB") == (
-        "ml at 20 dB: at most 0.0001 % (2 masses), 5000 times below the paper's physics-informed 0.5 % in every cell; "
-        "500 times was asked for.",
-        True,
-    )
-    worse = changed(lambda case, masses: 1.001e-3 if (case.method, masses) == ("ml", 4) else None)
-    text, met = claim(worse, "ml at 20 dB")
-    assert met is False and "490 times below" in text
-    assert "misses 500 times in the cells of 4 masses (500 times)" in text
-    gone = [row for row in paper_rows(STUDY) if (row.method, row.masses) != ("ml", 10)]
-    text, met = claim(gone, "ml at 20 dB")
-    assert met is None and "no results yet for 10 masses" in text
-    assert claim([], "ml at 20 dB")[1] is None
-    text, met = claim(gone, "306 of 315 cases were run")
-    assert met is False and "3 of 105 cells are empty" in text
 
 
 def test_figures_and_table_are_written(paper_report: Path) -> None:
@@ -211,19 +182,3 @@ def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path) -> None:
     fine, coarse = maps[0].exact[1], maps[0].exact[0]
     assert fine[0] == 1 and (coarse == 0).all()  # 25 samples a period at 40 dB, and 5
     assert (folder / "figures" / "success.svg").is_file()
-
-
-def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_paper() -> None:
-    text = """
-    snr_db = [50]
-    cycles = 2
-    structure = [{ name = "two", bnes = 2, duration = 6.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
-    method = [{ kind = "ml" }]
-    """
-    report = StudyReport.of(parse_study(text, "other.toml", Path()), [])
-    assert dict(report.paper.masses) == {"two": 2} and report.comparison.cells == ()
-    assert report.beyond == [("two", 50.0)] and report.trusted is False
-    page = body(study_page(report, {}))
-    assert "0 of 2 cases were run" in page
-    assert "Table 2" not in page
-    assert "<td>two</td><td>50</td><td>–</td>" in page

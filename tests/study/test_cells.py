@@ -166,20 +166,6 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path, tmp_path: Path
     assert "small: 0 of 24 cases done, 0 failed" in str(lw.study.study_summary(tmp_path / "out"))
 
 
-def test_the_summary_prints_itself(folder: Path) -> None:
-    summary = lw.study.study_summary(folder)
-    text = str(summary)
-    head, *lacks = text.partition("\n\n")[0].splitlines()
-    assert head == "small: 18 of 36 cases done, 6 failed"
-    assert lacks == [lw.Verdict.STUDY_INCOMPLETE.value, lw.Verdict.CELLS_WITHOUT_ANSWER.value]
-    assert "\n\nbnes2, 40 dB\n  method" in text
-    assert not summary.complete and {cell.structure for cell in summary.failed_cells} == {"pushed away"}
-    line = next(line for line in text.partition("pushed away, 20 dB")[2].splitlines() if "weak" in line)
-    assert line.split() == ["weak", "-", "-", "1", "0", "1", "-", "-"]
-    assert "! pushed away, 20 dB, weak failed 1 times: " in text
-    assert summary.to_dict()["done"] == 18 and len(summary.to_dict()["cells"]) == 18
-
-
 def test_methods_that_look_for_terms_have_columns_of_their_own(tmp_path: Path, folder: Path) -> None:
     study = reach_study()
     home = stored(tmp_path / "reach", study, reach_rows(study))
