@@ -206,6 +206,7 @@ def test_exact_laws_leave_no_model_error(files: Path, chain: lw.Structure, exact
     assert (printed["fit"]["chi_square_per_sample"] > 1.2) == exact
 
 
+@pytest.mark.slow
 def test_known_noise_reaches_the_fit() -> None:
     """The true noise is believed; noise stated a hundred times too small cannot explain what is left."""
     noise = present(chain_record(2, duration=1.0).with_noise(30.0, seed=1).simulated).noise

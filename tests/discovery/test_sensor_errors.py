@@ -46,10 +46,8 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.1, 0.0), ("offset", 1.0, 0.002)])
-def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, offset: float) -> None:
-    faulty = changed(gain * record().channel("x:m2") + offset)
-    discovery = lw.discover(faulty, MASSES, admit=[kind])
+def test_an_admitted_error_is_found_with_the_structure() -> None:
+    discovery = lw.discover(changed(1.1 * record().channel("x:m2")), MASSES, admit=["gain"])
     assert_found(discovery)
     assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
 

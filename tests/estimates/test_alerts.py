@@ -61,7 +61,7 @@ def test_alerts_of_all_records_are_told() -> None:
 
 
 def test_what_the_answer_allows_for_is_no_alert() -> None:
-    """Samples that were marked as missing, and a drift that is estimated by itself; of another channel it is told."""
+    """Samples that were marked as missing, and a drift that is estimated; of another channel it is told."""
     marked = lw.inspection.mark_missing(clipped_record(), "clipped")
     assert [alert.kind for alert in lw.inspect(marked).alerts] == ["dropped"]
     told = {name: ANSWERS[name](marked).to_dict()["alerts"] for name in ("identify, weak", "validate")}
@@ -70,7 +70,7 @@ def test_what_the_answer_allows_for_is_no_alert() -> None:
     drifting = replace(clean, values=clean.values + np.outer(clean.time, [0.0, 1e-3]), simulated=None)
     asked = lw.bnes_chain(2).unknown("nes")
     assert alerts_of(lw.identify(drifting, asked, drifts=["x:m1"], as_stated=True)) == [("drift", "x:m2")]
-    assert alerts_of(lw.identify(drifting, asked, drifts=["x:m1"])) == []
+    assert alerts_of(lw.identify(drifting, asked, drifts=["x:m2"])) == []
 
 
 def test_samples_that_a_record_lacks_are_told_also_beside_marked_ones() -> None:

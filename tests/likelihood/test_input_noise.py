@@ -11,6 +11,9 @@ from within import assert_within
 import linkwise as lw
 from linkwise.verdict import Verdict
 
+pytestmark = pytest.mark.slow
+
+
 RATE, COUNT = 100.0, 801
 STIFFNESS, DAMPING = 900.0, 1.0  # of a mass of 1 kg: 4.8 Hz, of which 8 s hold 38 periods
 
@@ -41,7 +44,6 @@ def driven(channel: str, noise: float, seed: int) -> lw.Record:
     return replace(record, values=values)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "end", "noise"), [("a:base", "base", 0.004), ("force:m1", "ground", 0.012)]
 )
@@ -124,7 +126,6 @@ def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
     return replace(record, values=values)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensors", "lower", "seed"),
     [
@@ -166,7 +167,6 @@ def test_absolute_sensors_need_no_displacement_of_the_base(kind: str, known: str
         lw.identify(record, storeys(lower).unknown("all"), ambient=["m1"])
 
 
-@pytest.mark.slow
 def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
     record = on_noisy_base(("rel:x", "a:base"), "k*d + c*v", 7)
     values = record.values.copy()
@@ -255,7 +255,6 @@ def test_a_hit_with_noise_in_its_load_cell_gives_the_laws() -> None:
     assert_within(fit, {"l1.k": STIFFNESS, "l1.c": DAMPING}, 4.5)
 
 
-@pytest.mark.slow
 def test_a_wrong_mass_is_no_gain_of_a_noisy_force() -> None:
     """Beside noise of the force its gain would explain a mass that is stated 20 % low, and the stiffness follow it."""
     record = driven("force:m1", 0.02, 1)
@@ -263,7 +262,6 @@ def test_a_wrong_mass_is_no_gain_of_a_noisy_force() -> None:
     assert not lw.identify(record, light.unknown("all")).trusted
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_intervals_beside_noise_of_an_input_hold_what_it_hides(seed: int) -> None:
     """Friction of 2 % of the force is not significant beside noise of 3 %, and moves the damping by a dozen of its errors."""

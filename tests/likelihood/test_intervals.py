@@ -111,8 +111,8 @@ def test_the_curvature_is_the_profiles(short_record: lw.Record, ours: Likelihood
     assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
 
 
-MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
-CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
+MANY = 80  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 1.7 %
+CHANCE = 0.02  # of a share being too small, and of its being too large
 SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
 
 

@@ -27,6 +27,8 @@ from linkwise.likelihood.tests.score_test import CandidateForce, candidate_force
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 
+pytestmark = pytest.mark.slow
+
 
 def linked(name: str, pairs: Iterable[tuple[int, int]], count: int, **values: lw.Coefficient) -> lw.Structure:
     """Masses of 1 kg with hardening links between pairs of them, -1 for the ground."""
@@ -149,7 +151,6 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
     assert np.max(np.abs(local.reduced - dense.reduced) / scale) < 10.0 * TOLERANCE * largest
 
 
-@pytest.mark.slow
 def test_intervals_of_many_masses() -> None:
     """The errors of all coefficients, weighed by their covariance: between the quantiles of 0.1 % and 99.9 %, for one seed."""
     chain = lw.bnes_chain(14)
@@ -161,7 +162,6 @@ def test_intervals_of_many_masses() -> None:
     assert low < error @ np.linalg.solve(fit.covariance, error) < high
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("beta", [1.0, 1.5])
 def test_a_cubic_term_that_is_held_too_large_leaves_more_than_noise(beta: float) -> None:
     record, chain = chain_record(14, duration=1.0).with_noise(20.0, seed=1002), lw.bnes_chain(14)

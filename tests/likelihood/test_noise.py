@@ -14,6 +14,9 @@ from structures import link, oscillator, structure
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 SNR = 30.0
 
 
@@ -30,7 +33,6 @@ def coloured(noise: str, seed: int, *, duration: float = 3.0) -> lw.Record:
     return replace(clean, values=clean.values + size * drawn)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("noise", list(COLOURS))
 def test_intervals_allow_for_coloured_noise(noise: str) -> None:
     chain = lw.bnes_chain(2)
@@ -46,7 +48,6 @@ def test_intervals_allow_for_coloured_noise(noise: str) -> None:
     assert low < np.mean(np.square(z)) < high
 
 
-@pytest.mark.slow
 def test_intervals_of_a_chaotic_chain_allow_for_coloured_noise() -> None:
     """Four masses: the channel's floor at high frequencies says a quarter of its noise where the chaotic motion is."""
     chain = lw.bnes_chain(4)
@@ -61,7 +62,6 @@ def test_intervals_of_a_chaotic_chain_allow_for_coloured_noise() -> None:
     assert np.max(np.abs(z)) < 4.0  # standard errors: of 10 by chance once in 1600
 
 
-@pytest.mark.slow
 def test_a_profile_counts_the_colour() -> None:
     fit = lw.identify(coloured("AR(1) of 0.9", 3, duration=6.0), lw.bnes_chain(2).unknown("nes"))
     assert "correlated from sample to sample" in fit.message
@@ -70,7 +70,6 @@ def test_a_profile_counts_the_colour() -> None:
     assert (upper - lower) / (high - low) == pytest.approx(1.0, abs=0.05)  # a parabola nearly
 
 
-@pytest.mark.slow
 def test_an_error_of_the_sensor_is_seen_beneath_the_colour() -> None:
     record = coloured("AR(1) of 0.9", 4)
     values = record.values.copy()
@@ -102,7 +101,6 @@ def test_a_missing_link_is_no_coloured_noise() -> None:
 RING = ring(*VALUES.reshape(3, SIZE))
 
 
-@pytest.mark.slow
 def test_noise_that_was_found_is_that_of_the_residuals_where_these_are_less() -> None:
     """10 samples a period, of motion with harmonics: 10 to 30 % more noise is found than there is."""
     fit = lw.identify(noisy(1003), RING.unknown("all"))
@@ -113,7 +111,6 @@ def test_noise_that_was_found_is_that_of_the_residuals_where_these_are_less() ->
     assert np.mean(sigma) == pytest.approx(NOISE, rel=3.0 * scatter / 2.0)
 
 
-@pytest.mark.slow
 def test_noise_that_is_stated_stays() -> None:
     record = noisy(1003)
     stated = replace(record, noise=dict.fromkeys(record.channels, 2.0 * NOISE))
@@ -122,7 +119,6 @@ def test_noise_that_is_stated_stays() -> None:
     assert fit.verdicts[0] is lw.Verdict.NOISE_MISMATCH
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["x", "a"])
 def test_a_record_without_noise_is_identified(kind: str) -> None:
     """What a simulation gives: its channels count as 160 dB, and no search fits rounding."""
@@ -135,7 +131,6 @@ def test_a_record_without_noise_is_identified(kind: str) -> None:
     assert (np.abs(fit.values - truth) < 4.0 * np.sqrt(fit.covariance.diagonal())).all()
 
 
-@pytest.mark.slow
 def test_a_record_without_noise_refuses_another_law() -> None:
     chain = lw.bnes_chain(2)
     record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
@@ -172,7 +167,6 @@ def filtered(record: lw.Record) -> lw.Record:
     return replace(record, values=scipy.signal.sosfilt(filter_, record.values, axis=0))
 
 
-@pytest.mark.slow
 def test_small_coloured_residuals_are_judged_by_blocks(dragged: tuple[lw.Record, lw.Structure]) -> None:
     """Filters leave residuals above the noise of their stop band; at 0.5 % of the motion they decide nothing by themselves."""
     record, structure = dragged
