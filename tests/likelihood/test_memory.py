@@ -202,19 +202,6 @@ def test_the_bouc_wen_benchmark_gives_its_coefficients(shared_data: Path) -> Non
         assert low < most and value < high, key
 
 
-def test_slow_hysteretic_storeys_are_found_from_accelerations() -> None:
-    """At 1 Hz all of the motion would be taken for drift if only that above 3 Hz counted."""
-    w = 2.0 * np.pi
-    values = {"k": 0.5 * w**2, "c": 0.04 * w, "F": 0.005 * w**2, "x0": 0.01, "s": 0.6}
-    true = hysteretic_oscillator(1.0, "base", **values)
-    base = "+".join(
-        f"{size}*sin({part * w}*t + {phase})"
-        for size, part, phase in ((0.01, 0.9, 0), (0.008, 1.7, 1), (0.008, 0.6, 2), (0.003, 2.9, 0.3))
-    )
-    record = lw.simulate(true, duration=7.5, rate=60.0, base=base, sensors=["a", "a:base"])
-    assert_within(lw.identify(on_exact_base(record, 30.0, 11), true.unknown("all")), true, 5.0)
-
-
 SHAPES = {"tip": (1.0, -1.0, 0.8), "joint": (0.62, 0.3, -0.7)}
 HYSTERETIC = {"k": 100.0, "c": 0.05, "F": 0.5, "s": 0.6, "x0": 2e-3}
 RATE = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
