@@ -25,7 +25,6 @@ HITS = "--channel force:m1=Signal_0/y_values/values --channel a:m1=Signal_1/y_va
 LOGGED = "--channel 'x:m1[mm]=Laser1 [mm]' --channel 'x:m2[mm]=Laser2 [mm]'"
 ISOLATED = "--channel 'force:m1=Force [N]' --channel 'a:m1=Acc [m/s^2]'"
 IEPE = "--channel force:m1[N]=F --channel a:m1[m/s^2]=a --channel time=t"
-FLOOR = "--channel a:m1=AccFloor --channel a:base=base.csv:AccBase"
 
 pytestmark = [
     pytest.mark.slow,
@@ -54,12 +53,6 @@ ANSWERS = {
         "ac-coupled", f"identify run.csv s5.toml {ISOLATED}", truth={"mount.k": 250.0, "mount.c": 2.0}
     ),
     "corner at 0.1 Hz": Case("iepe-corner", f"identify corner01.csv s.toml {IEPE}"),
-    "two clocks": Case(
-        "two-loggers",
-        f"identify floor.csv s.toml {FLOOR} --clock a:m1",
-        4,
-        {"frame.k": 900.0, "frame.k3": 2e5, "frame.c": 1.5},
-    ),
     "Testlab": Case("lms-mat", f"identify run.mat s.toml {HITS}", truth=MOUNT),
     "clearance": Case("bearing-gap", "identify run.csv us.toml", truth={"bearing.G": 5e-4, "seal.c": 20.0}),
     "two channels exchanged": Case(
