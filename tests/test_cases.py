@@ -17,10 +17,6 @@ from commands import document
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 RIG = {"leaf.k": 2600.0, "leaf.c": 1.6, "bistable.alpha": -160.0, "bistable.beta": 5.2e6, "bistable.c": 0.09}
 MOUNT = {"mount.k": 5200.0, "mount.c": 2.5}
-GAP = {
-    **{f"s{n}.k": k for n, k in enumerate((38010.0, 16600.0, 15530.0, 9253.0, 10640.0, 12410.0), start=1)},
-    "s3.h": 23280.0,
-}
 HITS = "--channel force:m1=Signal_0/y_values/values --channel a:m1=Signal_1/y_values/values"
 LOGGED = "--channel 'x:m1[mm]=Laser1 [mm]' --channel 'x:m2[mm]=Laser2 [mm]'"
 ISOLATED = "--channel 'force:m1=Force [N]' --channel 'a:m1=Acc [m/s^2]'"
