@@ -12,7 +12,7 @@ KEEPING := MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=268435456
 TESTING := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(KEEPING)
 
 .DEFAULT_GOAL := help
-.PHONY: help env identify study test test-slow coverage kernels matrix docs benchmark corpus fuzz check clean
+.PHONY: help env identify study test test-slow test-all coverage kernels matrix docs benchmark corpus fuzz check clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,14 +42,20 @@ test: env  ## run all tests but those that take long
 test-slow: env  ## run the tests that take long
 	$(TESTING) $(BIN)/python $(PYTEST) -m slow
 
+test-all: env  ## run both kinds at once, collected once
+	$(TESTING) $(BIN)/python $(PYTEST)
+
 coverage: env  ## run all tests and measure the lines that they run; fail below the share in pyproject.toml
 	$(TESTING) $(BIN)/python $(PYTEST) --cov
 
 # Products of matrices differ in their last digits from one processor to another, and on one machine all tests meet the same.
 # These judge fits whose laws are wrong, or nearly determine nothing, where searches and factors hang on rounding most; the
 # others take half an hour and follow in `make matrix`.
-NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms optima score_tests) \
-	tests/likelihood/test_explained.py::test_a_coefficient_that_drifts_is_told_as_well
+NUMERICAL := tests/sindy tests/likelihood/shooting $(patsubst %,tests/likelihood/test_%.py,causes missing_terms score_tests) \
+	$(addprefix tests/likelihood/test_,explained.py::test_a_coefficient_that_drifts_is_told_as_well \
+	$(addprefix optima.py::test_,a_peak_among_others_is_not_trusted a_valley_that_bends_is_told \
+	motion_that_neighbours_force_on_a_link_does_not_tell_its_frequency \
+	a_motion_that_tells_no_well_is_not_trusted_and_names_what_it_does_not_tell))
 kernels: env  ## run numerical tests with another kernel of OpenBLAS than this processor takes: other last digits, same answers
 	$(TESTING) $(BIN)/python .ci/kernels.py $(BIN)/python $(PYTEST) $(NUMERICAL)
 
@@ -73,9 +79,9 @@ check: env  ## lint, check the format and the types of the package and its tests
 	$(BIN)/mypy
 
 docs: $(VENV)/.docs  ## build the documentation in docs/site, with warnings as errors
-	$(BIN)/sphinx-build -q -E -W --keep-going -j auto -b html -d docs/site/.doctrees docs docs/site
+	$(TESTING) $(BIN)/sphinx-build -q -E -W --keep-going -j auto -b html -d docs/site/.doctrees docs docs/site
 	$(BIN)/python docs/check_site.py docs/site
-	$(BIN)/python -m pytest -q tests/docs
+	$(TESTING) $(BIN)/python -m pytest -q tests/docs
 
 $(VENV)/.docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'

@@ -117,7 +117,7 @@ def test_velocities_cover(n: int) -> None:
 
 
 def test_statistics_of_many_records() -> None:
-    """Errors, intervals, the band of a force and the bound, which the suite asks of 110 records."""
+    """Errors, intervals, the band of a force and the bound, which the suite asks of 80 records."""
     many = identified(2, 20.0, MANY)
     paper_fits.check_standard_errors(many)
     paper_fits.check_intervals(many, CHANCE)

@@ -40,11 +40,6 @@ def reach_rows(study: Study) -> list[Row]:
     return [_row(study, case) for case in study.cases()]
 
 
-def linear_answer(case: Case) -> Row:
-    """A trusted answer without the cubic term."""
-    return _judged(case, "converged", missing=1)
-
-
 def _row(study: Study, case: Case) -> Row:
     if case.method != "discover":
         return _judged(case, "converged", missing=2, extra=3)

@@ -9,7 +9,6 @@ from dataclasses import fields, is_dataclass
 from functools import cached_property
 from typing import Any
 
-import pytest
 from public import public
 
 
@@ -113,9 +112,9 @@ def gaps(name: str, value: Any) -> Iterator[str]:
                 yield from (f"{name}.{member}: {gap}" for gap in lacking(function, example=False))
 
 
-@pytest.mark.parametrize(("name", "value"), CALLABLE)
-def test_public_name_is_documented(name: str, value: Any) -> None:
-    assert list(gaps(name, value)) == []
+def test_every_public_name_is_documented() -> None:
+    assert len(CALLABLE) > 150
+    assert [gap for name, value in CALLABLE for gap in gaps(name, value)] == []
 
 
 def test_the_walk_sees_what_it_must_refuse() -> None:

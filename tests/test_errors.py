@@ -26,30 +26,6 @@ def test_law_error_puts_the_caret_under_the_place() -> None:
     assert "^" not in str(LawError("no", "k*d"))
 
 
-def test_law_error_cuts_a_long_text_and_keeps_the_caret_right() -> None:
-    text = "k*d + " * 200 + "foo(d)" + " + k*d" * 200
-    quoted, caret = str(LawError("no", text, text.index("foo"))).splitlines()[1:3]
-    assert len(quoted) < 90
-    assert quoted.startswith("  ...") and quoted.endswith("...")
-    assert quoted[caret.index("^") :].startswith("foo(d)")
-    assert str(LawError("no", "k" * 100)).endswith("...")
-
-
-@pytest.mark.parametrize(
-    ("error", "text"),
-    [
-        (RecordError("no", file="a.csv", line=3, channel="x:m1"), "a.csv, line 3, channel x:m1: no"),
-        (RecordError("no", channel="x:m1"), "channel x:m1: no"),
-        (RecordError("no"), "no"),
-        (StructureError("no", where="chain.toml"), "chain.toml: no"),
-        (StructureError("no"), "no"),
-        (SimulationError("x of m1 passed 1e9 m at 0.3 s", time=0.3, mass="m1"), "x of m1 passed 1e9 m at 0.3 s"),
-    ],
-)  # fmt: skip
-def test_message_names_the_place(error: LinkwiseError, text: str) -> None:
-    assert str(error) == text
-
-
 @pytest.mark.parametrize(
     "error",
     [

@@ -52,19 +52,6 @@ def package(module: str) -> str:
     return next(iter(MODULE_FILES[module].parent.relative_to(SOURCE).parts), "root")
 
 
-def imports_inside_functions(module: ast.AST) -> list[int]:
-    """Line numbers of import statements within a function's body."""
-    return sorted(
-        {
-            inner.lineno
-            for node in ast.walk(module)
-            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
-            for inner in ast.walk(node)
-            if isinstance(inner, (ast.Import, ast.ImportFrom))
-        }
-    )
-
-
 def climbs(module: str, target: str) -> bool:
     """Whether an import of `target` in `module` goes to a package that does not stand before its own."""
     own_package, target_package = package(module), package(target)
@@ -113,11 +100,6 @@ def test_no_circles() -> None:
     assert len(graph) > 200 and circle(graph) == []
 
 
-@pytest.mark.slow
-def test_no_import_inside_a_function() -> None:
-    assert [path for path in FILES if imports_inside_functions(tree(path))] == []
-
-
 @pytest.mark.parametrize(("library", "door"), DOORS.items())
 def test_guarded_libraries_have_one_door(library: str, door: str) -> None:
     users = [path for path in FILES if library in {target.split(".")[0] for target in imports_of(path)}]
@@ -139,7 +121,6 @@ def test_the_walk_sees_what_it_must_refuse() -> None:
     inside = ast.parse("def f():\n    from linkwise.cli import main\n")
     assert list(imported(inside)) == ["linkwise.cli"]
     assert list(imported(ast.parse("from . import law"))) == ["."]
-    assert imports_inside_functions(inside) == [2]
     assert climbs("linkwise.model.law", "linkwise.cli.console") and climbs(
         "linkwise.errors", "linkwise.model.law"
     )

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import chain_record
 
 import linkwise as lw
 
@@ -44,15 +43,6 @@ def test_an_estimate_is_a_table_of_pandas(fitted: lw.Estimate, monkeypatch: pyte
         fitted.to_dataframe()
 
 
-def test_a_posterior_is_a_chain_of_draws(fitted: lw.Estimate) -> None:
-    chains = lw.estimates.Posterior.of(fitted).to_dict(4000, seed=1)
-    assert list(chains) == ["nes1.alpha", "nes1.beta", "nes1.c"]
-    alpha = fitted.coefficient("nes1.alpha")
-    assert chains["nes1.alpha"].shape == (1, 4000) and alpha.standard_error is not None
-    error = alpha.standard_error / np.sqrt(4000.0)
-    assert abs(chains["nes1.alpha"].mean() - alpha.value) < 4.0 * error
-
-
 def heading(markup: str) -> str:
     return markup.partition("<strong>")[2].partition("</strong>")[0]
 
@@ -77,10 +67,3 @@ def test_names_are_escaped(chain: lw.Structure) -> None:
     markup = hostile._repr_html_()
     assert "<script" not in markup and "&lt;script&gt;" in markup
     assert "alpha*d + beta*d**3 + c*v" in markup and "0.01 kg" in markup
-
-
-def test_records_and_unknown_masses_are_shown_and_long_structures_cut() -> None:
-    record = chain_record(2, duration=0.5)
-    assert "x:m1" in record._repr_html_() and "501 samples" in record._repr_html_()
-    assert "unknown" in lw.bnes_chain(2).unknown("mass:m2")._repr_html_()
-    assert [("more" in lw.bnes_chain(size)._repr_html_()) for size in (40, 60)] == [False, True]

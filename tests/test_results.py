@@ -159,15 +159,6 @@ def test_an_answer_says_whether_it_can_be_trusted(name: str, makers: dict[str, C
     assert "#1a7f37" in markup and "<script" not in markup  # green
 
 
-def test_a_limit_says_what_its_sensors_do_not_determine() -> None:
-    two = oscillator("k1*d + k2*d + c*v", mass=1.0, name="spring", k1=100.0, k2=50.0, c=0.1)
-    limit = lw.limit(two, duration=0.5, rate=200.0, noise=40.0, release=RELEASE)
-    assert not np.isfinite(limit.standard_errors).all()
-    assert limit.verdicts == (lw.Verdict.UNKNOWNS_NOT_DETERMINED,)
-    assert not limit.trusted and limit.to_dict()["trusted"] is False
-    assert "does not determine every unknown" in str(limit) and "#b42318" in limit._repr_html_()
-
-
 def test_an_inspection_with_an_alert_says_so() -> None:
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     x = record.channel("x:m1")
@@ -253,13 +244,3 @@ def test_all_long_work_takes_the_same_and_is_silent_without() -> None:
         parameter = inspect.signature(function).parameters["progress"]
         stated = parameter.annotation, parameter.default, parameter.kind
         assert stated == ("Progress", silent, inspect.Parameter.KEYWORD_ONLY), name
-
-
-@pytest.mark.slow
-def test_a_limit_tells_how_far_it_is() -> None:
-    reports: list[lw.estimates.ProgressReport] = []
-    lw.limit(
-        lw.bnes_chain(2), duration=1.0, rate=200.0, noise=20.0, release={"v:m1": 1.0}, progress=reports.append
-    )
-    fractions = [report.fraction for report in reports]
-    assert fractions == sorted(fractions) and reports[-1] == lw.estimates.ProgressReport(0.5, "sensitivities")

@@ -53,22 +53,6 @@ def test_questions_load_no_part_of_scipy_that_they_do_not_use() -> None:
     assert names & {f"scipy.{name}" for name in unused} == set()
 
 
-def loaded(arguments: list[str]) -> int:
-    """How many modules a process imports."""
-    done = subprocess.run(
-        [sys.executable, "-X", "importtime", *arguments], check=True, capture_output=True, text=True
-    )
-    return done.stderr.count("import time:") - 1  # the heading
-
-
-# measured: 47 and 160 more than bare Python; rich, which help does not need, would add 90, and numpy 140
-@pytest.mark.parametrize(
-    ("arguments", "most"), [(["-c", "import linkwise"], 90), (["-m", "linkwise", "--help"], 240)]
-)
-def test_start_loads_few_modules(arguments: list[str], most: int) -> None:
-    assert 0 < loaded(arguments) - loaded(["-c", "pass"]) < most
-
-
 def test_public_names_are_few_load_and_are_listed() -> None:
     """A screen of them, packages included, and another of pictures; what else there is lies in a package of its subject."""
     assert len(lw.__all__) <= 60 and len(lw.plot.__all__) <= 35

@@ -86,25 +86,6 @@ def test_the_energy_in_a_host_is_that_of_its_masses(both: tuple[lw.Absorption, l
 
 
 @pytest.mark.slow
-def test_rest_in_a_well_and_a_moving_base_are_those_of_masses() -> None:
-    """A bistable link to the ground moves where the points rest; a link to the base drives a host."""
-    for place, built, tap in (("m2", on_masses(), RUN), ("frame.m2", on_host(), TAP)):
-        well = link("well", f"{place}-ground", "alpha*d + beta*d**3 + c*v", alpha=-4e3, beta=4e6, c=1.0)
-        held = lw.absorb(with_links(built, well), **tap, sinks=["well"])
-        driven = link("mount", f"{place[:-1]}1-base", "k*d + c*v", k=500.0, c=3.0)
-        shaken = lw.absorb(with_links(built, driven), base="0.02*sin(31*t)", duration=4.0, rate=400.0)
-        if place == "m2":
-            expected = held, shaken
-            continue
-        for ours, theirs in zip((held, shaken), expected, strict=True):
-            for mine, other in zip(some(ours.masses), theirs.masses, strict=False):
-                assert mine.with_sinks.rest == pytest.approx(other.with_sinks.rest, rel=1e-8)
-                assert mine.with_sinks.rms == pytest.approx(other.with_sinks.rms, rel=1e-8)
-            assert ours.sinks_share == pytest.approx(theirs.sinks_share, rel=1e-7)
-        assert abs(held.masses[1].with_sinks.rest) > 0.01 and shaken.masses[1].with_sinks.rest == 0.0
-
-
-@pytest.mark.slow
 def test_intervals_hold_frequencies_known_to_within() -> None:
     beam = host("beam", [5.2], 0.01, {"tip": [1.0]}).known_to_within(frequency=0.01)
     subject = structure(
@@ -122,19 +103,6 @@ def test_intervals_hold_frequencies_known_to_within() -> None:
     width = upper - lower
     assert lower - width < expected.sinks_share < upper + width and 0.0 < width < 0.1
     assert {parameter.name for parameter in fit.parameters} >= {"beam.mode1.frequency", "sink.k"}
-
-
-@pytest.mark.slow
-def test_harvesters_on_a_host() -> None:
-    """A damper beside the sink takes its share, and a power of the link is delivered."""
-    damper = lw.absorb(on_host(), **TAP, harvesters={"sink": 0.2})
-    share = damper.harvests[0].share
-    assert share == pytest.approx(damper.with_sinks.share("sink-harvester"), rel=1e-12) and share > 0.05
-    power = lw.absorb(on_host(), **TAP, harvesters={"sink": "c*v**2"})
-    # the sink has one damper alone; trapezoidal rule at 500 Hz over (2 w h)^2/12 of 40 rad/s
-    taken = pytest.approx(power.sinks[0].share * power.with_sinks.total, rel=(80 / 500) ** 2 / 12)
-    assert power.harvests[0].energy == taken
-    assert damper.trusted and power.trusted
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import document, refusal, said
-from present import present, some
+from present import present
 from problems import chain_record
 from structures import equal_sinks
 
@@ -65,27 +65,6 @@ def test_the_interval_of_one_parameter_is_its_own() -> None:
         ends[1], abs=slack
     )
     assert intervals.quantity("crossings").missing == 0 and intervals.diverged == 0 and intervals.trusted
-
-
-@pytest.mark.slow
-def test_what_stands_beside_the_interval_is_the_answer_itself_chaos_or_not() -> None:
-    trial: dict[str, Any] = {"duration": 2.0, "rate": 500.0, "release": {"v:m1": 3.0}}
-    knowledge = known([[1.0]], "nes1.alpha", masses=6)
-    intervals = lw.absorption.absorption_intervals(knowledge, **trial, draws=4)
-    assert intervals.absorption.with_sinks.horizon is not None
-    for work in some(intervals.absorption.sinks):
-        assert intervals.quantity(f"crossings:{work.sink.link}").value == len(work.crossings)
-        assert intervals.quantity(f"share:{work.sink.link}").value == pytest.approx(work.share, rel=1e-12)
-
-
-def test_draws_are_those_of_the_seed() -> None:
-    knowledge = known([[25.0]], "nes1.alpha")
-    first, again, another = (
-        lw.absorption.absorption_intervals(knowledge, **TRIAL, draws=20, seed=seed, workers=workers)
-        for seed, workers in ((1, 1), (1, 2), (2, 1))
-    )
-    assert first.quantities == again.quantities != another.quantities
-    np.testing.assert_array_equal(first.lower, again.lower)
 
 
 def test_an_estimate_gives_intervals_that_hold_the_truth(fitted: lw.Estimate) -> None:
@@ -201,14 +180,6 @@ def test_an_edited_file_is_refused(
     with pytest.raises(lw.RecordError, match="do not hold; give the structure file"):
         lw.export_answer(copy, out)
     assert not out.exists() and lw.export_answer(copy / "structure.toml", out).exists()
-
-
-def test_draws_that_diverge_are_no_answer() -> None:
-    wide, trial = known([[4e12]], "nes1.beta"), {**TRIAL, "sinks": ["nes1"]}
-    with pytest.raises(
-        lw.LinkwiseError, match=r"the motion of \d+ of 20 draws diverges: .* measure for longer"
-    ):
-        lw.absorption.absorption_intervals(wide, **trial, draws=20)
 
 
 @pytest.mark.slow

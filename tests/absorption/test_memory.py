@@ -39,39 +39,6 @@ def test_the_damper_the_resistor_and_the_capacitor_share_what_the_link_takes() -
     assert energies[1] > 0.1 * energies[0]  # it is a harvester
 
 
-@pytest.mark.slow
-def test_power_over_the_load_is_that_of_an_rc_circuit_driven_by_the_motion() -> None:
-    """At a coupling too weak to change the motion: theta^2 |v|^2 R/(1 + (w R C)^2)/2, largest at R = 1/(w C)."""
-    w = 50.0
-    best = 1.0 / (w * PIEZO["C"])
-    loads = best * np.array([0.25, 1.0, 4.0])
-    absorption_map = lw.absorption.absorption_map(
-        tower(theta=1e-7), {"piezo.R": loads}, duration=40.0, rate=500.0, forces={"m1": f"sin({w}*t)"},
-        sinks=["piezo"], harvesters={"piezo": "V**2/R"},
-    )  # fmt: skip
-    powers = absorption_map["power:piezo"]
-    expected = loads / (1.0 + (w * loads * PIEZO["C"]) ** 2)
-    # the transient, with a time constant of 0.25 s in the sink and 2 s in the tower, is 2/40 of the record at most
-    np.testing.assert_allclose(powers / powers[1], expected / expected[1], rtol=0.05)
-    assert absorption_map.best("power:piezo") == {"piezo.R": loads[1]}
-
-
-@pytest.mark.slow
-def test_intervals_hold_the_power_of_the_identified_link() -> None:
-    structure = tower()
-    record = lw.simulate(structure, duration=2.0, rate=400.0, release={"v:m1": 1.0}, sensors=("x", "state"))
-    fit = lw.identify(record.with_noise(40.0, seed=12), structure.unknown("piezo.theta", "piezo.c"))
-    intervals = lw.absorption.absorption_intervals(
-        fit, draws=8, seed=0, **RELEASE, harvesters={"piezo": "V**2/R"}
-    )
-    power = next(quantity for quantity in intervals.quantities if quantity.quantity.name == "power:piezo")
-    true = lw.absorb(structure, **RELEASE, harvesters={"piezo": "V**2/R"}).harvests[0].average_power
-    # the range of 8 draws and the estimate, widened by itself: 3.3 standard deviations on either side at least
-    assert power.lower is not None and power.upper is not None
-    width = power.upper - power.lower
-    assert 0.0 < width < 0.1 * true and power.lower - width < true < power.upper + width
-
-
 @pytest.mark.parametrize(
     ("harvesters", "message"),
     [

@@ -9,7 +9,6 @@ from structures import equal_sinks, link, structure
 
 import linkwise as lw
 from linkwise.absorption import absorption_map, map
-from linkwise.absorption.wells import barriers
 
 CHAIN = lw.bnes_chain(2)
 RELEASE = {"v:m1": 1.0}
@@ -52,24 +51,6 @@ def test_two_coefficients_of_the_sink() -> None:
     best = swept.best("sinks_share")
     row, column = np.unravel_index(np.argmax(shares), shares.shape)
     assert best == {"nes1.alpha": alphas[row], "nes1.beta": betas[column]}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("without", ["removed", "locked"])
-def test_what_the_structure_without_sinks_feels_too(without: str) -> None:
-    """Masses and springs of the primary part, and what it is released with, change the comparison as well."""
-    chain, trial = lw.bnes_chain(4), {**SHORT, "without": without}
-    swept = absorption_map(chain, {"spring1.k": [2e4, 4e4], "m3.mass": [0.8, 1.3]}, **trial)
-    names = {quantity.name for quantity in swept.quantities}
-    assert {"settled:m1", "rms_reduction:m3", "crossings:nes2"} <= names
-    single = lw.absorb(chain.with_values({"spring1.k": 4e4, "m3.mass": 0.8}), **trial)
-    check(swept, (1, 0), single)
-    assert swept["rms_reduction:m3"][1, 0] == pytest.approx(single.masses[1].rms_reduction, abs=1e-7)
-    mass = absorption_map(chain, {"m2.mass": [0.01, 0.02]}, **trial)
-    check(mass, (1,), lw.absorb(chain.with_values({"m2.mass": 0.02}), **trial))
-    speed = absorption_map(chain, {"v:m1": [0.3, 1.2]}, **trial | {"release": {}})
-    check(speed, (0,), lw.absorb(chain, **trial | {"release": {"v:m1": 0.3}}))
-    assert speed.axes[0].unit == "m/s"
 
 
 def test_a_harvester_an_unknown_and_a_shared_coefficient() -> None:
@@ -128,25 +109,6 @@ def test_where_the_motion_diverges_the_map_has_holes() -> None:
 def test_what_cannot_be_swept(over: dict[str, list[float]], message: str) -> None:
     with pytest.raises(lw.StructureError, match=message):
         absorption_map(CHAIN, over, **SHORT)
-
-
-@pytest.mark.slow
-def test_tops_and_floors_of_many_laws() -> None:
-    """Polynomials by companion matrices against wells(), which brackets the zeros of any law."""
-    law = lw.Law.parse("a*d + b*d**2 + e*d**3 + g*d**5")
-    rng = np.random.default_rng(1001)
-    values = {name: rng.normal(0, size, 60) for name, size in (("a", 100), ("b", 2e3), ("e", 1e6))}
-    values["g"] = np.full(60, 1e9)
-    found = barriers(law, values, 60)
-    for run in range(60):
-        spring = link("link", "m-ground", law, **{name: float(value[run]) for name, value in values.items()})
-        wells = lw.analysis.wells(spring)
-        tops = found.tops[run][np.isfinite(found.tops[run])]
-        floor = min(float(spring.potential(d)) for d in wells)
-        assert found.floor[run] == pytest.approx(floor, rel=1e-9, abs=1e-15)
-        for top, below, above in zip(tops, wells[:-1], wells[1:], strict=True):
-            assert below < top < above
-            assert abs(float(spring.force(top))) < 1e-10 * float(abs(spring.stiffness(top)))
 
 
 def test_a_map_of_chaos_says_so() -> None:

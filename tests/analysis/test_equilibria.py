@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from present import some
 from structures import link, structure
 
 from linkwise.analysis.rest_positions import Equilibria, equilibria
@@ -49,14 +48,6 @@ def test_each_sink_of_the_chain_rests_in_either_well_or_on_top(n: int) -> None:
     assert (len(rests.stable), rests.complete, rests.note) == (2 ** (n // 2), True, "")
     assert rests[0].energy == pytest.approx(-0.0025 * n / 2, rel=1e-12)
     assert [point.stable for point in rests] == sorted((point.stable for point in rests), reverse=True)
-
-
-def test_stability_is_that_of_the_eigenvalues_of_the_tangent_stiffness() -> None:
-    """Sylvester's law, which the code uses for chains, against the eigenvalues themselves."""
-    chain = bnes_chain(6)
-    for point in some(equilibria(chain)):
-        assert point.stable == bool(np.all(tangent_eigenvalues(chain, point.x) > 0.0))
-        assert point.neutral == 0
 
 
 def test_ten_sinks_are_cut_at_the_limit_which_is_said_with_the_wells_first() -> None:
@@ -110,24 +101,6 @@ def test_two_sinks_joined_by_a_soft_spring_have_nine_equilibria_and_by_a_stiff_o
         for point in points:
             np.testing.assert_allclose(net_force(joined(k), point.x), 0.0, atol=1e-9)
             assert point.stable == bool(np.all(tangent_eigenvalues(joined(k), point.x) > 0.0))
-
-
-def test_newton_from_given_starts_agrees_with_the_product_of_wells() -> None:
-    chain = bnes_chain(4)
-    rests = equilibria(chain, start=[[1e-3, 0.012, -1e-3, -0.008], [0.0, 0.0, 0.0, 0.0]])
-    assert positions(rests) == {(0.0, 0.01, 0.0, -0.01), (0.0, 0.0, 0.0, 0.0)}
-    assert [point.stable for point in rests] == [True, False]
-    assert rests.note == "searched from the given start points only"
-    assert rests[0].energy == pytest.approx(-0.005, rel=1e-12)
-
-
-@pytest.mark.slow
-def test_a_start_from_which_nothing_balances_is_said() -> None:
-    pushed = free(link("f", "m-ground", "f0 + k*d**2", f0=1.0, k=1.0))
-    assert equilibria(pushed).note == 'there is no equilibrium: the force of link "f" vanishes nowhere'
-    rests = equilibria(pushed, start=[0.3])
-    assert len(rests) == 0
-    assert rests.note == "searched from the given start points only; 1 of 1 searches did not converge"
 
 
 def test_a_floating_structure_is_said_to_float() -> None:

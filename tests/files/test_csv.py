@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
@@ -62,21 +61,17 @@ COMMAS = "Commas were read as decimal points."
 SPELLINGS = [
     (text(HEADER, body()), None),
     (text(HEADER, body(), end="\r\n"), None),
-    (text(HEADER, body(), end="\r"), None),
     (text(HEADER, body()) + "\n\n  \n", None),
-    (text(HEADER, body())[:-1], None),
     (text(" time , x:m1 , force:m1", body(delimiter=" , ")), None),
     (text('"time","x:m1","force:m1"', ['"' + line.replace(",", '","') + '"' for line in body()]), None),
     (text(HEADER.replace(",", "\t"), body(delimiter="\t")), None),
     (text(HEADER.replace(",", " "), body(delimiter="   ")), None),
-    (text(HEADER.replace(",", ";"), body(delimiter=";")), None),
     (text(HEADER.replace(",", ";"), body(delimiter=";", comma=True)), COMMAS),
     (text(HEADER.replace(",", "\t"), body(delimiter="\t", comma=True)), COMMAS),
     (text("sep=;\n" + HEADER.replace(",", ";"), body(delimiter=";")), None),
     (text("# a comment\n% another\n\n" + HEADER, ["# and one more", *body(), "// the end"]), None),
     (text("# " + HEADER, body()), None),
     (text(HEADER + ",", [line + "," for line in body()]), None),
-    (text(HEADER + ",", body()), None),
     (text(HEADER, [line + ",," for line in body()]), None),
     (text("Scope 7\nGain 3, 4\n" + HEADER, body()), "Lines of text skipped above the header: 2."),
     (text("Time (s),x:m1 (m),force:m1[N]", body()), None),
@@ -202,14 +197,12 @@ REFUSED = [
     (text("clock,x:m1,force:m1", body()), "there is no time column; the columns are clock, x:m1, force:m1. Name it `time`"),
     (changed(4, "0.04,abc,1"), "line 6, channel x:m1: 'abc' is not a number; leave the cell of a missing"),
     (changed(4, "noon,0.1,1"), "line 6, channel time: 'noon' is not a number; times are in seconds; for clock"),
-    (changed(4, "0.04,1.2.3,1"), "line 6, channel x:m1: '1.2.3' is not a number"),
     (changed(4, "0.04,0.1,inf"), "line 6, channel force:m1: the value is infinite; leave the cell of an overloaded sample"),
     (
         changed(4, "0.04,-9.9E+37,1", "time,x:m1[mm],force:m1"),
         "line 6, channel x:m1: the value is -9.9e+37, which instruments write for an overload or no reading",
     ),
     (changed(4, "0.04,0.1"), "line 6: 2 cells where the header has 3"),
-    (changed(4, "0.04,0.1,1,7"), "line 6: 4 cells where the header has 3"),
     (changed(N - 1, "0.59"), "line 61: 1 cell where the header has 3; was the file truncated in its last"),
     (text(HEADER, body(comma=True)), "line 2: 6 cells where the header has 3; with decimal commas, separate the cells"),
     (changed(4, "0.03,0.1,1"), "line 6, channel time: the time 0.03 s is repeated"),
@@ -219,7 +212,6 @@ REFUSED = [
     (changed(4, ",0.1,1"), "line 6, channel time: the time is missing; fill it in or"),
     (changed(N - 1, "59.0,1,2"), "line 61, channel time: a gap of 58.42 s in a record of 60 samples"),
     (text("time,x:m1[kg],force:m1", body()), "line 1, channel x:m1: 'kg' is not a unit of displacement; expected m or a"),
-    (text("time,x:m1[furz],force:m1", body()), "line 1, channel x:m1: 'furz' is not a unit of displacement"),
     (text("time[m],x:m1,force:m1", body()), "line 1, channel time: 'm' is not a unit of time; expected s or a unit that"),
     (text("time,x:m1", [f"{t},0.5" for t, _ in PAIRS]), "channel x:m1: every sample is 0.5: a constant channel carries no"),
     (text("time,x:m1", [f"{t}," for t, _ in PAIRS]), "channel x:m1: every sample is missing; leave the channel out"),
@@ -248,7 +240,6 @@ OPTIONS = [
     ({"channels": {"m2": 2}}, "in `channels`: 'm2' is not a channel: expected KIND:MASS"),
     ({"channels": {"x:m2": 2, "x:m2[mm]": 3}}, "channel x:m2: is mapped twice in `channels`"),
     ({"rate": -1.0}, "rate must be between 1e-30 and 1e+30 Hz, got -1 Hz"),
-    ({"resample": 0.0}, "rate must be positive, got 0.0 Hz"),
     ({"resample": 50.0}, "resampling to 50 Hz would alias content above 25 Hz, since the record has 100 Hz"),
     (
         {"resample": 400.0},
@@ -308,23 +299,6 @@ def test_the_measured_records_are_read(shared_data: Path) -> None:
     silver = read_record(shared_data / "silverbox_multisine.csv")
     assert (silver.channels, silver.rate, len(silver)) == (("force:m1", "x:m1"), 1.0 / 0.0016384, 65062)
     assert silver.inputs == ("force:m1",)
-
-
-@given(
-    strategies.text(alphabet="time,x:m1[]() ;\t\n\r0.5-e+#\"'_naif\u00b5", max_size=300),
-    strategies.booleans(),
-)
-def test_any_file_is_a_record_or_an_error(
-    tmp_path_factory: pytest.TempPathFactory, junk: str, headed: bool
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "junk.csv"
-    path.write_bytes((text(HEADER, body()) + junk if headed else junk).encode())
-    try:
-        record = read_record(path)
-    except RecordError as error:
-        assert str(error).startswith(str(path))
-    else:
-        assert np.all(np.isfinite(record.values) | record.missing)
 
 
 @pytest.mark.parametrize(("above", "below"), [("\N{INFINITY}", "-\N{INFINITY}"), ("inf", "-Infinity")])

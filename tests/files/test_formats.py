@@ -63,17 +63,6 @@ def test_there_and_back_nothing_changes(record: Record, tmp_path: Path, suffix: 
         assert not any("ignored" in note for note in again.notes)
 
 
-@pytest.mark.parametrize("suffix", WRITTEN)
-@pytest.mark.parametrize("channels", [("x:m1",), ("x:m1", "f:piezo", "state:piezo.V")])
-def test_channels_and_nothing_else(tmp_path: Path, suffix: str, channels: tuple[str, ...]) -> None:
-    """A state has no unit of its own that a file could state."""
-    record = Record(0.0, RATE, channels, np.random.default_rng(4).normal(size=(N, len(channels))))
-    write_record(record, tmp_path / f"run{suffix}")
-    again = read_record(tmp_path / f"run{suffix}")
-    assert np.array_equal(again.values, record.values)
-    assert (again.channels, again.noise, again.notes) == (channels, {}, ())
-
-
 # Errors that all formats share ---------------------------------------------------------------------------------
 
 
@@ -431,20 +420,3 @@ def test_what_a_library_warns_of_is_a_note(tmp_path: Path) -> None:
     record = read_record(first)
     assert np.array_equal(record.channel("x:m1"), 2.0 * X)
     assert record.notes[0].startswith('While reading: Duplicate variable name "x_m1" in stream')
-
-
-@pytest.mark.parametrize("byte_order", ["little", "big"])
-def test_a_mat_variable_that_runs_past_the_end_is_refused(tmp_path: Path, byte_order: str) -> None:
-    """SciPy reads such a file without the variables that follow."""
-    path = tmp_path / "run.mat"
-    wave = np.sin(np.arange(32.0))
-    savemat(path, {"time": np.arange(32.0), "x_m1": wave, "x_m2": wave})
-    content = bytearray(path.read_bytes())
-    second = 128 + 8 + int.from_bytes(content[132:136], "little")  # after the header and the first variable
-    content[second + 7] = 0xFF
-    if byte_order == "big":  # the length of the first reads as another
-        content[126:128], second = b"MI", 128
-    path.write_bytes(content)
-    message = rf"variable that begins at byte {second} states a length of \d+ bytes"
-    with pytest.raises(RecordError, match=message):
-        read_record(path)

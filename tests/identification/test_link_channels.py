@@ -1,9 +1,7 @@
 """Channels of links, forces and states, in all that reads records: used, refused, or told not to be used."""
 
 from dataclasses import replace
-from pathlib import Path
 
-import numpy as np
 import pytest
 from structures import harvester, oscillator
 
@@ -78,18 +76,3 @@ def test_validation_scores_a_load_cell(record: lw.Record) -> None:
     assert not validation.channels["f:spring"].agrees
     assert not validation.trusted
     assert lw.validate(record.select(["x:m1"]), OSCILLATOR).trusted
-
-
-def test_a_unit_of_a_state_must_be_of_its_kind(tmp_path: Path) -> None:
-    structure = harvester(1.0, "ground", "piezo")
-    time = np.arange(200) / 200.0
-    for unit, factor in (("mV", 1e-3), ("mm", 1e-3)):
-        path = tmp_path / f"{unit}.csv"
-        rows = (f"{t},{np.sin(20.0 * t)},{np.cos(9.0 * t)}" for t in time)
-        path.write_text("\n".join([f"time,x:m1,state:piezo.V[{unit}]", *rows]) + "\n")
-        record = lw.read_record(path)
-        assert record.channel("state:piezo.V")[0] == pytest.approx(factor, rel=1e-12)
-        assert dict(record.units) == {"state:piezo.V": unit}
-    message = r"state:piezo\.V is stated in mm, and the state V of piezo is in V"
-    with pytest.raises(lw.IdentificationError, match=message):
-        lw.identify(record, structure)

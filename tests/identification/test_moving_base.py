@@ -60,14 +60,6 @@ def test_likelihood_finds_the_coefficients(case: str) -> None:
     assert set(fit.noise) == set(record.responses)
 
 
-def test_weak_form_finds_the_coefficients_and_a_mass() -> None:
-    unknown = two_storeys().unknown("all")
-    for asked in (unknown, with_masses(unknown, m2=lw.Coefficient.unknown(0.8))):
-        fit = lw.identify(measured("rel:x", "a:base"), asked, method="weak")
-        assert fit.trusted and near(fit)
-        assert set(fit.noise) == {"rel:x:m1", "rel:x:m2"}
-
-
 def with_masses(given: lw.Structure, **masses: lw.Coefficient) -> lw.Structure:
     return replace(given, masses=tuple(replace(m, mass=masses.get(m.name, m.mass)) for m in given.masses))
 

@@ -30,10 +30,9 @@ def test_both_methods_find_the_coefficients_and_likelihood_is_the_sharper(proble
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two masses, 20 dB", "base moved", "masses unknown, a force applied"])
-def test_a_linear_law_in_place_of_the_last_one_is_not_trusted(name: str) -> None:
+def test_a_linear_law_in_place_of_the_last_one_is_not_trusted() -> None:
     """Beside what must be accepted, one that must not."""
-    problem = PROBLEMS[name]
+    problem = PROBLEMS["masses unknown, a force applied"]
     unknown_structure = problem.unknown_structure
     last = unknown_structure.links[-1]
     unknown = lw.Coefficient.unknown(start=1.0)
@@ -100,15 +99,6 @@ def test_straight_lines_taken_for_a_band_limited_force_look_like_a_filter() -> N
     assert cause.kind == "filter"
     assert cause.size == pytest.approx(1.0 / (12.0 * RATE**2), rel=0.2)
     assert "(as of an input that runs in straight lines between its samples)" in cause.description
-
-
-def test_weak_form_of_a_held_force() -> None:
-    """The delay of half a sample would put k off by 2 % and c by 20 %: a force of mean period 0.15 s, as the motion has."""
-    record = replace(driven("held"), interpolation={"force:m1": "held"})
-    stated = lw.identify(record, duffing().unknown("all"), method="weak")
-    ignored = lw.identify(driven("held"), duffing().unknown("all"), method="weak")
-    exact = truth(duffing(), stated.given_structure)
-    assert np.all(np.abs(stated.values / exact - 1.0) < 0.25 * np.abs(ignored.values / exact - 1.0).max())
 
 
 def test_interpolations_travel_with_the_record() -> None:

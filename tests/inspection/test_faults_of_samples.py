@@ -1,7 +1,5 @@
 """Each check of single channels with its fault and without, on chains and on an oscillator under force."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from record_faults import RECORDS, Fault, faulty, kinds
@@ -111,9 +109,6 @@ def test_an_encoder_may_rest() -> None:
     assert "doubled" not in kinds(lw.Record.from_arrays(time, {CHANNEL: motion}), CHANNEL)
 
 
-DOUBLED = Path(__file__).parents[3] / "shared" / "cases" / "doubled" / "doubled_own.npz"
-
-
 def test_repeats_at_coarse_steps_are_no_doubled_samples() -> None:
     """In single precision the steps of a converter are not of one size, and were not seen."""
     time = np.arange(30000) / 10000.0
@@ -124,11 +119,6 @@ def test_repeats_at_coarse_steps_are_no_doubled_samples() -> None:
     assert "doubled" not in kinds(record, CHANNEL)
     written_twice = np.repeat(motion, np.where(np.arange(30000) % 50, 1, 2))[:30000]
     assert "doubled" in kinds(lw.Record.from_arrays(time, {CHANNEL: written_twice}), CHANNEL)
-
-
-@pytest.mark.skipif(not DOUBLED.exists(), reason="the shared cases are not here")
-def test_the_shared_record_at_coarse_steps_has_no_doubled_samples() -> None:
-    assert lw.inspect(lw.read_record(DOUBLED)).alerts == ()
 
 
 @pytest.fixture(scope="module")

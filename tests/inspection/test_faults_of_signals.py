@@ -75,12 +75,6 @@ def test_a_delay_of_several_samples_is_told_as_it_is(samples: int, snr_db: float
     assert [(alert.kind, alert.channel) for alert in lw.inspect(record).alerts] == [("delay", "a:m1")]
 
 
-def test_a_wrong_gain_between_two_right_ones_is_told_once() -> None:
-    """The velocity is wrong; the acceleration above it agrees with the displacement below it."""
-    record = faulty(BESIDE["chain of 2, 40 dB"](), "v:m2", lambda values, record, rng: 1.05 * values)
-    assert [(alert.kind, alert.channel) for alert in lw.inspect(record).alerts] == [("gain", "v:m2")]
-
-
 def filtered(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
     """Noise of a tenth of the root mean square, whose neighbouring samples are correlated by 0.9."""
     noise = rng.normal(size=len(values))

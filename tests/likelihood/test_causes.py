@@ -53,8 +53,6 @@ def faulty(change: Callable[[np.ndarray, lw.Record], np.ndarray]) -> lw.Record:
 
 FAULTS: dict[str, tuple[Callable[[np.ndarray, lw.Record], np.ndarray], float]] = {
     "gain": (lambda x, record: 1.01 * x, 0.01),
-    "delay": (lambda x, record: np.interp(record.time - 0.5e-3, record.time, x), 0.5e-3),
-    "offset": (lambda x, record: x + 5e-4, 5e-4),
     "drift": (lambda x, record: x + 1e-3 * record.time / record.time[-1], 1e-3),
     "crosstalk": (lambda x, record: x + 0.05 * record.channel("x:m1"), 0.05),
 }
@@ -70,6 +68,7 @@ def test_an_error_of_a_sensor_is_named_with_its_size(kind: str) -> None:
     # where two sensors move together, the other one's is as good
     assert named and fit.diagnosis.index(named[0]) < 2
     assert named[0].size == pytest.approx(size, abs=LOST * named[0].standard_error + FOUND * size)
+    assert "clipped" not in [cause.kind for cause in fit.diagnosis]
     assert f"{fit.diagnosis[0].description}" in fit.message
     entry = fit.to_dict()["diagnosis"][0]
     # five deviations squared, which no noise gains; measured 105 and more
@@ -102,64 +101,6 @@ def test_missing_friction_is_no_filter() -> None:
     fit = lw.identify(record, with_links(true, link("slider", "block-table", "k*d + c*v")), as_stated=True)
     assert fit.verdicts[0] is lw.Verdict.SYSTEMATIC_MISFIT
     assert fit.diagnosis[0].kind == "term" and "filter" not in [cause.kind for cause in fit.diagnosis]
-
-
-OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=4e5)
-RATE, DURATION = 200.0, 10.0
-
-
-def driven(
-    subject: lw.Structure, seed: int = 1, change: Callable[[np.ndarray], np.ndarray] | None = None
-) -> lw.Record:
-    """The oscillator under a random force from 1 to 12 Hz, whose channel is changed after the simulation."""
-    samples = round(RATE * DURATION) + 1
-    rng, frequency = np.random.default_rng(seed), np.fft.rfftfreq(samples, 1.0 / RATE)
-    band = (frequency > 1.0) & (frequency < 12.0)
-    spectrum = (rng.normal(size=len(frequency)) + 1j * rng.normal(size=len(frequency))) * band
-    force = np.fft.irfft(spectrum, samples)
-    force *= 5.0 / force.std()
-    clean = lw.simulate(
-        subject,
-        forces={"m1": lw.model.Sampled(0.0, RATE, force, band_limited=True)},
-        duration=DURATION,
-        rate=RATE,
-    )
-    record = clean.with_noise(40.0, seed=seed)
-    if change is None:
-        return record
-    return changed(clean, x_m1=record.channel("x:m1"), force_m1=change(clean.channel("force:m1")))
-
-
-@pytest.mark.slow
-def test_errors_of_a_force_and_of_a_mass_are_named() -> None:
-    known, asked = OSCILLATOR, OSCILLATOR.unknown("all")
-    scaled = lw.identify(driven(known, change=lambda force: 1.02 * force), asked, as_stated=True)
-    # one ratio of them is seen
-    assert {cause.kind for cause in scaled.diagnosis[:2]} <= {"mass", "force gain", "gain"}
-    late = lw.identify(
-        driven(known, change=lambda force: np.concatenate([force[:1], force[:-1]])),
-        known.unknown("all"),
-        as_stated=True,
-    )
-    kinds = [cause.kind for cause in late.diagnosis[:2]]
-    assert set(kinds) <= {"force delay", "delay"}  # a force that is late, or a response that is early
-    # a delay of one sample, told to first order in its length; measured 0.3 % off
-    assert abs(late.diagnosis[0].size) == pytest.approx(1.0 / RATE, rel=0.1)
-    right = lw.identify(driven(known), known.unknown("all"))
-    assert right.trusted and right.diagnosis == ()
-
-
-@pytest.mark.slow
-def test_a_missing_damper_is_named_where_chi_square_hardly_shows_it() -> None:
-    """A term of a link stands for it."""
-    chain = lw.bnes_chain(4)
-    damped = with_links(chain, link("extra", "m2-ground", "c*v", c=0.02))
-    record = lw.simulate(damped, release={"v:m1": 3.0}, duration=4.0, rate=1000.0).with_noise(
-        15.0, seed=5202711
-    )
-    fit = lw.identify(record, chain.unknown("all"), as_stated=True)
-    first = fit.diagnosis[0]
-    assert not fit.trusted and (first.kind, first.where, first.term) == ("link", "m2-ground", "v")
 
 
 def torsional(change: Callable[[np.ndarray], np.ndarray]) -> lw.Record:
@@ -233,7 +174,6 @@ def exchanged(record: lw.Record) -> lw.Record:
 ERRORS: dict[str, tuple[Callable[[], lw.Record], Change, tuple[str, str, str]]] = {
     "sign of a force": (pushed, times("force_m1", -1.0), ("sign", "force:m1", "change the sign of force:m1")),
     "mm for m": (freely, times("x_m2", 1e3), ("unit", "x:m2", "multiply x:m2 by 0.001")),
-    "kN for N": (pushed, times("force_m1", 1e-3), ("unit", "force:m1", "multiply force:m1 by 1000")),
     "swapped": (freely, exchanged, ("swapped", "x:m1", "exchange x:m1 and x:m2")),
     "AC coupled": (partial(chain_record, 2), ac_coupled, ("high pass", "x:m2", "DC")),
 }
@@ -254,12 +194,11 @@ def test_an_error_of_a_whole_channel_is_the_first_cause(error: str) -> None:
 
 def test_a_driven_record_without_one_has_none() -> None:
     fit = lw.identify(pushed().with_noise(40.0, seed=72), CHAIN.unknown("all"))
-    assert fit.trusted and fit.diagnosis == ()
+    assert fit.trusted and fit.diagnosis == () and "shows by itself" not in fit.message
 
 
 WRONG = {
     "missing friction": with_links(CHAIN, named("rough", "m2-m1", "bouc-wen", k=0, c=0, F=0.3, x0=0.005, s=0.5)),
-    "missing relaxation": with_links(CHAIN, named("slow", "m2-m1", "zener", k=0.0, k1=10.0, c1=1.0)),
     "slow relaxation": with_links(CHAIN, named("slow", "m1-ground", "zener", k=0.0, k1=1000.0, c1=1000.0)),
     "missing link": with_links(CHAIN, link("extra", "m2-ground", "k*d", k=20.0)),
 }  # fmt: skip
@@ -296,6 +235,7 @@ def test_what_the_equations_cannot_tell_apart_is_told_together() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("memory_not_sought")
 def test_a_search_is_told_of_one_by_all_terms_that_were_offered() -> None:
     """The terms that are found in a wrong record are not those that explain the right one."""
     law = "k*d + c*v"
@@ -315,7 +255,7 @@ GONE, AT = 15, 900
     ("fault", "words"), [("lost", "jumps between two samples at"), ("repeated", "repeat")]
 )
 def test_lost_and_repeated_samples_come_before_gains(fault: str, words: str) -> None:
-    """The diagnosis stays as it is; a record without the fault says nothing of the kind."""
+    """The diagnosis stays as it is."""
     record = replace(chain_record(2, duration=3.0).with_noise(40.0, seed=5_001_302), simulated=None)
     values = record.values.copy()
     if fault == "lost":
@@ -323,11 +263,9 @@ def test_lost_and_repeated_samples_come_before_gains(fault: str, words: str) -> 
     else:
         values = np.insert(values, [AT] * GONE, values[AT], axis=0)
     faulty = lw.Record(record.start, record.rate, record.channels, values)
-    asked = CHAIN.unknown("nes")
-    fit = lw.identify(faulty, asked, as_stated=True)
+    fit = lw.identify(faulty, CHAIN.unknown("nes"), as_stated=True)
     assert not fit.trusted and fit.diagnosis
     assert fit.message.startswith("The record shows by itself") and words in fit.message
-    assert "shows by itself" not in lw.identify(record, asked).message
 
 
 def test_a_hit_that_was_not_recorded_is_told_with_its_moment() -> None:
@@ -376,14 +314,6 @@ def test_noise_stated_small(stated: dict[str, float], calibration: dict[str, flo
 
 
 @pytest.mark.slow
-def test_laws_that_lack_a_term_are_not_taken_for_noise() -> None:
-    """The same statement, without the cubic term of the sink."""
-    record = record_with_stated({"x:m1": 0.1, "x:m2": 0.1})
-    fit = lw.identify(record, with_links(CHAIN, link("nes1", "m2-m1", "k*d + c*v")), as_stated=True)
-    assert not fit.trusted and "stated too small" not in fit.message
-
-
-@pytest.mark.slow
 def test_noise_stated_as_next_to_nothing_is_told_by_the_scatter_of_samples() -> None:
     """Nothing converges with it, and what is left is no noise: the samples themselves tell, before any law."""
     fit = lw.identify(record_with_stated({"x:m1": 1e-4, "x:m2": 1.0}), CHAIN.unknown("all"), as_stated=True)
@@ -420,25 +350,13 @@ def test_clipped_samples_are_the_first_cause() -> None:
     assert first.size == at_ends.sum()
 
 
-@pytest.mark.slow
-def test_marked_as_missing_they_are_no_cause_nor_are_the_largest_samples_beside_another_fault() -> None:
-    marked = lw.inspection.mark_missing(clipped(0.8, 40.0, seed=81))
-    fit = lw.identify(marked, CHAIN.unknown("all"), as_stated=True)
-    assert fit.trusted and fit.diagnosis == ()
-    record = chain_record(2).with_noise(40.0, seed=82)
-    fit = lw.identify(
-        changed(record, x_m2=1.05 * record.channel("x:m2")), CHAIN.unknown("all"), as_stated=True
-    )
-    assert fit.diagnosis and "clipped" not in {cause.kind for cause in fit.diagnosis}
-
-
 def test_as_bounds_they_tell_more_than_as_missing() -> None:
     """Large motions tell the stiffening; chance is beyond 4.5 standard errors once in 30 000."""
     record = lw.inspection.mark_missing(clipped(0.5, 20.0, seed=83))
     bounds, missing = (
         lw.identify(each, CHAIN.unknown("nes"), method="ml") for each in (record, replace(record, clipped={}))
     )
-    assert bounds.trusted
+    assert bounds.trusted and bounds.diagnosis == ()
     narrow, wide = (present(fit.coefficient("nes1.beta").standard_error) for fit in (bounds, missing))
     assert narrow < wide
     assert_within(bounds, {"nes1.beta": 1e6}, 4.5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from structures import oscillator
 import linkwise as lw
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.options import LikelihoodOptions, with_delays, with_error
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.records.channel import interpolated
 
@@ -120,25 +120,3 @@ class Searched:
     @property
     def diagnosis(self) -> tuple[Cause, ...]:
         return ()
-
-
-def test_a_clock_that_does_not_settle_takes_two_fits() -> None:
-    """A sample that was lost took ten fits, of a minute in all."""
-    search = Searched(0.0, PPM)
-    options = LikelihoodOptions(delays=("x:m1",), clocks={"x:m1": None})
-    with pytest.raises(lw.IdentificationError, match="the clock of x:m1 does not settle"):
-        with_delays(search, [two_loggers(86)], options, lambda fit, *_: fit, lambda fit, _: fit)
-    assert search.fits == 2
-
-
-def test_shifts_far_from_a_delay_that_a_diagnosis_tells_are_not_tried() -> None:
-    record, stated = two_loggers(87), LikelihoodOptions(delays=("x:m1",))
-    found = Cause("delay", "x:m1", 0.4 / RATE, "s", 100.0, 0.0)
-    told = with_error(LikelihoodOptions(), found, record)
-    assert told is not None and replace(told, near=()) == stated
-    counts = []
-    for options in (stated, told):
-        search = Searched(0.4)
-        with_delays(search, [record], options, lambda fit, *_: fit, lambda fit, _: fit)
-        counts.append(search.fits)
-    assert counts[1] == 1 < counts[0] < 8  # none of which twice

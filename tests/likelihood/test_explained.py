@@ -23,6 +23,9 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import BLOCKS
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 
+pytestmark = pytest.mark.slow
+
+
 MASSES = {"m1": 1.0, "m2": 0.01}
 SINK = link("nes1", "m2-m1", NES, alpha=-100.0, beta=1e6, c=0.02)
 STATED = structure(MASSES, link("spring1", "m1-ground", "k*d + c*v", k=3e4, c=1.0), SINK)
@@ -60,7 +63,6 @@ def test_a_missing_term_is_a_second_answer() -> None:
     assert f"only noise is left: a second answer, to\n  spring1 (m1 - ground): {told['law']}\n" in str(fit)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_a_result_folder_holds_what_asks_for_the_second_answer(tmp_path: Path) -> None:
     fit = answer(2e7, 1.0, 61)
@@ -73,7 +75,6 @@ def test_a_result_folder_holds_what_asks_for_the_second_answer(tmp_path: Path) -
 WELLS = "alpha*d + beta*d**3 + c*v"
 
 
-@pytest.mark.slow
 def test_asymmetric_wells_are_not_trusted_without_the_term_that_makes_them() -> None:
     """An offset of the sensor explains nearly as much, and is tried beside the term."""
     rng = np.random.default_rng(4017)
@@ -91,7 +92,6 @@ def test_asymmetric_wells_are_not_trusted_without_the_term_that_makes_them() -> 
     assert np.abs(errors(other, {f"nes.{name}": value for name, value in values.items()})).max() < FAR
 
 
-@pytest.mark.slow
 def test_an_error_that_a_term_hardly_exceeds_is_tried_beside_it() -> None:
     """Half of the displacement, which as d**2 would explain a little more."""
     exact = record(0.0, 1.0, 1354187)[:4001]
@@ -103,10 +103,12 @@ def test_an_error_that_a_term_hardly_exceeds_is_tried_beside_it() -> None:
 
 def test_laws_that_leave_noise_have_no_second_answer() -> None:
     fit = answer(0.0, 1.0, 61)
-    assert fit.trusted and fit.alternative is None and "alternative" not in fit.to_dict()
+    written = fit.to_dict()
+    assert fit.trusted and fit.alternative is None and "alternative" not in written
+    assert written["model_error_percent"] == 0.0 and written["diagnosis"] == []
+    assert not told(fit) and "a mass of" not in fit.message
 
 
-@pytest.mark.slow
 def test_a_link_that_a_missing_term_hides_is_found_beside_it() -> None:
     """A damper of a tenth of that of the sink, to the ground."""
     other = present(answer(5e6, 1.0, 63, DAMPER).alternative)
@@ -115,7 +117,6 @@ def test_a_link_that_a_missing_term_hides_is_found_beside_it() -> None:
     assert abs(size.value - 0.002) < FAR * present(size.standard_error)
 
 
-@pytest.mark.slow
 def test_an_error_of_a_sensor_is_found_beside_a_missing_term() -> None:
     exact = record(2e7, 1.0, 64)
     shifted = replace(exact, values=exact.values + np.array([0.0, 4e-5]), simulated=None)
@@ -125,7 +126,6 @@ def test_an_error_of_a_sensor_is_found_beside_a_missing_term() -> None:
     assert [(cause.kind, cause.where) for cause in other.added] == [("term", "spring1"), ("offset", "x:m2")]
 
 
-@pytest.mark.slow
 def test_two_terms_that_explain_as_much_are_no_second_answer() -> None:
     """A spring of 1 N/m to the ground or a cubic one: either leaves only noise, with another alpha."""
     spring = link("extra", "m2-ground", "k*d", k=1.0)
@@ -192,7 +192,6 @@ def motion(*parts: tuple[float, lw.Structure]) -> lw.Record:
     return lw.Record(0.0, 1000.0, SENSORS[:2], np.concatenate(pieces))
 
 
-@pytest.mark.slow
 def test_a_change_is_told_with_its_moment() -> None:
     """Trusted with a model error before, 10 and 12 standard errors from either value."""
     where, size, moment = "spring1.k", -1000.0, 3.0
@@ -222,7 +221,6 @@ def two_records() -> list[lw.Record]:
     return [first, replace(second, start=10.0)]
 
 
-@pytest.mark.slow
 def test_a_change_that_a_model_error_hides_is_told_of_a_motion_held_closer() -> None:
     """It lets the motion of one value follow both, so that no change is significant beside it."""
     records = two_records()
@@ -258,7 +256,6 @@ def test_a_search_that_does_not_converge_says_where_it_is_stuck(at: int, easier:
     assert f"identify the record {easier}" in judgement.message
 
 
-@pytest.mark.slow
 def test_a_term_beside_which_a_coefficient_changes_is_no_second_answer() -> None:
     """Trusted once, with a wrong interval."""
     parts = ((3.0, sink_on_spring(g=2e7)), (3.0, sink_on_spring(alpha=-97.0, g=2e7)))
@@ -266,19 +263,11 @@ def test_a_term_beside_which_a_coefficient_changes_is_no_second_answer() -> None
     assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].term == "d**3" and fit.alternative is None
 
 
-@pytest.mark.parametrize("calibration", [{}, {"all": 0.01}])
-def test_no_change_is_told_of_exact_laws(calibration: dict[str, float]) -> None:
+def test_no_change_is_told_of_exact_laws() -> None:
     """What is known beforehand of gains pulls as blocks do."""
     record = motion((6.0, sink_on_spring())).with_noise(30.0, seed=74)
-    fit = lw.identify(record, ASKED, calibration=calibration)
+    fit = lw.identify(record, ASKED, calibration={"all": 0.01})
     assert fit.trusted and "change" not in [cause.kind for cause in fit.diagnosis]
-
-
-@pytest.mark.slow
-def test_a_missing_term_is_no_change() -> None:
-    """Of the spring, whose force falls with the amplitude as the motion decays."""
-    fit = lw.identify(motion((6.0, sink_on_spring(g=2e7))).with_noise(30.0, seed=77), ASKED)
-    assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].term == "d**3"
 
 
 FAR = 4.0  # standard errors
@@ -322,7 +311,7 @@ def test_a_disc_that_is_stated_too_heavy_takes_trust_away_and_is_named(clean: lw
     assert "a mass of disc" in fit.message
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_trusted_answer_holds_an_error_of_a_mass_or_tells_it(clean: lw.Record, seed: int) -> None:
     """All of them were trusted without a word, up to 14 standard errors off."""
     asked = with_second_disc(1.02 * LIGHT)
@@ -346,13 +335,6 @@ def test_a_mass_that_is_known_to_within_widens_intervals(clean: lw.Record) -> No
     fit = lw.identify(clean.with_noise(DECIBEL, seed=seed), asked)
     assert fit.trusted and np.abs(errors(fit, true_of(asked))).max() < FAR
     assert not any(term.link == "disc2" for term in fit.unseen_terms)
-
-
-def test_records_that_tell_the_masses_say_nothing_of_them() -> None:
-    chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
-    fit = lw.identify(record.with_noise(20.0, seed=3), chain.unknown("all"))
-    assert fit.trusted and not told(fit) and "a mass of" not in fit.message
 
 
 def overloaded(values: np.ndarray, time: np.ndarray) -> np.ndarray:

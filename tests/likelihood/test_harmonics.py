@@ -10,6 +10,9 @@ from structures import link, oscillator, structure
 import linkwise as lw
 from linkwise.estimates.estimate import Estimate
 
+pytestmark = pytest.mark.slow
+
+
 RATE, DURATION = 200.0, 10.0
 LAW = {"k": 1000.0, "c": 2.0, "k3": 2e5}
 OSCILLATOR = oscillator("k*d + c*v + k3*d**3", name="spring", k=1000.0, c=2.0, k3=2e5)
@@ -63,9 +66,8 @@ def assert_right(fit: Estimate, subject: lw.Structure, line: tuple[str, float]) 
 @pytest.mark.parametrize(
     ("subject", "mass", "hz", "options"),
     [
-        pytest.param(OSCILLATOR, "m1", 7.3, {}, marks=pytest.mark.slow),
-        pytest.param(PAIR, "m2", 4.0, {}, marks=pytest.mark.slow),
-        pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow),
+        (PAIR, "m2", 4.0, {}),
+        (OSCILLATOR, "m1", 6.0, {"wind": 0.2}),
     ],
 )
 def test_an_unseen_machine_is_named(
@@ -82,7 +84,7 @@ def test_an_unseen_machine_is_named(
 
 @pytest.mark.parametrize(
     ("subject", "mass", "hz", "options"),
-    [(OSCILLATOR, "m1", 7.3, {}), pytest.param(OSCILLATOR, "m1", 6.0, {"wind": 0.2}, marks=pytest.mark.slow)],
+    [(OSCILLATOR, "m1", 7.3, {}), (OSCILLATOR, "m1", 6.0, {"wind": 0.2})],
 )
 def test_a_harmonic_force_is_found(
     subject: lw.Structure, mass: str, hz: float, options: dict[str, Any]
@@ -95,9 +97,7 @@ def test_a_harmonic_force_is_found(
     assert any(f"The harmonic force on {mass} at " in line and " N " in line for line in fit.findings)
 
 
-@pytest.mark.parametrize(
-    ("subject", "hz"), [(OSCILLATOR, 12.3), pytest.param(PAIR, 7.3, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("subject", "hz"), [(OSCILLATOR, 12.3), (PAIR, 7.3)])
 def test_a_hum_of_a_sensor_is_no_harmonic_force(subject: lw.Structure, hz: float) -> None:
     """Compared with the motion held, it explained less than a force did, beside which the motion follows."""
     quiet = machine(subject, hz, size=0.0)
@@ -107,14 +107,13 @@ def test_a_hum_of_a_sensor_is_no_harmonic_force(subject: lw.Structure, hz: float
     assert not fit.trusted and "harmonic force" not in [cause.kind for cause in fit.diagnosis]
 
 
-@pytest.mark.slow
 def test_a_harmonic_force_is_taken_into_the_model() -> None:
     fit = lw.identify(machine(PAIR, 4.0, on="m2", seed=2), PAIR.unknown("all"))
     assert_right(fit, PAIR, ("m2", 4.0))
     assert [(cause.kind, cause.where) for cause in fit.added] == [("harmonic force", "m2")]
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("memory_not_sought")
 def test_discover_allows_for_a_harmonic_force() -> None:
     record = machine(OSCILLATOR, 7.3, seed=3, duration=5.0)
     found = lw.discover(record, {"m1": 1.0}, harmonics={"m1": 7.3})
@@ -131,7 +130,6 @@ def test_forces_that_cannot_be_told_are_refused() -> None:
             lw.identify(record, OSCILLATOR.unknown("all"), harmonics=harmonics)
 
 
-@pytest.mark.slow
 def test_a_motion_that_goes_on_without_a_force_is_told() -> None:
     """A hardly damped ring-down goes on as under a force that was not recorded; one with 1 % of damping does not."""
     for damping, told in ((0.01, True), (0.6, False)):

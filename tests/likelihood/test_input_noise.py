@@ -11,6 +11,9 @@ from within import assert_within
 import linkwise as lw
 from linkwise.verdict import Verdict
 
+pytestmark = pytest.mark.slow
+
+
 RATE, COUNT = 100.0, 801
 STIFFNESS, DAMPING = 900.0, 1.0  # of a mass of 1 kg: 4.8 Hz, of which 8 s hold 38 periods
 
@@ -41,7 +44,6 @@ def driven(channel: str, noise: float, seed: int) -> lw.Record:
     return replace(record, values=values)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "end", "noise"), [("a:base", "base", 0.004), ("force:m1", "ground", 0.012)]
 )
@@ -87,19 +89,6 @@ def test_a_model_error_of_a_driven_structure_may_be_noise_of_the_input() -> None
     assert "Noise of force:m1 has the same effect" in fit.message
 
 
-def test_noise_that_moves_nothing_has_no_score() -> None:
-    """Of a base that a damper alone joins, noise of the displacement is no force in the equations."""
-    damper = oscillator("c*v", to="base", name="damper", c=DAMPING).links[0]
-    structure = replace(mounted("ground"), links=(*mounted("ground").links, damper))
-    base = lw.model.Sampled(
-        0.0, RATE, 3e-3 * np.convolve(np.random.default_rng(9).standard_normal(COUNT), np.ones(9), "same")
-    )
-    clean = lw.simulate(structure, base=base, duration=(COUNT - 1) / RATE, rate=RATE, sensors=("x", "x:base"))
-    fit = lw.identify(clean.with_noise(40.0, seed=9), structure.unknown("l1.k", "damper"))
-    assert fit.trusted, fit.message
-    assert "input noise" not in [cause.kind for cause in fit.diagnosis]
-
-
 DURATION = 6.0  # s
 NOISE = 0.02  # of the base, relative
 ERRORS = 5.0  # standard errors that an estimate may be off: 6e-7 of chance for each
@@ -137,14 +126,11 @@ def on_noisy_base(sensors: tuple[str, ...], lower: str, seed: int) -> lw.Record:
     return replace(record, values=values)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensors", "lower", "seed"),
     [
-        (("rel:x", "a:base"), "k*d + c*v + k3*d**3", 1),
         (("a", "a:base"), "k*d + c*v", 2),
         (("x", "x:base"), "k*d + c*v + k3*d**3", 3),
-        (("rel:x", "x:base"), "k*d + c*v", 4),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, tuple) else None,
 )
@@ -181,48 +167,6 @@ def test_absolute_sensors_need_no_displacement_of_the_base(kind: str, known: str
         lw.identify(record, storeys(lower).unknown("all"), ambient=["m1"])
 
 
-@pytest.mark.slow
-def test_drifts_of_absolute_sensors_start_where_they_will_in_each_record() -> None:
-    """An asymmetric law has a mean elongation that grows with the amplitude."""
-    values = {"k": 900.0, "c": 1.0, "k2": 1.5e4, "k3": 4e5}
-    rig = oscillator("k*d + c*v + k2*d**2 + k3*d**3", to="base", name="l1", **values)
-    records = []
-    for seed, (size, phase) in enumerate([(1.0, 0.0), (0.3, 1.3)], start=11):
-        base = f"{size}*(0.004*sin(21*t + {phase}) + 0.003*sin(33*t + 1 + {phase}) + 0.003*sin(47*t + 2))"
-        noisy = lw.simulate(rig, duration=DURATION, rate=RATE, sensors=("x", "a:base"), base=base).with_noise(
-            45.0, seed=seed
-        )
-        sigma = {name: value for name, value in noisy.noise.items() if not name.endswith("base")}
-        known = {
-            "x:m1": lw.records.SensorUncertainty(offset=1e-5)
-        }  # of the sensor, not where its drift starts
-        records.append(replace(noisy, noise=sigma, uncertainty=known))
-    fit = lw.identify(records, rig.unknown("all"))
-    assert_within(fit, rig, ERRORS)
-
-
-def test_on_one_mass_it_is_the_noise_of_the_force_of_inertia() -> None:
-    mass, deviation = 2.0, 0.2
-    rng = np.random.default_rng(5)
-    acceleration = np.convolve(rng.standard_normal(600), np.ones(5), "same")
-    force = lw.model.Sampled(0.0, RATE, -mass * acceleration, band_limited=True)
-    moved = lw.simulate(storey("ground"), forces={"m1": force}, duration=5.99, rate=RATE)
-    x = moved.with_noise(40.0, seed=5).channel("x:m1")
-    measured = acceleration + deviation * rng.standard_normal(600)
-    on_base = lw.Record(0.0, RATE, ("rel:x:m1", "a:base"), np.column_stack([x, measured]))
-    pushed = lw.Record(0.0, RATE, ("x:m1", "force:m1"), np.column_stack([x, -mass * measured]))
-    of_base = lw.identify(on_base, storey("base").unknown("all"), input_noise={"a:base": deviation})
-    of_force = lw.identify(
-        pushed, storey("ground").unknown("all"), input_noise={"force:m1": mass * deviation}
-    )
-    assert of_base.trusted, of_base.message
-    # the same equations; searches end within a twentieth of a standard error of the optimum
-    errors = np.sqrt(of_base.covariance.diagonal())
-    np.testing.assert_allclose(of_base.values, of_force.values, atol=0.1 * float(errors.min()))
-    np.testing.assert_allclose(errors, np.sqrt(of_force.covariance.diagonal()), rtol=0.02)
-
-
-@pytest.mark.slow
 def test_more_noise_than_a_measured_input_has_is_not_trusted() -> None:
     record = on_noisy_base(("rel:x", "a:base"), "k*d + c*v", 7)
     values = record.values.copy()
@@ -281,7 +225,7 @@ def test_a_base_that_no_spring_joins_is_refused(links: list[lw.Link], message: s
         )
 
 
-@pytest.mark.parametrize(("channel", "end"), [("a:base", "base"), ("x:base", "base"), ("force:m1", "ground")])
+@pytest.mark.parametrize(("channel", "end"), [("x:base", "base"), ("force:m1", "ground")])
 def test_noise_that_a_channel_shows_is_added_where_laws_leave_more(channel: str, end: str) -> None:
     """Within 4.5 standard errors, which chance exceeds in one fit of 50 000, and named in what was added."""
     fit = lw.identify(driven(channel, 0.03, 40), mounted(end).unknown("all"))
@@ -311,17 +255,14 @@ def test_a_hit_with_noise_in_its_load_cell_gives_the_laws() -> None:
     assert_within(fit, {"l1.k": STIFFNESS, "l1.c": DAMPING}, 4.5)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_wrong_mass_is_no_gain_of_a_noisy_force(seed: int) -> None:
+def test_a_wrong_mass_is_no_gain_of_a_noisy_force() -> None:
     """Beside noise of the force its gain would explain a mass that is stated 20 % low, and the stiffness follow it."""
-    record = driven("force:m1", 0.02, seed)
+    record = driven("force:m1", 0.02, 1)
     light = replace(mounted("ground"), masses=(lw.Mass("m1", lw.Coefficient.number(0.8)),))
     assert not lw.identify(record, light.unknown("all")).trusted
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_intervals_beside_noise_of_an_input_hold_what_it_hides(seed: int) -> None:
     """Friction of 2 % of the force is not significant beside noise of 3 %, and moves the damping by a dozen of its errors."""
     rubbing = oscillator("k*d + c*v + F*tanh(v/0.01)", name="l1", k=STIFFNESS, c=DAMPING, F=0.02)

@@ -111,21 +111,20 @@ def test_the_curvature_is_the_profiles(short_record: lw.Record, ours: Likelihood
     assert np.mean(rises) == pytest.approx(1.0, abs=0.1)
 
 
-MANY = 110  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 0.4 %
-CHANCE = 0.005  # of a share being too small, and of its being too large: of five coefficients 5 % together
+MANY = 80  # records of the statistics below: that all 95 % intervals of a coefficient cover has a chance of 1.7 %
+CHANCE = 0.02  # of a share being too small, and of its being too large
 SHORT = 1.0  # s, a sixth of the paper's record: intervals cover and errors reach the bound at any duration
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (6, 3)])
+@pytest.mark.parametrize(("n", "seeds"), [(2, 4), (6, 2)])
 def test_at_20_db_every_sink_is_found_to_a_few_millionths(n: int, seeds: int) -> None:
     paper_fits.check_sinks_at_20_db(identified(n, 20.0, seeds))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n", "seeds"), [(2, 3), (10, 1)])
-def test_at_40_db_a_hundred_times_better(n: int, seeds: int) -> None:
-    assert np.median(identified(n, 40.0, seeds).nmse) <= LARGEST_NMSE[40.0]
+def test_at_40_db_a_hundred_times_better() -> None:
+    assert np.median(identified(2, 40.0, 3).nmse) <= LARGEST_NMSE[40.0]
 
 
 @pytest.mark.slow

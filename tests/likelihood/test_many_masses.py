@@ -27,6 +27,8 @@ from linkwise.likelihood.tests.score_test import CandidateForce, candidate_force
 from linkwise.model.law import Law
 from linkwise.signals.base_frame import framed
 
+pytestmark = pytest.mark.slow
+
 
 def linked(name: str, pairs: Iterable[tuple[int, int]], count: int, **values: lw.Coefficient) -> lw.Structure:
     """Masses of 1 kg with hardening links between pairs of them, -1 for the ground."""
@@ -115,26 +117,6 @@ def both(
     return local_linearization(rows), dense
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_blocks_are_those_of_the_whole_where_all_is_reached(name: str) -> None:
-    """The same numerics, in single precision, in another order."""
-    local, dense = both(name, whole=True)
-    of_local, of_dense = present(local.factor(0.1)), present(dense.factor(0.1))
-    scale = np.sqrt(np.diag(of_dense.schur))
-    assert np.max(np.abs(of_local.schur - of_dense.schur) / np.outer(scale, scale)) < 1e-3
-    free = np.ones(len(of_dense.reduced), dtype=bool)
-    free[1] = False
-    (nodes, border), (dense_nodes, dense_border) = (
-        present(factor.solve(free)) for factor in (of_local, of_dense)
-    )
-    assert border[1] == dense_border[1] == 0.0
-    assert np.max(np.abs(nodes - dense_nodes)) < 1e-3 * np.max(np.abs(dense_nodes))
-    drops = [model.equations(0.1).drop(nodes, border) for model in (local, dense)]
-    assert drops[0] == pytest.approx(drops[1], rel=1e-6)
-    assert of_local.log_determinant(free) == pytest.approx(of_dense.log_determinant(free), rel=1e-6)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_left_out_hardly_moves_the_answer(name: str) -> None:
     """A step by less than 2 % of the longest, in standard errors, and these by less than 1 %."""
@@ -169,7 +151,6 @@ def test_candidates_and_errors_of_sensors(name: str) -> None:
     assert np.max(np.abs(local.reduced - dense.reduced) / scale) < 10.0 * TOLERANCE * largest
 
 
-@pytest.mark.slow
 def test_intervals_of_many_masses() -> None:
     """The errors of all coefficients, weighed by their covariance: between the quantiles of 0.1 % and 99.9 %, for one seed."""
     chain = lw.bnes_chain(14)
@@ -181,7 +162,6 @@ def test_intervals_of_many_masses() -> None:
     assert low < error @ np.linalg.solve(fit.covariance, error) < high
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("beta", [1.0, 1.5])
 def test_a_cubic_term_that_is_held_too_large_leaves_more_than_noise(beta: float) -> None:
     record, chain = chain_record(14, duration=1.0).with_noise(20.0, seed=1002), lw.bnes_chain(14)

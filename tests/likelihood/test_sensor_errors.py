@@ -1,7 +1,6 @@
 """Offsets, gains, drift and hum of sensors: found with the laws, admitted, and known beforehand to within."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -11,14 +10,13 @@ import pytest
 import scipy
 from present import present
 from problems import chain_record, truth
-from structures import asked_oscillator, oscillator, torsion_chain
+from structures import asked_oscillator, oscillator
 from within import assert_within, errors
 
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import _passed, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.loss import Student
 
 
 @pytest.fixture(scope="module")
@@ -59,27 +57,6 @@ def test_each_record_has_its_own_noise(quiet: lw.Record) -> None:
     ratio = np.sqrt(np.diag(both.covariance) / np.diag(alone.covariance))
     assert np.all(ratio < 1.0)  # a loud record adds, it does not spoil ...
     assert np.all(ratio > 0.95)  # ... and it adds little: 30 dB are a factor of 1000 in weight
-
-
-def test_the_order_of_the_records_does_not_matter() -> None:
-    unknown = lw.bnes_chain(2).unknown("nes")
-    weak = chain_record(2, duration=1.0, speed=0.02).with_noise(30.0, seed=4)
-    strong = chain_record(2, duration=2.0).with_noise(30.0, seed=5)
-    first, second = (lw.identify(records, unknown) for records in ([weak, strong], [strong, weak]))
-    assert first.trusted and second.trusted
-    # both within their errors of one optimum
-    np.testing.assert_allclose(first.values, second.values, rtol=1e-3)
-    # extremes of motions that differ by a part of the noise, 3 % of their deviation
-    assert first.link("nes1").d_range == pytest.approx(second.link("nes1").d_range, rel=1e-2)
-    assert first.findings == second.findings == ()
-
-
-@pytest.mark.slow
-def test_a_robust_loss_on_clean_noise_is_trusted(quiet: lw.Record) -> None:
-    fit = lw.identify(quiet.with_noise(20.0, seed=6), lw.bnes_chain(2).unknown("nes"), loss=Student())
-    assert fit.trusted
-    # 6002 samples, and the estimate of their noise
-    assert fit.chi_square_per_sample == pytest.approx(1.0, abs=0.06)
 
 
 def test_a_law_that_is_not_finite_where_the_link_went_is_refused() -> None:
@@ -285,16 +262,6 @@ def test_records_that_state_different_errors_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_a_discovery_counts_what_records_state() -> None:
-    masses: Mapping[str, float] = {"m1": 1.0, "m2": 0.01}
-    record = chain_record(2, duration=2.0).with_noise(40.0, seed=1)
-    stated = lw.discover(stating(record, gain=0.01), masses)
-    by_option = lw.discover(record, masses, calibration={"x:m2": 0.01})
-    assert stated.estimate.values == pytest.approx(by_option.estimate.values, rel=1e-8)
-    assert any(finding.startswith("x:m2 shows") for finding in stated.estimate.findings)
-
-
-@pytest.mark.slow
 def test_a_validation_allows_for_stated_errors() -> None:
     record = noisy()
     wrong = replace(record, values=record.values * [1.0, 1.03], simulated=None)
@@ -341,20 +308,6 @@ def test_amplitude_and_range_are_told_with_standard_errors() -> None:
     assert float(drift[3]) == pytest.approx(np.ptp(DRIFT) * sigma, rel=0.05)
 
 
-def test_a_channel_may_have_several_hums_and_be_named_alone() -> None:
-    record = disturbed(HUM + DRIFT + 2.0 * np.sin(2.0 * np.pi * 150.0 * TIME), seed=27)
-    fit = lw.identify(record, ASKED, drifts="x:m2", hums={"x:m2": [50.0, 150.0]})
-    assert fit.trusted
-    assert sum("has a hum of" in line for line in fit.findings) == 2
-
-
-def test_every_record_has_sizes_of_its_own() -> None:
-    records = [disturbed(DRIFT, seed=23), disturbed(-2.0 * HUM, seed=24, start=7.0)]
-    fit = lw.identify(records, ASKED, drifts=["x:m2"], hums={"x:m2": 50.0})
-    assert_within(fit, CHAIN)
-    assert sum("x:m2 drifts over" in line for line in fit.findings) == 2
-
-
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -374,16 +327,6 @@ def test_every_record_has_sizes_of_its_own() -> None:
 def test_what_cannot_be_found_is_refused(options: LikelihoodOptions, reason: str) -> None:
     with pytest.raises(lw.IdentificationError, match=reason):
         lw.identify(disturbed(HUM, seed=26), ASKED, **options)  # type: ignore[arg-type]
-
-
-def test_disturbances_of_rotations_are_told_in_rad() -> None:
-    record = lw.simulate(torsion_chain(), release={"v:disc1": 6.0}, duration=2.0, rate=500.0)
-    record = record.with_noise(40.0, seed=5413021)
-    fit = lw.identify(
-        record, torsion_chain().unknown("sink"), drifts={"x:disc2": 1.0}, hums={"x:disc1": 50.0}
-    )
-    told = [remark for remark in fit.remarks if "drifts over" in remark or "50 Hz" in remark]
-    assert len(told) == 2 and all(" rad " in remark for remark in told), fit.remarks
 
 
 @cache

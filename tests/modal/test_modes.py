@@ -8,7 +8,7 @@ from tapped_beam import DAMPING, shaken, tapped
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.modal.measured import ModalMeasurement
-from linkwise.modal.oscillators import ComplexModes, SampledForce, free_motion, free_motion_derivatives
+from linkwise.modal.oscillators import ComplexModes, SampledForce, free_motion
 from linkwise.modal.output_error import _OutputError
 from linkwise.modal.pursuit import Projection, PursuedModes, pursued_modes
 from linkwise.progress import silent
@@ -45,20 +45,6 @@ def test_they_give_the_receptances_of_the_matrices() -> None:
         np.testing.assert_allclose(summed, exact, rtol=1e-10)  # rounding
 
 
-def test_their_derivatives_are_those_of_differences() -> None:
-    found, at = complex_modes(stated()), stated()
-    by_pole, by_vector = found.changes
-    for number, value in enumerate(at):
-        step = np.zeros(len(at))
-        step[number] = 1e-5 * max(abs(value), 0.1)
-        ahead, behind = complex_modes(at + step), complex_modes(at - step)
-        poles = (ahead.poles - behind.poles) / (2.0 * step[number])
-        np.testing.assert_allclose(by_pole[number], poles, rtol=1e-5, atol=1e-7)  # central differences
-        products = np.einsum("kr,ks->krs", by_vector[number], found.vectors)
-        expected = (residues(ahead) - residues(behind)) / (2.0 * step[number])
-        np.testing.assert_allclose(products + products.swapaxes(1, 2), expected, rtol=1e-4, atol=1e-8)
-
-
 def test_a_mode_that_does_not_vibrate_is_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError, match="does not vibrate"):
         _ = ComplexModes(FREQUENCIES, np.array([0.02, 1.5, 0.01]), (), np.empty(0)).poles
@@ -79,20 +65,6 @@ def test_free_motions_satisfy_the_equation_of_the_mode() -> None:
     w = 2.0 * np.pi * 5.0
     residual = a + 0.2 * w * v + w**2 * x
     assert np.abs(residual).max() < 1e-12 * np.abs(a).max()
-
-
-def test_derivatives_by_frequency_and_damping_are_those_of_differences() -> None:
-    force = SampledForce(np.random.default_rng(1).standard_normal(400), 0.002)
-    step = 1e-5
-    for motion, derivatives in (
-        (force.motion, force.derivatives(21.0, 0.02)),
-        (lambda f, z: free_motion(f, z, 0.002, 400), free_motion_derivatives(21.0, 0.02, 0.002, 400)),
-    ):
-        for number, (df, dz) in enumerate(((step, 0.0), (0.0, step))):
-            ahead, behind = (motion(21.0 * np.exp(s * df), 0.02 * np.exp(s * dz)) for s in (1.0, -1.0))
-            expected = (ahead - behind) / (2.0 * step)
-            # central differences: of the second order in a step of 1e-5 of 100 radians
-            assert np.abs(derivatives[number] - expected).max() < 1e-5 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("pairs", [(), ((0, 1),)])

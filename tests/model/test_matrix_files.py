@@ -109,17 +109,6 @@ def test_a_file_that_abaqus_did_not_write_is_told(tmp_path: Path, text: str, mes
     assert "usecols" not in str(error.value)  # an argument of a library
 
 
-def test_matrices_with_and_without_names_are_not_mixed(tmp_path: Path) -> None:
-    mass, stiffness = matrices()
-    abaqus(tmp_path / "m.mtx", mass)
-    np.savez(tmp_path / "k.npz", K=stiffness)
-    with pytest.raises(lw.StructureError, match=r"m.mtx names nodes and directions and k.npz:K does not"):
-        lw.modal.read_host_matrices("m.mtx", "k.npz:K", folder=tmp_path)
-    np.savez(tmp_path / "m.npz", M=mass[1:, 1:])
-    with pytest.raises(lw.StructureError, match="the mass matrix has 11 rows and the stiffness matrix 12"):
-        lw.modal.read_host_matrices("m.npz:M", "k.npz:K", folder=tmp_path)
-
-
 def test_nastran_punches_and_outputs_matrices(tmp_path: Path) -> None:
     mass, stiffness = matrices()
     index = pandas.MultiIndex.from_tuples(degrees(), names=["id", "dof"])

@@ -1,10 +1,7 @@
 """Links with memory: states as text, their units, the structure file, named laws, and what refuses them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
 import linkwise as lw
 from linkwise.model.named_laws import NAMED_LAWS
@@ -107,35 +104,6 @@ def test_a_table_of_a_state_is_decoded_strictly_and_an_unknown_initial_value_is_
         link.initial_state("V")
 
 
-def test_a_replaced_law_brings_its_own_states() -> None:
-    joint = lw.parse_structure(JOINT).link("joint")
-    slower = lw.Law.parse("k*d + c*v + F*z", {"z": lw.model.LinkState("(v - s*abs(v)*z)/x0", initial=0.1)})
-    one = lw.Coefficient.number(1.0)
-    cubic = lw.Law.parse("k*d**3 + c*v + F*z")  # it names the state, which is meant then
-    for law, coefficients, rates in (
-        (slower, "k c F s x0", ("z' = (v - s*abs(v)*z)/x0",)),
-        (lw.Law.parse("k*d + F*q", {"q": "(v - abs(v)*q)/x0"}), "k F x0", ("q' = (v - abs(v)*q)/x0",)),
-        (lw.Law.parse("k*d + c*v"), "k c", ()),
-        (cubic, "k c F s x0", joint.rate_texts),
-    ):
-        changed = replace(joint, law=law, coefficients=dict.fromkeys(coefficients.split(), one))
-        assert (changed.law.text, changed.rate_texts) == (law.text, rates)
-    started = replace(joint, states={"z": lw.model.LinkState(joint.law.rates[0].text, initial=0.2)})
-    assert replace(started, name="other").initial_state("z") == 0.2
-    longer = lw.Law.parse("k*d + c*v + F*z + c*v", started.states)
-    assert replace(started, law=longer).initial_state("z") == 0.2
-
-
-def test_force_and_rate_take_the_states() -> None:
-    link = lw.parse_structure(JOINT).link("joint")
-    assert float(link.force(1e-3, 0.0, {"z": 0.5})) == pytest.approx(1.0 + 10.0, rel=1e-15)
-    (rate,) = link.law.state_rates(0.0, [0.1, -0.1], {**link.values, "z": 0.5})
-    np.testing.assert_allclose(rate, [(0.1 - 0.05) / 1e-3, (-0.1 - 0.03 + 0.02) / 1e-3], rtol=1e-14)
-    assert float(link.potential(2e-3)) == pytest.approx(0.5 * 1e3 * 4e-6, rel=1e-14)
-    with pytest.raises(lw.LawError, match="state 'z' has no value"):
-        link.force(1e-3)
-
-
 @pytest.mark.parametrize("name", NAMED_LAWS)
 def test_every_named_law_is_consistent_and_complete(name: str) -> None:
     named = lw.model.named_law(name)
@@ -177,23 +145,6 @@ def test_families_take_a_number_of_branches_and_have_bounds() -> None:
     for name, message in (("iwan(99)", "1 to 16"), ("dahl(2)", "no branches"), ("bouc-wenn", "did you mean")):
         with pytest.raises(lw.StructureError, match=message):
             lw.model.named_law(name)
-
-
-def test_iwan_sliders_add_up_to_its_force_and_stiffness() -> None:
-    law = lw.model.named_law("iwan(5)")
-    parsed = lw.Law.parse(law.law, law.states)
-    values = {"FS": 30.0, "KT": 2e4, "chi": -0.4, "beta": 0.7}
-    small = 1e-9  # m, sticking: every slider has the elongation of the link
-    stuck = parsed.force(small, 0.0, {**values, **dict.fromkeys(parsed.states, small)})
-    assert float(stuck) == pytest.approx(values["KT"] * small, rel=1e-12)
-    slips = []
-    for number, name in enumerate(parsed.states):
-        stretches = np.linspace(0.0, 6e-3, 60001)  # the largest one is where the rate vanishes
-        sizes: dict[str, ArrayLike] = {**values, **dict.fromkeys(parsed.states, 0.0), name: stretches}
-        rate = parsed.state_rates(0.0, 1.0, sizes)[number]
-        slips.append(stretches[np.flatnonzero(rate < 0.9)[0]])
-    slid = parsed.force(0.0, 0.0, {**values, **dict(zip(parsed.states, slips, strict=True))})
-    assert float(slid) == pytest.approx(values["FS"], rel=1e-4)  # the grid has steps of 1e-7 m
 
 
 @pytest.mark.parametrize("door", ["weak", "sindy", "discovery"])

@@ -114,17 +114,6 @@ def test_forces_are_equation_1_for_four_masses() -> None:
     np.testing.assert_allclose(ours, paper, rtol=1e-12)
 
 
-def test_every_parameter_can_be_replaced_for_all_cells_or_one_by_one() -> None:
-    names = {"primary_mass": "m3.mass", "sink_mass": "m4.mass", "k": "spring2.k", "c": "spring2.c",
-             "sink_c": "nes2.c", "alpha": "nes2.alpha", "beta": "nes2.beta"}  # fmt: skip
-    for name, full in names.items():
-        assert bnes_chain(4, **{name: 7.0}).coefficient(full).value == 7.0
-        cells = bnes_chain(4, **{name: [5.0, 6.0]})
-        first = full.replace("m3", "m1").replace("m4", "m2").replace("2.", "1.")
-        first = "m2.mass" if name == "sink_mass" else first
-        assert (cells.coefficient(first).value, cells.coefficient(full).value) == (5.0, 6.0)
-
-
 @pytest.mark.parametrize(
     ("masses", "given", "message"),
     [
@@ -167,11 +156,6 @@ def test_a_structure_names_its_signals_and_is_written_as_it_was_read() -> None:
     assert lw.parse_structure(lw.model.format_structure(structure)) == structure
     assert structure.with_values({"damper.c0": 1.0}).signals == {"u": "V"}
     assert float(structure.with_values({"damper.c0": 1.0}).link("damper").force(0.1, 2.0, {"u": 3.0})) == 54.0
-
-
-def test_units_of_coefficients_follow_from_that_of_a_signal() -> None:
-    levitated = lw.rig({"ball": 0.1}, {"coil": "ball - ground: K*i**2/(1 + d/a)**2"}, signals={"i": "A"})
-    assert dict(levitated.link("coil").law.units) == {"K": "N/A^2", "a": "m"}
 
 
 def test_a_state_may_be_driven_by_a_signal() -> None:

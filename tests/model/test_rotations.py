@@ -5,8 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from scipy.sparse import diags_array
-from structures import link, structure, torsion_chain
+from structures import torsion_chain
 
 import linkwise as lw
 
@@ -55,15 +54,6 @@ def test_a_key_says_it_and_is_written() -> None:
     assert structure.unknown("torsion").rotations == structure.hosts[0].known_to_within(shape=0.02).rotations
 
 
-def test_directions_of_matrices_say_it() -> None:
-    stiffness = diags_array([1e4, 2e4, 3e4]).tocsc()
-    mass = diags_array([1.0, 1.0, 0.1]).tocsc()
-    matrices = lw.modal.HostMatrices(mass, stiffness, None, ("7x", "7y", "7rz"))
-    points = {"x": "7x", "turn": "7rz", "off": "1*7y + 0.05*7rz"}
-    host = matrices.reduce("post", points, keep=3).host
-    assert host.rotations == ("post.turn",)
-
-
 def test_an_angle_is_a_number_where_a_law_needs_one() -> None:
     law = replace(lw.Law.parse("k*sin(d) + Fc*tanh(v/v0)"), angular=True)
     assert dict(law.units) == {"k": "N m", "Fc": "N m", "v0": "rad/s"}
@@ -73,14 +63,6 @@ def test_an_angle_is_a_number_where_a_law_needs_one() -> None:
     assert dict(gap.units) == {"k": "N m/rad", "gap": "rad"}
     with pytest.raises(lw.LawError, match="No units of the coefficients are consistent"):
         _ = replace(lw.Law.parse("k*d + k*v"), angular=True).units
-
-
-def test_a_link_with_memory_keeps_the_unit_of_its_ends(tmp_path: Path) -> None:
-    link = TORSION.replace("k*d + k3*d**3 + c*v", "k*d + q")
-    link = link.replace('k3 = 2000.0, c = "unknown"', "sigma = 3.0, Fc = 0.1")
-    law = beam(tmp_path, f'{link}states = {{ q = "sigma*(v - abs(v)*q/Fc)" }}\n').link("torsion").law
-    assert dict(law.units) == {"k": "N m/rad", "sigma": "N m/rad", "Fc": "N m"}
-    assert dict(law.state_units) == {"q": "N m"}
 
 
 @pytest.mark.parametrize(
@@ -167,15 +149,6 @@ def test_what_contradicts_the_unit_of_a_mass_is_refused(second: str, message: st
     text = DISCS.format(first=f"{TURNS}1.0", second='mass = "=disc1.mass"')
     with pytest.raises(lw.StructureError, match=re.escape('cannot be equal to "disc1.mass" in kg m^2')):
         lw.parse_structure(text.replace('"disc2", "disc1"', '"disc2", "ground"'))
-
-
-def test_equations_are_those_of_masses_with_the_same_numbers() -> None:
-    turning, plain = torsion_chain(), torsion_chain(turns=False)
-    assert turning.shape_key == plain.shape_key
-    assert lw.analysis.modes(turning).frequencies.tolist() == lw.analysis.modes(plain).frequencies.tolist()
-    bound = lw.Coefficient.unknown(lower=-2.0, upper=-1.0)
-    with pytest.raises(lw.StructureError, match=r"the upper bound must be positive, got -1\.0 kg m\^2"):
-        structure({"disc": bound}, link("shaft", "disc-ground", "k*d", k=1.0), rotations=["disc"])
 
 
 def test_notes_and_errors_of_motions_are_in_rad() -> None:

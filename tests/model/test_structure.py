@@ -159,20 +159,6 @@ def test_structures_compare_hash_and_pickle_and_cannot_be_changed(mixed: Structu
         link.coefficients["k"] = NUMBER(3.0)  # type: ignore[index]
 
 
-def test_a_link_gives_force_slopes_and_potential_in_the_shape_asked_for() -> None:
-    law = Law.parse("f0 + alpha*d + beta*d**3 + c*v")
-    values = {"f0": NUMBER(2.0), "alpha": NUMBER(-100.0), "beta": NUMBER(1e6), "c": NUMBER(0.02)}
-    link = Link("nes", ("a", GROUND), law, values)
-    d = np.array([[0.01, -0.02]])
-    np.testing.assert_allclose(link.force(d, 3.0), 2.0 - 100.0 * d + 1e6 * d**3 + 0.06, rtol=1e-12)
-    np.testing.assert_allclose(link.stiffness(d), -100.0 + 3e6 * d**2, rtol=1e-12)
-    np.testing.assert_allclose(link.tangent(d)[1], np.full((1, 2), 0.02), rtol=1e-12)
-    np.testing.assert_allclose(link.potential(d), 2.0 * d - 50.0 * d**2 + 2.5e5 * d**4, rtol=1e-12)
-    constant = Link("f", ("a", GROUND), Law.parse("f0"), {"f0": NUMBER(2.0)})
-    np.testing.assert_array_equal(constant.force(np.zeros(3)), [2.0, 2.0, 2.0])
-    np.testing.assert_array_equal(constant.stiffness(np.zeros(3)), [0.0, 0.0, 0.0])
-
-
 A, B = mass("a"), mass("b")
 LOW = spring("low", "a", GROUND)
 LAW = Law.parse("k*d + c*v")

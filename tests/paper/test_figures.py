@@ -17,7 +17,6 @@ from linkwise.paper import figures
 from linkwise.paper.figures import figure_6, figure_7, figure_8
 from linkwise.paper.tables import DECIBELS, INFORMED_SECONDS, MASSES, TABLE_2, PaperStudy
 from linkwise.plot import save
-from linkwise.plot.records import displacements_figure
 from linkwise.plot.studies import accuracy_figure
 from linkwise.report.study import StudyReport
 
@@ -59,24 +58,6 @@ def test_every_curve_is_the_reference_for_as_long_as_it_can_be_told(
 ) -> None:
     """1e-6 is what double precision has departed by at the end of the files."""
     assert worst_departure(figure(), shared_reference / f"bnes_{masses}.csv") < 1e-6
-
-
-def test_the_reference_would_tell_another_curve(shared_reference: Path) -> None:
-    chain = lw.bnes_chain(2, beta=1.0001e6)
-    figure = displacements_figure(lw.analysis.orbit_envelope(chain, {"v:m1": 1.0}, duration=1.0, rate=1000.0))
-    # the bound above, which a stiffness off by 1e-4 exceeds within a second
-    assert worst_departure(figure, shared_reference / "bnes_2.csv") > 1e-6
-
-
-def test_neighbours_are_one_curve_up_to_the_horizon_and_many_past_it() -> None:
-    """Neighbours start 1e-12 apart, a thousand times more than rounding, so they part a little earlier."""
-    motion = figures.chain_motion(8)
-    spread = (motion.greatest - motion.least).max(axis=1) / np.abs(motion.record.values).max()
-    time = motion.record.time
-    assert spread[time < 0.5 * present(motion.horizon)].max() < 1e-3
-    # of the largest motion: past the horizon neighbours part as far as any two orbits
-    assert spread[time > 2.0].min() > 0.1
-    assert np.all((motion.least <= motion.record.values) & (motion.record.values <= motion.greatest))
 
 
 @pytest.mark.parametrize(

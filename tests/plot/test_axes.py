@@ -130,7 +130,7 @@ def test_a_picture_is_drawn_on_axes_of_the_caller_or_its_own(name: str, drawings
     left, right = figure.subplots(1, 2)
     assert drawings[name](ax=left) is left
     assert drawn(left) > 0 and drawn(right) == 0
-    figure.savefig("/dev/null", format="png")
+    figure.savefig("/dev/null", format="png", dpi=30)
     axes = drawings[name]()
     assert isinstance(axes.figure, Figure) and axes in axes.figure.axes and drawn(axes) > 0
     if name not in WITHOUT_LEGEND:
@@ -139,6 +139,7 @@ def test_a_picture_is_drawn_on_axes_of_the_caller_or_its_own(name: str, drawings
         assert name == "map" or axes.get_legend() is not None
 
 
+@pytest.mark.slow
 def test_the_style_of_the_caller_stays(drawings: dict[str, Draw]) -> None:
     """The look of the figures that commands write is not forced upon other people's axes."""
     with rc_context({"font.size": 17.0, "axes.grid": False}):
@@ -150,6 +151,7 @@ def test_the_style_of_the_caller_stays(drawings: dict[str, Draw]) -> None:
         assert rcParams["font.size"] == 17.0
 
 
+@pytest.mark.slow
 def test_pyplot_axes_work_and_nothing_here_imports_pyplot() -> None:
     """In a process of its own: pyplot keeps global state."""
     code = (

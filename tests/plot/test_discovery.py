@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from structures import link, with_links
 
 import linkwise as lw
-from linkwise.discovery.result import term_rows
 from linkwise.plot.graphs import graph_figure
 from linkwise.plot.style import MEASURED
 
@@ -43,25 +42,6 @@ def test_one_doubt_is_marked_and_the_others_are_not(discovered: lw.Discovery) ->
     assert "(in doubt)" in str(in_doubt(in_doubt(sure, "m1-ground.k"), "m1-ground.c"))
     name = next(term.name for term in discovered.terms if not term.kept)
     assert "not identifiable" in str(in_doubt(discovered, name, identifiable=False))
-
-
-def test_z_is_that_of_the_numbers_beside_it(discovered: lw.Discovery) -> None:
-    """A model error widens the standard errors after the terms were judged."""
-    sink = next(link for link in discovered.estimate.links if link.link.name == "m2-m1")
-    wide = tuple(replace(each, standard_error=abs(each.value)) for each in sink.coefficients)
-    # the stiffness of a bistable law is negative
-    assert {row[3] for row in term_rows(discovered, replace(sink, coefficients=wide))} == {"1", "-1"}
-    blind = tuple(replace(each, standard_error=None) for each in sink.coefficients)
-    rows = term_rows(discovered, replace(sink, coefficients=blind))
-    assert {row[2:4] for row in rows} == {("none", "")}
-
-
-def test_penalty_is_what_stands_between_evidence_and_margin(discovered: lw.Discovery) -> None:
-    """Within a link a term costs the same whether it is in or out; to begin a link costs more."""
-    penalties = {term.name: term.penalty for term in discovered.terms}
-    assert penalties["m2-m1.k2"] == pytest.approx(penalties["m1-ground.k3"], rel=1e-8)  # same numerics
-    assert penalties["m2-m1.k3"] == pytest.approx(penalties["m2-m1.k2"], abs=1e-8 * discovered.kept[0].z ** 2)
-    assert penalties["m2-ground.k"] > penalties["m2-m1.k2"]
 
 
 @pytest.mark.slow
@@ -175,14 +155,3 @@ def test_a_search_that_did_not_settle_is_not_to_be_trusted(discovered: lw.Discov
     assert 'class="verdict refused"' in page and 'class="verdict explained"' not in page
     assert "NOT to be trusted" in page and "Against the truth" not in page
     assert "<li>m2 &lt;b&gt;hardly&lt;/b&gt; moved.</li>" in page
-
-
-def test_nothing_is_left_of_a_failure(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
-    other = replace(chain, masses=chain.masses[:1], links=chain.links[:1])
-    with pytest.raises(lw.StructureError, match="the true structure does not have the mass m2"):
-        lw.report.write_result(discovered, tmp_path / "answer", truth=other)
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
-    with pytest.raises(lw.LinkwiseError, match="is not a result of linkwise"):
-        lw.report.write_result(discovered, tmp_path / "thesis")
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis"]

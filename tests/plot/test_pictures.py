@@ -6,24 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from present import some
 from problems import chain_record
 from reach_rows import EXACT, reach_maps
-from rigs import rig
-from structures import host, structure
+from structures import host
 
 import linkwise as lw
 from linkwise.plot import save
 from linkwise.plot.absorptions import crossings_figure, decay_figure
-from linkwise.plot.estimates import residuals_figure, shapes_figure
+from linkwise.plot.estimates import residuals_figure
 from linkwise.plot.links import force_figure
 from linkwise.plot.records import histories_figure
-from linkwise.plot.studies import success_figure
-from linkwise.plot.style import WELL, envelope, scale, scattered
+from linkwise.plot.style import WELL, envelope, scattered
 
 
 @pytest.fixture(scope="module")
@@ -60,43 +58,6 @@ def test_crossings_are_marked_above_each_sink(eight: lw.Absorption) -> None:
     one_well, trial = lw.bnes_chain(2, alpha=100.0), {"v:m1": 1.0}
     figure = crossings_figure(lw.absorb(one_well, sinks=["nes1"], duration=0.2, rate=500.0, release=trial))
     assert labels(figure) == ["elongation"] and figure.axes[0].get_title("left") == "nes1: one well"
-
-
-RATE, COUNT = 1000.0, 8192
-TIME = np.arange(COUNT) / RATE
-
-
-def sampled(**channels: np.ndarray) -> lw.Record:
-    return lw.Record.from_arrays(TIME, {f"x:{name}": values for name, values in channels.items()})
-
-
-def test_a_line_that_starts_late_is_dark_from_there_on() -> None:
-    noise = 0.01 * np.random.default_rng(61).normal(size=COUNT)
-    late = noise + np.sin(2.0 * np.pi * 125.0 * TIME) * (TIME > 4.0)
-    axes = lw.plot.spectrogram(sampled(m1=late), "x:m1")
-    power = np.asarray(axes.collections[0].get_array())  # frequencies by blocks
-    line = power[np.argmax(power.sum(axis=1))]
-    assert np.argmax(power.sum(axis=1)) / (len(power) - 1) == pytest.approx(0.25, abs=0.01)
-    assert line[-3:].min() > 1e3 * line[:3].max()
-
-
-def test_independent_noise_exceeds_the_level_of_chance_in_one_of_twenty() -> None:
-    """Of 512 frequencies in two pairs 26, within four standard deviations of a count."""
-    rng = np.random.default_rng(62)
-    noises = sampled(**{f"m{number}": rng.normal(size=COUNT) for number in range(4)})
-    exceeded = 0
-    for first, second in (("x:m0", "x:m1"), ("x:m2", "x:m3")):
-        values, level = lw.plot.coherence(noises, first, second).get_lines()
-        exceeded += int(np.sum(np.asarray(values.get_ydata()) > np.asarray(level.get_ydata())[0]))
-    assert 6 < exceeded < 46
-
-
-def test_what_follows_linearly_is_coherent() -> None:
-    rng = np.random.default_rng(63)
-    first = rng.normal(size=COUNT)
-    second = 3.0 * first + rng.normal(size=COUNT)
-    values, _ = lw.plot.coherence(sampled(m1=first, m2=second), "x:m1", "x:m2").get_lines()
-    assert np.mean(np.asarray(values.get_ydata())) == pytest.approx(0.9, abs=0.03)
 
 
 CHAIN = lw.bnes_chain(2)
@@ -167,33 +128,6 @@ def test_lines_are_the_shapes_at_the_points() -> None:
         assert list(line.get_ydata()) == [values[mode] for values in SHAPES.values()]  # type: ignore[arg-type]
 
 
-def test_bars_are_two_standard_deviations_either_way() -> None:
-    bars = some(lw.plot.shapes(wing().known_to_within(shape=0.05)).containers)[0].get_children()[-1]
-    assert isinstance(bars, LineCollection)
-    np.testing.assert_allclose([np.ptp(ends[:, 1]) for ends in bars.get_segments()], 4.0 * 0.05, atol=1e-12)
-    known = [part for bars in some(lw.plot.shapes(wing()).containers) for part in bars.get_children()]
-    assert not any(isinstance(part, LineCollection) for part in known)
-
-
-def test_every_host_and_unit_has_a_panel() -> None:
-    """Shapes of points that turn have another unit and size."""
-    two = structure({}, hosts=[wing(), wing("tail")])
-    assert [axes.get_title(loc="left") for axes in shapes_figure(two).axes] == ["wing", "tail"]
-    shapes = {"tip": (1.7, -1.7), "r": (2.3, -8.0), "mid": (0.6, 1.2)}
-    for rotations, unit in (
-        ([], "1/√kg"),
-        (["r"], "1/√kg or rad/(m √kg)"),
-        (["tip", "r", "mid"], "rad/(m √kg)"),
-    ):
-        beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=rotations)
-        assert lw.plot.shapes(beam).get_ylabel() == f"shape, {unit}"
-    beam = host("beam", (5.0, 31.4), 0.01, shapes, rotations=["r"]).known_to_within(shape=0.02)
-    panels = shapes_figure(structure({}, hosts=[beam], name="beam")).axes
-    assert [panel.get_ylabel() for panel in panels] == ["shape, 1/√kg", "shape, rad/(m √kg)"]
-    names = [[text.get_text() for text in panel.get_xticklabels()] for panel in panels]
-    assert names == [["tip", "mid"], ["r"]]
-
-
 def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
     axes = lw.plot.surface(fitted, "nes1")
     [mesh] = [collection for collection in axes.collections if isinstance(collection, QuadMesh)]
@@ -209,16 +143,6 @@ def test_the_colours_are_the_forces_of_the_law(fitted: lw.Estimate) -> None:
     # what is drawn of the samples may miss an end by the farthest that two of them are apart, each end once
     assert np.ptp(drawn) <= 1e3 * (high - low)
     assert np.ptp(drawn) > 1e3 * (high - low) - 2.0 * np.abs(np.diff(drawn)).max()
-
-
-def test_a_link_with_memory_has_no_surface() -> None:
-    sliding = rig("k*d + F*z", {"k": 400.0, "F": 1.0, "x0": 1e-3}, {"z": "(v - abs(v)*z)/x0"})
-    record = lw.simulate(sliding, duration=2.0, rate=100.0, base="0.01*sin(5*t)").with_noise(40.0, seed=1)
-    fit = lw.identify(record, sliding.unknown("damper.k"))
-    with pytest.raises(
-        lw.StructureError, match="has memory or takes a signal, so that its force is not a function"
-    ):
-        lw.plot.surface(fit, "damper")
 
 
 def numbers(axes: Axes, color: str) -> dict[tuple[int, int], int]:
@@ -243,16 +167,6 @@ def test_each_cell_has_its_per_cent_and_in_red_what_is_wrong_and_trusted() -> No
     np.testing.assert_allclose(colours, np.array(EXACT) / 4.0, rtol=1e-12)
 
 
-def test_without_a_frequency_the_rate_is_shown_and_cells_that_were_not_run_are_empty() -> None:
-    cases = np.array([[4, 0, 4], [4, 4, 0]])
-    axes = lw.plot.success_map(replace(reach_maps()[0], frequency=None, name="a$b$c", cases=cases))
-    assert axes.get_ylabel() == "sampling rate, Hz" and axes.get_title(loc="left") == r"a\$b\$c: discover"
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["100", "500"]
-    assert set(numbers(axes, "black")) == {(0, 0), (0, 2), (1, 0), (1, 1)}
-    with pytest.raises(lw.StudyError, match="nothing to draw: no method of the study looks for terms"):
-        success_figure([])
-
-
 @pytest.fixture
 def measured(fitted: lw.Estimate) -> lw.Estimate:
     """The same estimate as if its record had been measured: nobody knows the truth."""
@@ -266,25 +180,6 @@ def waves(count: int, *, gap: slice | None = None, samples: int = 500) -> lw.Rec
     if gap is not None:
         channels["x:m1"][gap] = np.nan
     return lw.Record.from_arrays(time, channels, source="waves.csv")
-
-
-@pytest.mark.parametrize(
-    ("largest", "expected"),
-    [
-        (0.02, (1e3, "mm")),
-        (1.0, (1.0, "m")),
-        (999.0, (1.0, "m")),
-        (1000.0, (1e-3, "km")),
-        (3e-7, (1e9, "nm")),
-        (1e-15, (1e9, "nm")),
-        (0.0, (1.0, "m")),
-        (float("nan"), (1.0, "m")),
-    ],
-)
-def test_scale_brings_numbers_near_one(largest: float, expected: tuple[float, str]) -> None:
-    factor, unit = scale(largest, "m")
-    assert factor == pytest.approx(expected[0], rel=1e-12) and unit == expected[1]
-    assert scale(largest, "") == scale(largest, "?") == (1.0, "")
 
 
 def test_envelope_keeps_every_extreme_and_every_gap() -> None:

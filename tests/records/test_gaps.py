@@ -9,13 +9,12 @@ from present import present
 from problems import PROBLEMS, chain_record, parsed
 from rigs import hysteretic, measured, run
 from structures import beam_of_one_mode, link, oscillator
-from within import masses
 
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel, require_complete
-from linkwise.records.joining import common_samples, sampled_every
+from linkwise.records.joining import common_samples
 from linkwise.records.timeline import resample_evenly
 from linkwise.signals.noise import channel_noise
 
@@ -81,32 +80,6 @@ def two_rates(every: int, first: int = 0) -> lw.Record:
     return replace(record, values=values)
 
 
-@pytest.mark.parametrize("first", [0, 1])
-def test_common_samples_are_those_of_the_slower_channel(first: int) -> None:
-    record = two_rates(3, first)
-    common = present(common_samples(record))
-    assert common.rate == pytest.approx(record.rate / 3, rel=1e-12)
-    assert common.start == pytest.approx(first / record.rate, rel=1e-12)
-    np.testing.assert_array_equal(common.values, record.values[first::3])
-
-
-def test_a_record_with_some_gaps_has_one_rate() -> None:
-    record = two_rates(1)
-    assert common_samples(record) is None
-    values = record.values.copy()
-    values[100:900, 0] = np.nan
-    values[::7, 1] = np.nan
-    assert common_samples(replace(record, values=values)) is None
-    assert sampled_every(np.zeros(5, dtype=bool)) == 1
-    thinned = np.zeros(3000, dtype=bool)  # samples of a channel at a lower rate may be missing
-    thinned[1::3] = np.random.default_rng(3).random(1000) < 0.8
-    assert sampled_every(thinned) == 3
-    slow = np.full((len(record), 1), np.nan)  # a slow load cell does not thin the motion
-    slow[::100] = 1.0
-    channels = parsed(*record.channels, "f:nes1")
-    assert common_samples(replace(record, channels=channels, values=np.hstack([record.values, slow]))) is None
-
-
 @pytest.mark.parametrize("every", [2, 5])
 def test_noise_of_a_slower_channel_is_that_of_its_samples(every: int) -> None:
     """It was taken for rounding, 1e-12 of the motion."""
@@ -136,15 +109,6 @@ def test_laws_are_found_from_all_samples_of_channels_at_two_rates(every: int) ->
     assert narrower < wider
     with pytest.raises(lw.IdentificationError, match="keep the samples that all sensors have"):
         lw.identify(record, chain.unknown("nes"), method="weak")
-
-
-def test_links_are_discovered_from_channels_at_two_rates_and_the_slower_is_told_once_with_its_rate() -> None:
-    discovery = lw.discover(two_rates(2), masses(lw.bnes_chain(2)))
-    assert discovery.trusted
-    assert {link.name for link in discovery.structure.links} == {"m1-ground", "m2-m1"}
-    (alert,) = lw.inspect(two_rates(4)).alerts
-    assert (alert.kind, alert.channel) == ("dropped", "x:m2")
-    assert "in one of 4 rows, so that its rate is 250 Hz" in alert.message
 
 
 @pytest.mark.parametrize("missing", [0.6, 0.7])
@@ -268,12 +232,6 @@ def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Reco
         "across gaps that are short against the changes of this input"
     )
     assert error.value.arguments == ("earliest", "latest")
-
-
-def test_a_modal_test_refuses_a_gap_in_its_force() -> None:
-    message = r"channel force:beam\.tip: 2 of 201 samples are missing"
-    with pytest.raises(lw.IdentificationError, match=message):
-        lw.modal.identify_host(_lacking(_beam()))
 
 
 @pytest.mark.parametrize(

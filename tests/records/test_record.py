@@ -14,7 +14,7 @@ from linkwise.errors import ArgumentTypeError, RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.records.timeline import ATTENUATION, PASSBAND, lowpass
+from linkwise.records.timeline import ATTENUATION, PASSBAND
 from linkwise.records.truth import EnergyBalance, SimulationTruth
 
 N = 400
@@ -222,19 +222,6 @@ def test_noise_has_the_variance_of_the_paper(decibel: float) -> None:
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(n)
 
 
-def test_noise_of_a_channel_depends_on_seed_and_name_only(record: Record) -> None:
-    both = record.with_noise(20.0, seed=3)
-    alone = record.select(["a:m2"]).with_noise(20.0, seed=3)
-    assert np.array_equal(both.channel("a:m2"), alone.channel("a:m2"))
-    assert not np.array_equal(both.channel("a:m2"), record.with_noise(20.0, seed=4).channel("a:m2"))
-    draws = (both.values - record.values)[:, :2] / np.sqrt(np.mean(record.values[:, :2] ** 2, axis=0))
-    # four deviations of the correlation of N independent pairs
-    assert abs(np.corrcoef(draws.T)[0, 1]) < 4.0 / np.sqrt(N)
-    assert np.array_equal(both.channel("force:m1"), record.channel("force:m1"))
-    assert np.array_equal(both.channel("x:base"), record.channel("x:base"))
-    assert both.notes == ("Noise of 20 dB per channel was added (seed 3).",)
-
-
 def test_added_noise_is_part_of_the_truth_only(record: Record) -> None:
     known = replace(record, noise={"x:m1": 0.1, "x:base": 0.2}, simulated=truth(N))
     noisy = known.with_noise(20.0, seed=3)
@@ -267,28 +254,6 @@ def test_decimation_keeps_the_passband_and_its_phase(factor: int) -> None:
         expected = np.cos(2.0 * np.pi * frequency * thin.time + 0.3)
         # the ripple that the filter is designed for
         assert np.max(np.abs(thin.channel("x:m1") - expected)) < 1.1 * ripple
-
-
-@pytest.mark.parametrize("factor", [2, 5, 16])
-@pytest.mark.parametrize("share", [1.2, 1.3, 1.7])
-def test_decimation_suppresses_what_would_alias(factor: int, share: float) -> None:
-    frequency = share * RATE / factor / 2.0
-    left = np.max(np.abs(tone(frequency).decimate(factor).channel("x:m1")))
-    assert 20.0 * np.log10(left) < -ATTENUATION
-    plain = tone(frequency).channel("x:m1")[::factor]
-    assert np.max(np.abs(plain)) > 0.9  # unfiltered, the tone comes back at full size
-
-
-def test_decimation_picks_the_truth_at_the_same_instants() -> None:
-    whole = replace(tone(10.0, 2000), noise={"x:m1": 0.5}, simulated=truth(2000))
-    thin = whole.decimate(4)
-    assert np.array_equal(present(thin.simulated).displacement[:, 0], np.rint(thin.time * RATE))
-    assert len(present(thin.simulated).energy.supplied) == len(thin)
-    assert thin.notes == (
-        "Decimated by 4 behind an anti-alias filter, which leaves 50 % of the standard deviation of white noise; "
-        f"{lowpass(4).half} samples at each end were dropped, where the filter is incomplete.",
-    )
-    assert whole.decimate(1) is whole
 
 
 def test_motion_that_folds_is_told() -> None:

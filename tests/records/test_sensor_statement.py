@@ -1,7 +1,6 @@
 """What is stated of sensors: known errors are taken out of the samples, and the rest is kept as their uncertainty."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -61,20 +60,6 @@ def test_a_sensor_shows_gain_times_motion_and_offset() -> None:
     assert "x:m1: an offset of 0.0002 m and a gain of 1.25 were removed, as known." in corrected.notes
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        {"gain": "20 +- 5 %"},
-        {"gain": "20 +- 1"},
-        {"gain": {"start": 20.0, "sigma": "5 %"}},
-        {"gain": 20.0, "calibration": "5 %"},
-    ],
-    ids=str,
-)
-def test_a_percentage_is_of_the_gain_that_is_stated(given: Mapping[str, object]) -> None:
-    assert lw.records.SensorStatement.of(given, "x:m1").uncertainty.gain == pytest.approx(0.05, rel=1e-12)
-
-
 def test_a_known_delay_is_taken_out_and_what_is_found_beside_a_value_that_was_removed_is_told() -> None:
     """An offset of 1 mm that is stated as 0.3 +- 0.1 mm is found as 0.7 mm."""
     late = 1e-3 * np.sin(30.0 * (T - 0.01))
@@ -88,18 +73,6 @@ def test_a_known_delay_is_taken_out_and_what_is_found_beside_a_value_that_was_re
     assert told in with_statements(record, {"x:m1": statement(offset="0.3 mm +- 0.1 mm")}).notes
     for offset in ("0.3 mm", "+- 0.1 mm", "unknown"):
         assert told not in with_statements(record, {"x:m1": statement(offset=offset)}).notes
-
-
-@pytest.mark.parametrize(
-    ("units", "known", "removed"),
-    [({"state:piezo.V": "mV"}, "5 mV", "0.3 mV"), ({}, "0.005 in its SI unit", "0.0003 in its SI unit")],
-)
-def test_notes_on_a_voltmeter_have_its_unit(units: dict[str, str], known: str, removed: str) -> None:
-    record = lw.Record(0.0, 200.0, ("state:piezo.V",), MOTION[:, None], units=units)
-    stated = lw.records.SensorStatement.of({"offset": "0.3 mV +- 5 mV"}, "state:piezo.V")
-    notes = with_statements(record, {"state:piezo.V": stated}).notes
-    assert f"state:piezo.V: its offset is known to {known}." in notes
-    assert f"state:piezo.V: an offset of {removed} was removed, as known." in notes
 
 
 def test_what_is_known_of_sensors_is_written_and_read_back() -> None:
@@ -134,16 +107,6 @@ def test_a_known_error_of_all_sensors_is_not_dropped_in_silence(stated: dict[str
         with_statements(record, {"common": statement("common", **stated)})
     known = with_statements(record, {"common": statement("common", gain="+- 1 %")})
     assert known.uncertainty == {"common": lw.records.SensorUncertainty(gain=0.01)}
-
-
-def test_channels_keep_what_is_known_of_them() -> None:
-    of_first, of_all = lw.records.SensorUncertainty(offset=1e-4), lw.records.SensorUncertainty(gain=0.01)
-    known = {"x:m1": of_first, "common": of_all}
-    both = lw.Record(0.0, 200.0, ("x:m1", "x:m2"), np.stack([MOTION, MOTION**2], axis=1), uncertainty=known)
-    assert both.select(["x:m2"]).uncertainty == {"common": known["common"]}
-    assert both.select(["x:m1"])[10:].decimate(1).uncertainty == known
-    second = replace(both.select(["x:m2"]), uncertainty={"x:m2": lw.records.SensorUncertainty(delay=1e-3)})
-    assert set(lw.records.beside(both.select(["x:m1"]), second).uncertainty) == {"x:m1", "x:m2", "common"}
 
 
 @pytest.mark.parametrize(

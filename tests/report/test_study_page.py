@@ -2,7 +2,6 @@
 
 import csv
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +14,9 @@ from reach_rows import TEXT, reach_rows, reach_study
 
 import linkwise as lw
 from linkwise.paper.tables import TABLE_2, Table2, explanation
-from linkwise.report.study import STUDY_FIGURES, StudyReport, percent, study_page
+from linkwise.report.study import STUDY_FIGURES, StudyReport, study_page
 from linkwise.study.definition import parse_study, read_study
-from linkwise.study.row import FAILED, Case, Row
+from linkwise.study.row import FAILED, Row
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -36,16 +35,6 @@ def judged(rows: list[Row]) -> tuple[Table2, dict[str, bool | None]]:
     """The comparison of rows with the paper, and their claims."""
     report = StudyReport.of(STUDY, rows)
     return report.comparison, {claim.text: claim.met for claim in report.claims}
-
-
-def changed(changes: Callable[[Case, int], float | None]) -> list[Row]:
-    """The rows of the study with other medians for the cases and masses that have one here."""
-
-    def median(case: Case, masses: int) -> float:
-        value = changes(case, masses)
-        return error(case, masses) if value is None else value
-
-    return paper_rows(STUDY, median)
 
 
 def claim(rows: list[Row], start: str) -> tuple[str, bool | None]:
@@ -75,62 +64,6 @@ def test_the_best_convention_is_found_and_its_closeness_told() -> None:
     comparison, _ = judged(few)
     off = [cell for cell in comparison.cells if explanation(cell, BEST, comparison.classical)]
     assert {cell.masses for cell in off} == {8, 10}
-
-
-def test_likelihood_is_held_to_five_hundred_times_below_the_paper() -> None:
-    assert claim(paper_rows(STUDY), "ml at 20 dB") == (
-        "ml at 20 dB: at most 0.0001 % (2 masses), 5000 times below the paper's physics-informed 0.5 % in every cell; "
-        "500 times was asked for.",
-        True,
-    )
-    worse = changed(lambda case, masses: 1.001e-3 if (case.method, masses) == ("ml", 4) else None)
-    text, met = claim(worse, "ml at 20 dB")
-    assert met is False and "490 times below" in text
-    assert "misses 500 times in the cells of 4 masses (500 times)" in text
-    gone = [row for row in paper_rows(STUDY) if (row.method, row.masses) != ("ml", 10)]
-    text, met = claim(gone, "ml at 20 dB")
-    assert met is None and "no results yet for 10 masses" in text
-    assert claim([], "ml at 20 dB")[1] is None
-    text, met = claim(gone, "306 of 315 cases were run")
-    assert met is False and "3 of 105 cells are empty" in text
-
-
-def test_physics_informed_stands_beside_the_half_percent_and_doubts_are_counted() -> None:
-    rows = paper_rows(STUDY)
-    text, met = claim(rows, "physics-informed")
-    assert met is True and text.endswith("0.4 to 0.4 %; the paper has around 0.5 %.")
-    off = changed(lambda case, masses: 5.0 if (case.method, masses) == ("physics-informed", 6) else None)
-    text, met = claim(off, "physics-informed")
-    assert met is False and "6 masses miss" in text
-    doubtful = [replace(row, status="chi-square off") if row.seed == 1000 else row for row in rows]
-    text, met = claim(doubtful, "ml trusts")
-    assert met is False and "30 of its 45 answers" in text
-
-
-def test_explanations_say_what_else_would_fit() -> None:
-    """The median is ten times too high everywhere; the best sink and one other convention would do for one cell each."""
-
-    def median(case: Case, masses: int) -> float:
-        if case.method == "classical, states" and (masses, case.snr_db) == (6, 30.0):
-            return TABLE_2[masses, case.snr_db]
-        return TABLE_2[masses, case.snr_db] * 10.0 if case.method == BEST else 1e4
-
-    rows = paper_rows(STUDY, median)
-    for place, row in enumerate(rows):
-        if (row.method, row.masses, row.snr_db) == (BEST, 8, 20.0):
-            rows[place] = replace(row, links={**row.links, "nes1": TABLE_2[8, 20.0]})
-    comparison, _ = judged(rows)
-    explanations = {cell.where: explanation(cell, BEST, comparison.classical) for cell in comparison.cells}
-    assert all(
-        text.startswith("10 times above the paper; 100 % of single cycles")
-        for text in some(explanations.values())
-    )
-    assert "would be classical, states (0.472 %)" in explanations["6 masses, 30 dB"]
-    assert "would be the first sink alone (30.3 %), the best sink (30.3 %)" in explanations["8 masses, 20 dB"]
-    assert (
-        "no mean, no other choice of sink and no other convention comes within"
-        in explanations["2 masses, 40 dB"]
-    )
 
 
 def test_figures_and_table_are_written(paper_report: Path) -> None:
@@ -249,24 +182,3 @@ def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path) -> None:
     fine, coarse = maps[0].exact[1], maps[0].exact[0]
     assert fine[0] == 1 and (coarse == 0).all()  # 25 samples a period at 40 dB, and 5
     assert (folder / "figures" / "success.svg").is_file()
-
-
-def test_the_papers_chain_at_another_noise_has_its_motion_and_no_table_of_the_paper() -> None:
-    text = """
-    snr_db = [50]
-    cycles = 2
-    structure = [{ name = "two", bnes = 2, duration = 6.0, rate = 1000.0, release = { "v:m1" = 1.0 } }]
-    method = [{ kind = "ml" }]
-    """
-    report = StudyReport.of(parse_study(text, "other.toml", Path()), [])
-    assert dict(report.paper.masses) == {"two": 2} and report.comparison.cells == ()
-    assert report.beyond == [("two", 50.0)] and report.trusted is False
-    page = body(study_page(report, {}))
-    assert "0 of 2 cases were run" in page
-    assert "Table 2" not in page
-    assert "<td>two</td><td>50</td><td>–</td>" in page
-
-
-def test_numbers_for_a_table() -> None:
-    values = (None, 0.0, 1e-3, 9.4e-4, 63.08, 4377.2, 2.5e12)
-    assert [percent(value) for value in values] == ["–", "0", "0.001", "9.4·10⁻⁴", "63.1", "4377", "2.5·10¹²"]

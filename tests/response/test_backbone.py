@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from commands import document, refusal
 from scipy.special import ellipk
-from structures import HARDENING, link, oscillator, row_of_masses, structure
+from structures import HARDENING, oscillator, row_of_masses
 
 import linkwise as lw
 from linkwise.model.coefficient import Name
@@ -44,15 +44,6 @@ def test_a_curve_that_ends_too_soon_says_so() -> None:
     curve = lw.backbone(lw.bnes_chain(2), 1, to_amplitude={"x:m1": 0.01})
     assert not curve.reached
     assert "before the end that was asked for" in str(curve)
-
-
-def test_modes_of_a_host_are_followed() -> None:
-    modes = tuple(lw.model.HostMode(hz, 0.01, {"tip": shape}) for hz, shape in ((5.0, 1.0), (31.0, 0.9)))
-    beam = structure({}, link("stop", "beam.tip-ground", "k3*d**3", k3=1e6), hosts=[lw.Host("beam", modes)])
-    curve = lw.backbone(beam, 1, to_amplitude={"x:beam.tip": 0.05})
-    assert curve.channels == ("x:beam.tip",)
-    assert curve.hz[0] == pytest.approx(5.0, rel=1e-4)
-    assert curve.hz[-1] > 6.0
 
 
 def test_what_has_no_backbone_is_refused() -> None:
@@ -109,11 +100,6 @@ def test_motions_end_where_simulations_end() -> None:
             assert run.values[-1, 0] == pytest.approx(rest, abs=1e-3)
     assert sorted(found.rests[:, 0].tolist()) == pytest.approx([-0.01, 0.01])
     assert found.shares.sum() == 1.0
-
-
-def test_a_symmetric_well_has_symmetric_basins() -> None:
-    found = basins(DOUBLE_WELL, {"x:m1": (-0.02, 0.02), "v:m1": (-0.5, 0.5)}, points=8)
-    np.testing.assert_array_equal(found.ends + found.ends[::-1, ::-1], 1)
 
 
 def test_what_is_no_plane_is_refused() -> None:

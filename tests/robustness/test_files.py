@@ -91,17 +91,6 @@ def test_hdf5_data_set_that_is_no_row_of_numbers(value: Any, message: str, tmp_p
     assert error.value.channel == "x:m2"
 
 
-@pytest.mark.parametrize("depth", [5, 300])
-def test_hdf5_deep_groups_and_links_are_read(depth: int, tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        file["time"], file["y"], file["x:m2"] = TIME, Y, h5py.SoftLink("/y")
-        file["g/" * depth + "x:m1"] = X
-        file["g/itself"] = file["g"]
-    record = lw.read_record(tmp_path / "run.h5")
-    np.testing.assert_array_equal(record.channel("x:m1"), X)
-    np.testing.assert_array_equal(record.channel("x:m2"), Y)
-
-
 @pytest.mark.parametrize("suffix", ["h5", "mat"])
 def test_channel_that_our_own_file_states_and_has_not(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"run.{suffix}"

@@ -155,18 +155,6 @@ def test_a_fixed_folder_is_filled(reason: int, tmp_path: Path, monkeypatch: pyte
     assert [entry.name for entry in tmp_path.iterdir()] == ["answer"]
 
 
-def test_a_result_that_was_left_while_its_files_were_replaced_is_still_one(tmp_path: Path) -> None:
-    folder = tmp_path / "answer"
-    folder.mkdir()
-    inside = folder / ".answer.0123abcd.partial"
-    inside.mkdir()
-    fill(inside, "half")
-    (inside / NAMES[0]).rename(folder / NAMES[0])
-    check_result_folder(folder)
-    write(folder, "new")
-    assert whole(folder) == "new"
-
-
 def test_folders_of_others_are_not_swept_away(tmp_path: Path) -> None:
     """Nor is one that is being written to: only those that nobody has touched for a day."""
     leftovers = [".answer.old", ".answer.backup.old", ".answer.0123abcd.partial", ".answer2.0123abcd.old"]
@@ -335,14 +323,6 @@ def test_an_answer_is_written_where_nobody_reads_what_is_printed(
     assert (tmp_path / "answer" / "result.json").is_file()
 
 
-def write_result(folder: Path, **files: str) -> None:
-    """A result as linkwise writes it, of these text files."""
-    with atomic_folder(folder) as partial:
-        for name, text in files.items():
-            (partial / name).write_text(text)
-        (partial / "result.json").write_text(json.dumps({"method": "weak", "files": list(files)}))
-
-
 def test_json_is_readable_by_everyone() -> None:
     assert to_json({"a": [1.5, float("nan")], "b": (float("inf"), "x", None, True, 2)}) == (
         '{"a": [1.5, null], "b": [null, "x", null, true, 2]}'
@@ -359,30 +339,6 @@ def test_file_keeps_its_suffix_while_written_and_a_failed_one_leaves_the_earlier
         partial.write_text("half")
         raise RuntimeError("on the way")
     assert target.read_text() == "text" and list(target.parent.iterdir()) == [target]
-
-
-@pytest.mark.parametrize("earlier", [None, "empty", "result"])
-def test_folder_is_replaced_where_it_may_be(tmp_path: Path, earlier: str | None) -> None:
-    folder = tmp_path / "answer"
-    if earlier == "empty":
-        folder.mkdir()
-    elif earlier == "result":
-        write_result(folder, a="1", b="2")
-    write_result(folder, a="3")
-    assert {path.name for path in folder.iterdir()} == {"a", "result.json"}
-    assert (folder / "a").read_text() == "3" and list(tmp_path.iterdir()) == [folder]
-
-
-def test_what_the_user_put_beside_a_result_is_kept(tmp_path: Path) -> None:
-    folder = tmp_path / "answer"
-    write_result(folder, a="1", b="2")
-    (folder / "notes.txt").write_text("mine")
-    (folder / "photos").mkdir()
-    (folder / "photos" / "rig.txt").write_text("mine too")
-    write_result(folder, a="3")
-    assert (folder / "notes.txt").read_text() == "mine"
-    assert (folder / "photos" / "rig.txt").read_text() == "mine too"
-    assert not (folder / "b").exists()
 
 
 @pytest.mark.parametrize("text", [None, "no JSON", '{"files": []}', '["method"]', '{"method": "weak"}'])

@@ -15,7 +15,6 @@ from linkwise.display import csv_cell, from_csv_cell
 NAMES = {  # a name holds none of [ ] : = / and the backslash
     "script": 'x")+document.write("mine")+("',
     "element": "<script>document.write(1)<script>a\" onmouseover \"b' onclick '",
-    "half mathematics": "$frac{",
     "mathematics": "$x^2$ $y$ {{ 7*7 }}{% x %}",
     "formula": "+cmd|' 'C'!A0,b\"c",
     "at": "＠SUM(1)",  # full width, which some spreadsheets take for a formula too

@@ -97,14 +97,3 @@ def test_a_file_without_an_end_is_refused(arguments: list[str], tmp_path: Path) 
     )
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.startswith("linkwise: /dev/zero") and len(done.stderr) < 300
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("text", ["k = " + "[" * 20_000, "k = " + "9" * 10_000, "[" + "a." * 20_000 + "b]"])
-def test_toml_without_end_is_refused(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "deep.toml"
-    path.write_text(text)
-    for arguments in (["structure", "show", str(path)], ["study", str(path), "-o", str(tmp_path / "out")]):
-        assert run(arguments) == 2
-        error = capsys.readouterr().err
-        assert error.startswith(f"linkwise: {path}") and len(error) < 4000

@@ -150,15 +150,6 @@ def test_what_lies_between_the_samples_is_the_motion_of_the_band() -> None:
     assert np.sqrt(np.mean(error[inner] ** 2)) < 0.02 * np.sqrt(np.mean(record.values**2))
 
 
-def test_noise_has_the_same_size_between_samples() -> None:
-    noise = np.random.default_rng(5_003_710).normal(size=400)
-    record = lw.Record(0.0, 10.0, ("x:m1",), noise[:, None], noise={"x:m1": 0.1})
-    dense, factor = denser(record)
-    between = dense.values[factor // 2 :: factor]
-    assert factor > 1 and dense.noise == {"x:m1": 0.1}
-    np.testing.assert_allclose(np.std(between), np.std(noise), rtol=0.1)
-
-
 def test_dense_long_and_incomplete_records_are_left_as_they_are() -> None:
     dense, long = tones(400.0), tones(40.0, 60.0)
     gap = tones(40.0)
@@ -166,12 +157,3 @@ def test_dense_long_and_incomplete_records_are_left_as_they_are() -> None:
     assert not is_sparse([dense]) and not is_sparse([long])
     assert denser(dense) == (dense, 1) and denser(long) == (long, 1) and denser(gap) == (gap, 1)
     assert is_sparse([tones(40.0)]) and not is_sparse([tones(40.0, 40.0), tones(40.0, 40.0)])
-
-
-def test_inputs_that_are_held_between_samples_are_not_interpolated() -> None:
-    record = tones(40.0)
-    values = np.column_stack([record.values, np.sign(record.values)])
-    held = lw.Record(0.0, 40.0, ("x:m1", "force:m1"), values, interpolation={"force:m1": "held"})
-    assert denser(held) == (held, 1)
-    smooth = replace(held, interpolation={"force:m1": "band-limited"})
-    assert denser(smooth)[1] > 1

@@ -30,17 +30,6 @@ def _noisy(decibel: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return clean + np.random.default_rng(seed).normal(size=clean.shape) * sigma, sigma
 
 
-@pytest.mark.parametrize("decibel", [10.0, 20.0, 40.0, 60.0])
-def test_the_noise_is_found_within_five_per_cent(decibel: float) -> None:
-    # Standard deviation of the estimate at N = 6001 is 1.2 %: 5 % is four of them.
-    ratios = []
-    for seed in range(8):
-        noisy, sigma = _noisy(decibel, seed)
-        ratios.append(noise_sigma(noisy) / sigma)
-    # as stated at the top; measured 0.040
-    assert np.max(np.abs(np.array(ratios) - 1)) < 0.05
-
-
 @pytest.fixture(scope="module", params=[2, 6])
 def chain(request: pytest.FixtureRequest) -> Record:
     """The paper's chain: 6 s at 1 kHz, displacements only."""
@@ -66,19 +55,6 @@ def test_motion_alone_is_not_taken_for_noise_nor_between_gaps_and_units_scale_it
     np.testing.assert_allclose(noise_sigma(1e3 * noisy), 1e3 * noise_sigma(noisy), rtol=1e-12)
 
 
-@pytest.mark.parametrize("missing", [0.01, 0.05])
-def test_missing_samples_are_left_out(missing: float) -> None:
-    # 5 % of single missing samples leave blocks of 20: about 400 degrees of freedom, standard deviation 3.5 %.
-    noisy, sigma = _noisy(20.0, 5)
-    holed = np.where(np.random.default_rng(6).random(noisy.shape) < missing, np.nan, noisy)
-    # four deviations of that; measured 0.058
-    np.testing.assert_allclose(noise_sigma(holed), sigma, rtol=0.15)
-    noisy, sigma = _noisy(20.0, 7)
-    noisy[1000:2000, 1] = np.nan  # one gap costs only its blocks
-    # over four deviations, 1.3 % each with a sixth of the samples gone; measured 0.006
-    np.testing.assert_allclose(noise_sigma(noisy), sigma, rtol=0.06)
-
-
 @pytest.mark.parametrize("missing", [0.1, 0.2, 0.3])
 def test_noise_is_found_where_no_block_is_complete(missing: float) -> None:
     """Differences of order 8 in N = 6001 samples have a standard error of 2 %, larger where gaps stretch them: four of 3 %."""
@@ -97,15 +73,6 @@ def test_an_encoder_that_rests_has_the_noise_of_its_steps(still: float) -> None:
     moving = np.maximum(time - still * time[-1], 0.0)
     shown = step * np.round((np.minimum(moving, 1.0) * 0.03 * np.sin(9.0 * time) + 0.0123) / step)
     assert noise_sigma(shown)[0] == pytest.approx(step / np.sqrt(12.0), rel=0.1)
-
-
-def test_a_channel_that_never_changes_has_no_noise_and_one_without_data_none_to_tell() -> None:
-    assert noise_sigma(np.full(600, 0.1))[0] == 0.0
-    values = np.column_stack([np.random.default_rng(0).normal(size=200), np.full(200, np.nan)])
-    sigma = noise_sigma(values)
-    # the estimate from 200 samples has a deviation of 7 %: nearly three of them
-    assert 0.8 < sigma[0] < 1.2
-    assert np.isnan(sigma[1])
 
 
 def test_the_bandwidth_is_where_the_motion_sinks_into_the_noise_or_where_that_is_known() -> None:

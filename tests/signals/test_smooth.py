@@ -59,39 +59,6 @@ def test_the_spline_reproduces_cubics_at_any_smoothing() -> None:
         np.testing.assert_allclose(spline.second()[:, 0], cubic.deriv(2)(TIME), atol=1e-8 * RATE**2)
 
 
-def test_without_noise_the_spline_interpolates_with_its_order() -> None:
-    # A quintic spline's second derivative is of fourth order in the step, its slope of fifth or better.
-    errors = []
-    for frequency in (20.0, 10.0):
-        exact = _motion(frequency)
-        spline = smoothing_spline(exact[0], RATE, smoothing=1e-8)
-        inner = slice(20, -20)
-        scale = (2 * np.pi * frequency) ** 2
-        errors.append(np.max(np.abs(spline.second() - exact[2])[inner, 0]) / scale)
-    # the declared order is four; measured 4.01
-    assert np.log2(errors[0] / errors[1]) > 3.7
-
-
-@pytest.mark.parametrize("decibel", [20.0, 40.0])
-def test_cross_validation_finds_a_smoothing_near_the_best(decibel: float) -> None:
-    value, first, _ = _motion()
-    sigma = np.sqrt(np.mean(value**2, axis=0) * 10 ** (-decibel / 10))
-    noisy = value + np.random.default_rng(3).normal(size=value.shape) * sigma
-    chosen = smoothing_spline(noisy, RATE)
-    others = [smoothing_spline(noisy, RATE, smoothing=weight) for weight in np.logspace(-8, 12, 41)]
-    best = np.min([np.mean((shorter.value() - value) ** 2, axis=0) for shorter in others], axis=0)
-    # Cross-validation is efficient but not exact; a factor 2 in mean square is its usual loss on single channels.
-    assert np.all(np.mean((chosen.value() - value) ** 2, axis=0) < 2 * best)
-    assert chosen.smoothing[1] > chosen.smoothing[0]  # the slower channel is smoothed more
-    # so much is left by a pass band five times that of the motion, sqrt(2 55/500) = 0.47; measured 0.32
-    assert np.all(np.std(chosen.value() - value, axis=0) < 0.5 * sigma)
-    inner = slice(chosen.reach, -chosen.reach)
-    # central differences of the same samples; a pass band of 45 Hz leaves a fifth of their noise; measured 0.09
-    crude = np.gradient(noisy, 1 / RATE, axis=0)
-    errors = [np.std((slope - first)[inner], axis=0) for slope in (chosen.first(), crude)]
-    assert np.all(errors[0] < 0.2 * errors[1])
-
-
 def test_smoothers_refuse_gaps_and_short_records() -> None:
     holed = np.sin(TIME)
     holed[[30, 31]] = np.nan

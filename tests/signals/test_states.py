@@ -54,15 +54,6 @@ def test_another_order_is_refused() -> None:
         finite_differences(X[:5], RATE, 2, order=6)
 
 
-def test_measured_motion_is_taken_as_it_is() -> None:
-    states = differentiate(_record(x_m1=X[:, 0], v_m1=V[:, 0] + 1e-3, a_m1=A[:, 0] - 1e-3))
-    np.testing.assert_array_equal(states.x[:, 0], X[:, 0])
-    np.testing.assert_array_equal(states.v[:, 0], V[:, 0] + 1e-3)
-    np.testing.assert_array_equal(states.a[:, 0], A[:, 0] - 1e-3)
-    assert len(states) == len(TIME)
-    assert states.time[0] == 0.5
-
-
 @pytest.mark.parametrize(
     ("method", "v_limit", "a_limit"),
     [
@@ -80,20 +71,6 @@ def test_methods_derive_what_is_missing(
     for mass in range(2):
         assert _share(states.v[:, mass], V[inner, mass]) < v_limit
         assert _share(states.a[:, mass], A[inner, mass]) < a_limit
-
-
-def test_a_measured_velocity_gives_the_better_acceleration() -> None:
-    random = np.random.default_rng(0)
-    x = X[:, 0] + 1e-2 * random.normal(size=len(X))
-    v = V[:, 0] + 1e-2 * W[0] * random.normal(size=len(X))
-    alone, both = differentiate(_record(x_m1=x)), differentiate(_record(x_m1=x, v_m1=v))
-    assert len(alone) == len(TIME[np.isin(TIME + 0.5, alone.time)]) < len(TIME)
-    errors = [_share(s.a[:, 0], A[np.isin(TIME + 0.5, s.time), 0]) for s in (alone, both)]
-    # what was measured needs one derivative less; measured 0.40
-    assert errors[1] < 0.7 * errors[0]
-    np.testing.assert_array_equal(both.x[:, 0], x[np.isin(TIME + 0.5, both.time)])
-    # the noise is 1e-2 of the motion's amplitude, half of it must go; measured a quarter
-    assert _share(alone.x[:, 0], X[np.isin(TIME + 0.5, alone.time), 0]) < 0.5 * 1e-2 * np.sqrt(2)
 
 
 def test_forces_and_base_motion_come_along() -> None:

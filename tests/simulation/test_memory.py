@@ -14,31 +14,22 @@ import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.expression import Number, Program, substitute
 
-END, RATE = 3.0, 100.0  # s, Hz: each law passes its kinks several times
+END, RATE = 2.0, 100.0  # s, Hz: each law passes its kinks several times
 VELOCITY = 0.5  # m/s at the start: dry friction has no solution at rest
 DRIVE = "30*sin(7*t) + 12*sin(2.3*t)"
 VALUES: dict[str, dict[str, float]] = {  # such that 30 N take each law through its nonlinear range
     "bouc-wen": {"k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "s": 0.7},
-    "bouc-wen-classical": {"k": 60.0, "c": 0.8, "kh": 240.0, "beta": 8.0, "gamma": -11.0},
     "bouc-wen-baber-noori": {
         "k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "s": 0.7, "nu": 0.02, "eta": 0.01, "zs": 0.8, "p": 0.3, "q": 0.1,
         "psi": 0.3, "dpsi": 0.01, "lam": 0.4,
     },
     "backlash-slip": {"k": 60.0, "c": 0.8, "F": 12.0, "x0": 0.05, "g": 0.4},
     "band-brake": {"k": 60.0, "c": 0.8, "Fp": 12.0, "Fm": 14.0, "x0": 0.05, "g": 0.4, "b": 0.4, "w": 25.0, "h": 0.3},
-    "dahl": {"sigma": 300.0, "Fc": 12.0, "c": 1.0},
     "lugre": {"s0": 300.0, "s1": 0.5, "s2": 1.0, "Fc": 10.0, "Fs": 14.0, "vs": 0.4},
-    "jenkins": {"k": 200.0, "Fs": 12.0},
     "iwan(3)": {"FS": 15.0, "KT": 300.0, "chi": -0.4, "beta": 0.7},
     "maxwell": {"k": 100.0, "c": 9.0},
-    "zener": {"k": 60.0, "k1": 100.0, "c1": 9.0},
     "fractional(3)": {"K": 5.0, "a": 0.4, "w": 0.3},
-    "stribeck": {"Fc": 0.6, "Fs": 0.9, "vs": 0.4, "c": 1.0},
-    "hertz": {"kh": 400.0, "gap": 0.02},
     "piezo": {"k": 60.0, "c": 0.8, "theta": 0.02, "C": 5e-5, "R": 4e3},
-    "coil": {"k": 60.0, "c": 0.8, "g": 5.0, "L": 0.3, "R": 8.0},
-    "piezo-harvester": {"alpha": -40.0, "beta": 90.0, "c": 0.8, "theta": 0.02, "C": 5e-5, "R": 4e3},
-    "coil-harvester": {"alpha": -40.0, "beta": 90.0, "c": 0.8, "g": 5.0, "L": 0.3, "R": 8.0},
 }  # fmt: skip
 GROUND_SPRING = link("spring", "m1-ground", "k*d + c*v", k=40.0, c=0.5)
 

@@ -16,7 +16,6 @@ from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.records.truth import EnergyBalance
-from linkwise.simulation.energy import kinetic_energy, potential_energy
 from linkwise.simulation.run import RunOptions, RunSchedule, integrate
 from linkwise.simulation.simulate import simulate
 
@@ -121,18 +120,6 @@ def test_the_energy_balance_of_a_chain_closes(drive: dict[str, Any]) -> None:
     assert energy.supplied[-1] > 0.0
 
 
-def test_the_energy_balance_would_show_an_error() -> None:
-    record = chain_record(4, duration=0.7, rate=200.0)
-    energy = present(record.simulated).energy
-    # the first damper takes a seventh of the energy: a thousand times more than the balance may be open by
-    assert np.abs(energy.dissipated[:, 0]).max() > 1e-3 * energy.supplied[0]
-    assert present(record[20:50].simulated).energy.kinetic == pytest.approx(energy.kinetic[20:50], abs=0.0)
-    chain = bnes_chain(2)  # at given motions, in closed form
-    x, v = np.array([[0.001, 0.011], [0.0, 0.0]]), np.array([[1.0, -2.0], [0.0, 3.0]])
-    np.testing.assert_allclose(kinetic_energy(chain, v), [0.5 + 0.02, 0.045], rtol=1e-12)
-    np.testing.assert_allclose(potential_energy(chain, x), [[0.015, -0.0025], [0.0, 0.0]], rtol=1e-12)
-
-
 def test_two_masses_are_predictable_and_ten_are_not() -> None:
     """METHODS section 1: an error of 1e-4 is reached at 1.25 s; 1e-3 of the motion a little later."""
     calm, chaotic, wilder = (present(chain_record(masses).simulated).horizon for masses in (2, 10, 6))
@@ -176,7 +163,6 @@ def test_a_resting_structure_rests_and_a_simulated_record_survives_a_pickle(spri
         ("alpha*d", {"alpha": -100.0}, 1.2, "the motion diverges: at 1.2"),
         ("k3*d**3", {"k3": -100.0}, 0.69, "the motion diverges: at 0.697244 s the displacement of mass m1"),
         ("k*d + c*v", {"k": 100.0, "c": -1.0}, 23.0, "a link with negative stiffness or damping"),
-        ("k3*d**3 + c*v", {"k3": 100.0, "c": -1.0}, 30.0, "the motion diverges"),
         ("k*sqrt(1 + d/s)", {"k": 10.0, "s": 0.05}, 0.2, "the displacement of mass m1 is -0.05 m"),
     ],
 )
@@ -204,7 +190,6 @@ def sampled(end: float, start: float = 0.0) -> Sampled:
 
 REFUSED = {
     "no duration": ({"duration": 0.0}, "duration must be positive and finite, got 0.0 s"),
-    "no rate": ({"rate": -1.0}, "rate must be positive and finite, got -1.0 Hz"),
     "one sample": ({"duration": 0.001}, "0.001 s at 100 Hz is less than one sampling interval"),
     "too many samples": ({"rate": 1e15}, "at 1e+15 Hz are 1e+15 samples, more than memory can hold; simulate a sh"),
     "neither": ({"duration": None}, "duration in s and rate in Hz, or times, must be given"),
@@ -213,8 +198,6 @@ REFUSED = {
     "past": ({"duration": None, "rate": None, "times": [-1.0, 0.0, 1.0]}, "two increasing numbers, not negative"),
     "release": ({"release": {"x:m12": 1.0}}, "unknown mass 'm12' in a release; did you mean \"m2\"?; the masses are m1, m2"),
     "kind": ({"release": {"a:m1": 1.0}}, "unknown release 'a:m1'; expected a displacement, such as x:m1, or a velocity, v:m1"),
-    "no kind": ({"release": {"m1": 1.0}}, "unknown release 'm1'"),
-    "blow": ({"impulses": [Impulse("M1", 1.0)]}, "unknown mass 'M1' in an impulse"),
     "late": ({"impulses": [Impulse("m1", 1.0, 1.0)]}, "the impulse on m1 at 1 s is after the end of the simulation (1 s)"),
     "force": ({"forces": {"x": "1"}}, "unknown mass 'x' in a force; the masses are m1, m2"),
     "short": ({"forces": {"m1": sampled(0.9)}}, "on m1 is sampled from 0 to 0.9 s, but the simulation runs from 0 to 1 s"),
@@ -222,7 +205,6 @@ REFUSED = {
     "sensor": ({"sensors": ["q:m1"]}, "invalid sensor: 'q:m1' is not a channel: unknown kind 'q'; choose from x"),
     "input": ({"sensors": ["force:m1"]}, "force:m1 is an input, which is recorded whenever it drives the structure"),
     "no sensor": ({"sensors": ()}, 'sensors must have at least one kind, "x", "v" or "a"'),
-    "blind": ({"sensors": ["x:m9"]}, "unknown mass 'm9' in a sensor"),
 }  # fmt: skip
 
 

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from present import present, some
-from structures import equal_sinks, link, oscillator, with_links
+from present import some
+from structures import oscillator
 
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.structure import Structure
 from linkwise.signals.states import States
-from linkwise.sindy import library
 from linkwise.sindy.library import Monomials, link_columns, local_equations, monomial_equations
 from linkwise.sindy.regression.regressors import LeastSquares, Stlsq
 
@@ -54,19 +53,6 @@ def test_monomials_are_counted_named_and_evaluated_in_the_same_order() -> None:
         np.testing.assert_allclose(columns[:, column], expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("mixing", [1, 2, 3, 4, None])
-@pytest.mark.parametrize("order", [0, 1, 3, 4])
-def test_a_limit_on_mixing_leaves_out_what_mixes_more(order: int, mixing: int | None) -> None:
-    values = np.random.default_rng(2).normal(size=(20, 4))
-    everything, limited = Monomials(tuple("abcd"), order), Monomials(tuple("abcd"), order, mixing)
-    unmixed = [j for j, name in enumerate(everything.names) if len(set(name) & set("abcd")) <= (mixing or 4)]
-    assert limited.names == tuple(everything.names[j] for j in unmixed)
-    assert len(limited) == len(limited.names)
-    columns = limited.evaluate(values)
-    assert columns.flags.f_contiguous
-    np.testing.assert_array_equal(columns, everything.evaluate(values)[:, unmixed])
-
-
 def test_a_library_that_cannot_be_is_refused() -> None:
     message = "an order of 0 or more and names that differ, got order -1 in a, b"
     with pytest.raises(IdentificationError, match=message):
@@ -75,31 +61,6 @@ def test_a_library_that_cannot_be_is_refused() -> None:
         Monomials(("a", "a"), 2)
     with pytest.raises(IdentificationError, match="mixing must be positive, got 0; mixing=1 keeps powers"):
         Monomials(("a", "b"), 2, mixing=0)
-
-
-def test_masses_of_other_names_and_inputs_have_columns_of_their_own() -> None:
-    states, base = _states(bnes_chain(2), forces=True), np.arange(COUNT) / COUNT
-    states = replace(states, masses=("frame", "sink"), driven=("sink",), base=base)
-    equations = monomial_equations(states, 1)
-    assert equations.names == ("1", "x_frame", "v_frame", "x_sink", "v_sink", "f_sink", "xb")
-    assert equations.targets == ("x_frame'", "x_frame''", "x_sink'", "x_sink''")
-    rows, _ = equations.rows_of(slice(0, COUNT))
-    np.testing.assert_array_equal(rows[:, 5], states.forces[:, 1])
-    np.testing.assert_array_equal(rows[:, 6], states.base)
-
-
-def test_columns_and_equations_of_some_masses() -> None:
-    states = _states(bnes_chain(4), forces=True)
-    everything = monomial_equations(states, 3)
-    chosen = monomial_equations(states, 3, mixing=2, columns_of=("m4", "m3"), equations_of=("m4",))
-    assert chosen.targets == ("x4'", "x4''")
-    assert {"x3", "v4", "x3**2*x4", "f3", "f4"} < set(chosen.names) < set(everything.names)
-    assert not {"x1", "f1", "x3*v3*x4"} & set(chosen.names)
-    whole, target = everything.rows_of(slice(0, COUNT))
-    rows, right = chosen.rows_of(slice(0, COUNT))
-    columns = [everything.names.index(name) for name in chosen.names]
-    np.testing.assert_allclose(rows, whole[:, columns], rtol=1e-12)
-    np.testing.assert_array_equal(right, target[:, 6:8])
 
 
 def test_local_libraries_hold_a_mass_and_its_neighbours_and_find_its_equation() -> None:
@@ -131,25 +92,6 @@ def test_masses_without_states_are_refused() -> None:
         local_equations(states, bnes_chain(4), 3)
 
 
-def test_a_library_beyond_memory_says_its_size_and_what_would_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    flat = np.zeros((40, 50))
-    states = States(np.arange(40.0), tuple(f"m{k + 1}" for k in range(50)), flat, flat, flat, flat)
-    monkeypatch.setattr(library, "available_memory", lambda: 16 * 10**9)
-    with pytest.raises(
-        IdentificationError,
-        match=r"order 3 in the 100 states of 50 masses are 176851 columns; their Gram matrix alone takes 250 GB, a fit "
-        r"1752 GB, and 16 GB are free\. Smaller are mixing=2 \(15151 columns, 13 GB\), mixing=1 \(301 columns, 0\.04 GB\), "
-        r"order=2 \(5151 columns, 1\.52 GB\), columns_of=.* \(link_columns\)",
-    ):
-        monomial_equations(states, 3)
-    monkeypatch.setattr(library, "available_memory", lambda: 10**9)
-    message = r"1\.00 GB are free\. Smaller are mixing=1 \(301 .* columns_of"
-    with pytest.raises(IdentificationError, match=message):
-        monomial_equations(states, 3)
-    assert len(monomial_equations(states, 3, mixing=1).names) == 301
-    assert len(monomial_equations(states, 3, columns_of=("m1", "m2", "m3")).names) == 84
-
-
 @pytest.mark.parametrize("which", [("nes",), ("all",), ("all", "mass:m2"), ("spring1.k", "nes2.beta")])
 def test_the_links_of_the_chain_come_back_exactly(which: tuple[str, ...]) -> None:
     chain = bnes_chain(4)
@@ -163,52 +105,6 @@ def test_the_links_of_the_chain_come_back_exactly(which: tuple[str, ...]) -> Non
         truth = chain.coefficient(name).value
         assert value == pytest.approx(truth, rel=SAME), name
     assert fit.residual[0] < ROUNDING
-
-
-def test_both_masses_of_a_link_share_its_coefficients_and_a_light_mass_counts() -> None:
-    chain = bnes_chain(2)
-    states = _states(chain)
-    equations = link_columns(states, chain.unknown("nes1.alpha"))
-    d = states.x[:, 1] - states.x[:, 0]
-    np.testing.assert_allclose(equations.matrix[:COUNT, 0], -d, rtol=1e-12)  # m1 is the second end
-    np.testing.assert_allclose(equations.matrix[COUNT:, 0], d, rtol=1e-12)
-    unknown = chain.unknown("all")
-    equations = link_columns(states, unknown)
-    for mass, value in some(enumerate(chain.mass_values)):
-        rows = slice(mass * COUNT, (mass + 1) * COUNT)
-        weighted = present(equations.weights)[rows] * value * states.a[:, mass]
-        assert np.sqrt(np.mean(weighted**2)) == pytest.approx(1.0, rel=1e-12)
-    # masses are matched by name
-    columns = {name: getattr(states, name)[:, ::-1] for name in ("x", "v", "a", "forces")}
-    turned = replace(states, masses=("m2", "m1"), **columns)
-    np.testing.assert_array_equal(link_columns(turned, unknown).matrix, equations.matrix)
-
-
-def test_a_wrong_law_does_not_fit() -> None:
-    chain = bnes_chain(2)
-    wrong = with_links(chain, link("nes1", "m2-m1", "alpha*d + c*v"))
-    equations = link_columns(_states(chain), wrong)
-    fit = LeastSquares().fit(equations)
-    target = equations.target.ravel()
-    direct = np.linalg.lstsq(equations.matrix, target)[0]
-    left = np.linalg.norm(target - equations.matrix @ direct) / np.linalg.norm(target)
-    assert fit.residual[0] == pytest.approx(left, rel=SAME) and left > 1e6 * ROUNDING
-
-
-def test_shared_coefficients_are_one_column() -> None:
-    equations = link_columns(_states(bnes_chain(4)), equal_sinks().unknown("nes"))
-    assert "nes1.alpha" in equations.names and "nes2.alpha" not in equations.names
-    fit = LeastSquares().fit(equations)
-    assert fit.terms("force")["nes1.alpha"] == pytest.approx(-100.0, rel=SAME)
-
-
-def test_forces_base_motion_and_an_unknown_mass_take_their_places() -> None:
-    truth = oscillator("k*d + k3*d**3 + c*v", mass=0.5, to="base", name="spring", k=900.0, k3=4e5, c=0.3)
-    states = _states(truth, forces=True, base=True)
-    fit = LeastSquares().fit(link_columns(states, truth.unknown("all", "mass:m1")))
-    terms = fit.terms("force")
-    for name, value in {"spring.k": 900.0, "spring.k3": 4e5, "spring.c": 0.3, "m1.mass": 0.5}.items():
-        assert terms[name] == pytest.approx(value, rel=SAME)
 
 
 def test_a_known_nonlinear_coefficient_is_no_obstacle_and_an_unknown_one_is() -> None:

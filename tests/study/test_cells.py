@@ -166,37 +166,6 @@ def test_rows_are_written_in_the_order_of_the_study(folder: Path, tmp_path: Path
     assert "small: 0 of 24 cases done, 0 failed" in str(lw.study.study_summary(tmp_path / "out"))
 
 
-def test_the_summary_is_that_of_the_rows(folder: Path) -> None:
-    lw.study.export_study(folder)
-    rows, table = lw.study.read_rows(folder), read(folder / "summary.csv")
-    assert len(table) == 3 * 2 * 3
-    for line in some(table):
-        key = line["structure"], float(line["snr_db"]), line["method"]
-        mine = [row for row in rows if (row.structure, row.snr_db, row.method) == key]
-        assert (int(line["cases"]), int(line["done"])) == (2, len(mine) or 1)
-        assert int(line["failed"]) == sum(row.failed for row in mine)
-        errors = [row.nmse for row in mine if row.nmse is not None]
-        if errors:
-            assert float(line["median"]) == np.median(errors) and float(line["worst"]) == max(errors)
-            assert float(line["seconds"]) == np.median([row.seconds for row in mine])
-        else:
-            assert line["median"] == line["worst"] == line["seconds"] == ""
-
-
-def test_the_summary_prints_itself(folder: Path) -> None:
-    summary = lw.study.study_summary(folder)
-    text = str(summary)
-    head, *lacks = text.partition("\n\n")[0].splitlines()
-    assert head == "small: 18 of 36 cases done, 6 failed"
-    assert lacks == [lw.Verdict.STUDY_INCOMPLETE.value, lw.Verdict.CELLS_WITHOUT_ANSWER.value]
-    assert "\n\nbnes2, 40 dB\n  method" in text
-    assert not summary.complete and {cell.structure for cell in summary.failed_cells} == {"pushed away"}
-    line = next(line for line in text.partition("pushed away, 20 dB")[2].splitlines() if "weak" in line)
-    assert line.split() == ["weak", "-", "-", "1", "0", "1", "-", "-"]
-    assert "! pushed away, 20 dB, weak failed 1 times: " in text
-    assert summary.to_dict()["done"] == 18 and len(summary.to_dict()["cells"]) == 18
-
-
 def test_methods_that_look_for_terms_have_columns_of_their_own(tmp_path: Path, folder: Path) -> None:
     study = reach_study()
     home = stored(tmp_path / "reach", study, reach_rows(study))

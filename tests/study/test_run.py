@@ -59,11 +59,6 @@ def run_by(executor: Executor, study: lw.study.Study, folder: Path) -> list[lw.s
 
 
 @pytest.mark.slow
-def test_neither_order_nor_executor_count(small_folder: Path, study: lw.study.Study, tmp_path: Path) -> None:
-    assert run_by(Here(5), study, tmp_path / "out") == list(lw.study.read_rows(small_folder))
-
-
-@pytest.mark.slow
 def test_two_processes_give_the_same_rows_and_a_finished_study_is_not_run_again(
     small_folder: Path, study: lw.study.Study, tmp_path: Path
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from small_study import small
 
 import linkwise as lw
-from linkwise.study.store import DATABASE, differences, open_store
+from linkwise.study.store import DATABASE, open_store
 
 HOLD = """
 import sys, time
@@ -111,13 +111,6 @@ def test_changed_definition(tmp_path: Path, study: lw.study.Study, monkeypatch: 
         assert len(store.done()) == len(study)
     monkeypatch.setattr("linkwise.study.store.__version__", "99.0")
     refused(folder, study, r'another definition: linkwise was "0\.\d+\.\d+\", now "99\.0"')
-
-
-def test_differences_name_the_key() -> None:
-    assert differences({"a": 1}, {"a": 1}) == []
-    assert differences({"a": 1}, {"a": 1, "b": [2]}) == ["b was not given, now [2]"]
-    assert differences({"a": {"b": 1}}, {"a": {"b": 2}}) == ["a.b was 1, now 2"]
-    assert differences({"a": "x" * 200}, {"a": "y"}) == ["a has changed"]
 
 
 def test_what_is_no_folder_of_a_study_is_left_alone(tmp_path: Path, study: lw.study.Study) -> None:

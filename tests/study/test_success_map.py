@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 from paper_rows import stored
-from reach_rows import EXACT, linear_answer, reach_rows, reach_study
+from reach_rows import EXACT, reach_rows, reach_study
 
 import linkwise as lw
-from linkwise.study.definition import parse_study
 from linkwise.study.row import FAILED, Row
 from linkwise.study.success_map import SuccessMap, maps_of
 from linkwise.study.summary import StudySummary
@@ -55,25 +54,3 @@ def test_a_case_without_an_answer_is_not_exact_and_a_missing_one_is_no_case() ->
     assert (maps[0].wrong_trusted == 0).all()
     # methods that are told the terms have no map
     assert maps_from([replace(row, terms={}, links={"nes1": 0.1}) for row in rows]) == ()
-
-
-def test_other_structures_stand_apart_whatever_their_names() -> None:
-    """A stiffer variant, a record without a frequency, and one that is listed twice at the same rate."""
-    text = """
-    snr_db = [40]
-    structure = [
-      { name = "a", bnes = 2, duration = 1.0, rate = 100.0 },
-      { name = "b", bnes = 2, duration = 1.0, rate = 200.0 },
-      { name = "c", bnes = 2, duration = 1.0, rate = 200.0, values = { "spring1.k" = 4e4 } },
-      { name = "d", bnes = 2, duration = 1.0, rate = 200.0 },
-    ]
-    method = [{ kind = "discover" }]
-    """
-    study = parse_study(text, "s.toml", Path())
-    maps = maps_of(study, StudySummary.of(study, [linear_answer(case) for case in study.cases()]))
-    assert [(success.name, list(success.rates)) for success in maps] == [
-        ("a", [100.0, 200.0]),
-        ("c", [200.0]),
-        ("d", [200.0]),
-    ]
-    assert maps[0].frequency is None and (maps[0].samples == maps[0].rates).all()

@@ -69,13 +69,6 @@ def test_lists_of_lengths_and_rates_are_structures_of_their_own() -> None:
     assert plain.samples_per_period is None and "frequency" not in plain.document()
 
 
-def test_cases_come_cycle_by_cycle(tmp_path: Path) -> None:
-    study = lw.study.read_study(small(tmp_path, cycles=3))
-    assert [case.seed for case in study.cases()] == sorted([1000, 1001, 1002] * 12)
-    assert len(set(study.cases())) == len(study) == 36
-    assert [study.cycle(case) for case in study.cases()][::12] == [0, 1, 2]
-
-
 def test_a_study_is_the_same_from_its_document(tmp_path: Path) -> None:
     for study in (
         lw.study.read_study("paper"),
@@ -253,59 +246,44 @@ MISTAKES = [
     ("[20]", "[]", r"s\.toml, snr_db: a study needs at least one"),
     ("[20]", "[20, 20]", r"s\.toml, snr_db: 20\.0 is listed 2 times"),
     ("[20]", "[nan]", r"s\.toml, snr_db: a signal-to-noise ratio must be a finite number"),
-    ("[20]", '["20"]', r"s\.toml, snr_db\[0\]: expected `float`, got `str`"),
     (HEAD, HEAD + "cycles = 0\n", r"s\.toml, cycles: must be at least 1, got 0"),
     (HEAD, HEAD + "cycels = 3\n", r's\.toml: unknown key "cycels"; did you mean "cycles"\?'),
     (METHOD, STRUCTURE + METHOD, r"s\.toml, structure: 'bnes2' is listed 2 times"),
     ("rate", "raet", r's\.toml, structure\[0\]: unknown key "raet"; did you mean "rate"'),
     ("rate = 500.0", "", r"s\.toml, structure\[0\]: the key `rate` is missing"),
     ("500.0", "0", r"s\.toml, structure\[0\]\.rate: must be positive and finite, got 0"),
-    ("500.0", "[]", r"s\.toml, structure\[0\]\.rate: must be a number, or a list of at least one"),
     ("500.0", "[50, 50]", r"s\.toml, structure: 'bnes2, 50 Hz' is listed 2 times"),
-    ("500.0", "[50, -1]", r"s\.toml, structure\[0\]\.rate: must be positive and finite, got -1"),
     ("rate", "frequency = 0\nrate", r"s\.toml, structure\[0\]\.frequency: must be positive and finite, got 0"),
     ("bnes = 2", "bnes = 3", r"s\.toml, structure\[0\]\.bnes: the number of masses must be even and at least 2"),
-    ("bnes = 2", "", r"structure\[0\]: give one of the keys bnes .*, got none"),
     ("bnes = 2", 'bnes = 2\nfile = "x"', r"structure\[0\]: .* got bnes and file"),
     ("bnes = 2", 'file = "no.toml"', r"structure\[0\]\.file: no\.toml: there is no such file"),
     ("v:m1", "v:m9", r'structure\[0\]\.release\.v:m9: unknown mass "m9"; choose from m1, m2'),
     ("v:m1", "a:m1", r"release\.a:m1: a release takes displacements \(x\) and velocities \(v\), got an"),
-    ("v:m1", "m1", r"release\.m1: 'm1' is not a channel"),
     ("rate", 'sensors = ["z"]\nrate', r"\.sensors: 'z' is not a channel.*or one of the kinds x, v, a"),
-    ("rate", "sensors = []\nrate", r"structure\[0\]\.sensors: must name at least one"),
     ("rate", 'unknown = ["nse"]\nrate', r'structure\[0\]\.unknown: "nse" is not a link'),
-    ("rate", 'judge = ["nse"]\nrate', r'structure\[0\]\.judge: "nse" is not a link'),
-    ("rate", "scatter = inf\nrate", r"structure\[0\]\.scatter: must be finite, got inf"),
     ("rate", 'base = "sin(t)"\nrate', r'structure\[0\]\.base: the motion of the base must be given if'),
-    ("rate", 'forces = { m1 = "sin(x)" }\nrate', r"forces\.m1: not a function of time"),
     ("rate", 'impulse = [{ mass = "m1", kick = 1 }]\nrate', r'impulse\[0\]: unknown key "kick"; the keys'),
     ("weak", "waek", r"method\[0\]\.kind: expected one of ml, .*; got 'waek'; did you mean \"weak\"\?"),
-    ('kind = "weak"', "", r"method\[0\]\.kind: expected one of .* got nothing"),
     (METHOD, METHOD + "order = 3\n", r'method\[0\]: unknown key "order"; the keys are name, kind'),
     ("weak", "monomial", r"method\[0\]: the key `convention` is missing, one of displacement, states, diff"),
     ('"weak"', '"monomial"\nconvention = "stats"', r"convention: expected one of disp.*; got 'stats'; .*\"states\"\?"),
-    ('"weak"', '"physics-informed"\nregressor = "least-square"', r"unknown regressor 'least-square'; did you mean"),
     ('"weak"', '"sindy"\nregressor = "lasso"', r"method\[0\]: unknown regressor 'lasso'"),
     ('"weak"', '"monomial"\nconvention = "states"\nregressor = "l1"\nthreshold = 0.1',
      r"s\.toml, method\[0\]: a threshold of 0\.1 was given, and least squares with an L1 penalty has none"),
     ('"weak"', '"discover"\nterms = ""', r"s\.toml, method\[0\]: the list of terms is empty"),
-    ('"weak"', '"discover"\nterm = "d"', r'method\[0\]: unknown key "term"; did you mean "terms"'),
     ('"weak"', '"sindy"\nlibrary = "link"', r"library: .*got 'link'; did you mean \"links\""),
-    ('"weak"', '"sindy"\nterms = "d**"', r"s\.toml, method\[0\]: Something is missing after '\*\*'"),
 ]  # fmt: skip
 MISTAKES_OF_HOSTS_AND_VARIANTS = [
     ("v:beam.mode1", "v:beam.tip", r"release\.v:beam\.tip: a point moves as the modes .* such as v:beam\.mode1"),
     ("v:beam.mode1", "f:joint", r"release\.f:joint: a release takes displacements .*, got a force"),
     ('"state:joint.z" = 0.1', '"state:joint.y" = 0.1', r"unknown state 'joint\.y'.*; the states are joint\.z"),
     ('"state:joint.z", "f', '"state:joint.q", "f', r"sensors: unknown state 'joint\.q'"),
-    ("f:joint", "f:jiont", r"sensors: unknown link 'jiont' in f:jiont; did you mean \"joint\""),
     ('{ "beam.tip"', '{ "beam.tp"', r'forces\.beam\.tp: unknown mass "beam\.tp"; did you mean "beam\.tip"'),
     ('"joint.F" = 3.0', '"joint.G" = 3.0', r'structure\[0\]\.values: unknown coefficient "joint\.G"'),
     ("k = 200.0", 'k = "unknown"', r"joint\.k is unknown, .* a number here or in `values`"),
     ("duration = 0.5", "durattion = 0.5", r'structure\[0\]\.variant\[0\]: unknown key "durattion"; did you mean'),
     ('name = "short"\n', "", r"structure\[0\]\.variant\[0\]\.name: give the variant a name"),
     ('"short"', '"stiff"', r"structure: 'beam, stiff' is listed 2 times"),
-    ('"joint.k" = 400.0', '"joint.q" = 4.0', r'variant\[1\]\.values: unknown coefficient "joint\.q"'),
 ]  # fmt: skip
 
 

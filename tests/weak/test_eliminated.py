@@ -150,9 +150,7 @@ def test_a_branch_on_a_host() -> None:
     assert np.abs(scores(fit, {f"branch.{name}": value for name, value in solid.items()})).max() < 4.0
 
 
-@pytest.mark.parametrize(
-    ("extra", "size"), [(" + e*v*abs(v)", 0.5), (" + e*d**5", 1e7), (" + e*sign(v)", 0.1)]
-)
+@pytest.mark.parametrize(("extra", "size"), [(" + e*d**5", 1e7), (" + e*sign(v)", 0.1)])
 def test_a_law_that_lacks_a_term_is_not_trusted(extra: str, size: float) -> None:
     record = noisy(shaken(extra, size), 40.0, SEEDS[0])
     assert not lw.identify(record, asked_mount(), method="weak").trusted

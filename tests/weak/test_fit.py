@@ -68,36 +68,20 @@ def test_the_motion_of_the_base_counts() -> None:
 
 
 @pytest.mark.slow
-def test_standard_errors_of_a_linear_oscillator() -> None:
-    """z over 60 records: rms 1 within 0.25, mean 0 within 4/sqrt(60): under three and four of their standard errors.
-
-    Its windows cancel the motion's own frequency, so what is known of the damper comes from the ends of the record.
-    """
-    true = oscillator("k*d + c*v", k=1000.0, c=2.0)
-    record = lw.simulate(true, release={"v:m1": 1.0}, duration=4.0, rate=1000.0)
-    z = []
-    for seed in range(60):
-        fit = identify(record.with_noise(20.0, seed=seed), true.unknown("all"))
-        z.append((fit.values - [1000.0, 2.0]) / np.sqrt(np.diag(fit.covariance)))
-    assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
-    assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(60)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("law", ["tanh(v/0.02)", "v*abs(v)"])
 def test_damping_by_the_rate_is_unbiased_where_the_motion_decays_into_noise(law: str) -> None:
-    """z over 24 records: mean 0 within 4/sqrt(24), and none trusted that is 4.5 standard errors off.
+    """z over 12 records: mean 0 within 4/sqrt(12), and none trusted that is 4.5 standard errors off.
 
     The damper and the friction were 2.7 standard errors off in the root mean square, all to the same side.
     """
     true = oscillator(f"k*d + c*v + F*{law}", k=1000.0, c=1.0, F=0.5)
     record = lw.simulate(true, release={"v:m1": 1.5}, duration=6.0, rate=1000.0)
     z = []
-    for seed in range(24):
+    for seed in range(12):
         fit = identify(record.with_noise(20.0, seed=seed), true.unknown("all"))
         assert fit.trusted, fit.message
         z.append((fit.values - [1000.0, 1.0, 0.5]) / np.sqrt(fit.covariance.diagonal()))
-    assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(24)
+    assert np.abs(np.mean(z, axis=0)).max() < 4 / np.sqrt(12)
     assert np.abs(z).max() < 4.5
 
 
@@ -154,22 +138,6 @@ def test_a_parameter_at_its_bound_leaves_the_others_free(clean: lw.Record, chain
     given = identify(record, with_damper(lw.Coefficient.number(0.05)))
     assert bounded.values == pytest.approx([*given.values, 0.05], rel=1e-9)  # same numerics
     assert bounded.coefficient("nes1.c").standard_error is None
-
-
-def test_a_shared_coefficient_is_told_by_both_links(clean: lw.Record, chain: lw.Structure) -> None:
-    record = clean.with_noise(20.0, seed=1)
-    alone = chain.unknown("nes")
-    second = alone.link("nes2")
-    followed = {name: lw.Coefficient.shared(f"nes1.{name}") for name in second.coefficients}
-    shared = with_links(alone, replace(second, coefficients=followed))
-    single, both = identify(record, alone), identify(record, shared)
-    assert len(both.values) == 3
-    errors = np.sqrt(np.diag(single.covariance))
-    pooled = 1.0 / np.sqrt(1.0 / errors[:3] ** 2 + 1.0 / errors[3:] ** 2)
-    # 1.2 to 2.6 % on seeds 2000 to 2005
-    assert np.sqrt(np.diag(both.covariance)) == pytest.approx(pooled, rel=0.06)
-    # three coefficients within 3.5 standard errors: wrong once in 700
-    assert np.abs((both.values - [-100.0, 1e6, 0.02]) / np.sqrt(np.diag(both.covariance))).max() < 3.5
 
 
 @pytest.mark.parametrize(

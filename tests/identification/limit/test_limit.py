@@ -1,7 +1,6 @@
 """The bound of a planned test: equal to a dense Fisher matrix, scaling as information does, silent about nothing."""
 
 import json
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -204,21 +203,6 @@ def test_force_deviation_is_that_of_the_coefficients(chain: lw.Structure) -> Non
 
 
 @pytest.mark.slow
-def test_an_impulse_starts_a_new_segment(chain: lw.Structure) -> None:
-    """A blow at the start is a release: the same motion, the same bound."""
-    blow = (lw.model.Impulse("m1", 1.0, 0.0),)
-    plan: dict[str, Any] = {"duration": 1.0, "rate": 1000.0, "noise": {"x:m1": 1e-4, "x:m2": 1e-3}}
-    struck = lw.limit(chain, impulses=blow, **plan)
-    released = lw.limit(chain, release=RELEASE, **plan)
-    # one sample of 250
-    np.testing.assert_allclose(struck.standard_errors, released.standard_errors, rtol=0.02)
-    again = lw.limit(chain, release=RELEASE, impulses=(lw.model.Impulse("m1", 1.0, 0.6),), **plan)
-    assert again.record.simulated is not None and np.isfinite(again.standard_errors).all()
-    errors = [present(bound.coefficient("spring1.k").standard_error) for bound in (again, released)]
-    assert errors[0] < errors[1]
-
-
-@pytest.mark.slow
 def test_forces_and_the_base_drive_it() -> None:
     mounted = oscillator("k*d + c*v", to="base", name="mount", k=400.0, c=2.0)
     plan: dict[str, Any] = {"duration": 2.0, "rate": 200.0, "noise": {"x:m1": 1e-4}}
@@ -252,26 +236,6 @@ def test_what_sensors_cannot_tell_is_said() -> None:
     still = lw.limit(lw.bnes_chain(2), duration=0.5, rate=1000.0, noise=noise, release={"v:m1": 0.0})
     assert np.isinf(still.standard_errors).all()
     assert "spring1.c has no effect on these sensors: this test cannot identify it." in still.findings
-
-
-def test_each_confusion_is_told_apart_from_the_others() -> None:
-    """Two masses that do not touch, each on two springs: two findings of two."""
-    ends = product((("m1", 100.0), ("m2", 150.0)), "ab")
-    springs = [link(f"{mass}{side}", f"{mass}-ground", "k*d", k=k) for (mass, k), side in ends]
-    pair, release = structure({"m1": 1.0, "m2": 1.0}, *springs), {"x:m1": 0.01, "x:m2": 0.01}
-    limit = lw.limit(pair, duration=1.0, rate=200.0, noise=30.0, release=release)
-    assert [line.partition(" are")[0] for line in limit.findings] == ["m1a.k and m1b.k", "m2a.k and m2b.k"]
-
-
-@pytest.mark.slow
-def test_unknowns_are_those_of_the_structure_at_their_starts(chain: lw.Structure) -> None:
-    started = lw.parse_structure(
-        lw.model.format_structure(chain).replace("alpha = -100.0", "alpha = { start = -100.0 }"), "chain.toml"
-    )
-    limit = lw.limit(started, duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
-    assert [p.name for p in limit.parameters] == ["nes1.alpha"]
-    alone = lw.limit(chain, unknown=("nes1.alpha",), duration=0.5, rate=1000.0, noise=20.0, release=RELEASE)
-    assert limit.standard_errors == pytest.approx(alone.standard_errors, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -49,13 +49,6 @@ def test_a_structure_that_moves_before_the_tap_is_identified_from_two_records_wi
 
 
 @pytest.mark.slow
-def test_a_structure_that_is_not_linear_is_not_trusted() -> None:
-    estimate = lw.modal.identify_host(tapped(cubic=1e6, level=2.0).with_noise(40.0, seed=4), modes=4)
-    assert not estimate.trusted
-    assert estimate.verdicts[0] in (lw.Verdict.NOISE_MISMATCH, lw.Verdict.COLOURED_RESIDUALS)
-
-
-@pytest.mark.slow
 def test_errors_of_modes_that_are_not_quite_linear_are_the_scatter_at_this_level() -> None:
     estimates = [
         lw.modal.identify_host(shaken(seed, cubic=3e2, samples=5000).with_noise(60.0, seed=seed))

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from present import some
 from problems import chain_record
-from structures import HARDENING, asked_oscillator, host, link, oscillator, structure
+from structures import HARDENING, host, link, oscillator, structure
 
 import linkwise as lw
 from linkwise.identification.validation.answer import estimated_again
-from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.progress import silent
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
@@ -47,7 +46,7 @@ def agreeing(answer: lw.Estimate) -> lw.Validation:
 # --- the truth, and estimates of it
 
 
-@pytest.mark.parametrize("sensors", [("x",), ("v",), ("a",), ("x", "a")])
+@pytest.mark.parametrize("sensors", [("v",), ("x", "a")])
 def test_the_truth_leaves_the_noise(sensors: tuple[str, ...]) -> None:
     """Errors are as large as the noise that was added: of 1100 samples, to 4 standard deviations of 1/sqrt(2 N)."""
     record = forced(duffing(), 3, sensors=sensors)[217:]
@@ -103,30 +102,15 @@ def test_intervals_count_in_what_is_allowed(answer: lw.Estimate) -> None:
 
 
 def test_expected_errors_are_those_that_occur() -> None:
-    """Over 10 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
+    """Over 6 records the squared error over its expectation is 1, to 4 standard deviations of their mean."""
     truth = duffing()
     ratios = []
-    for seed in range(10):
+    for seed in range(6):
         validation = lw.validate(forced(truth, seed, 20.0)[:600], truth, burn=0.1)
         deviation = validation.deviation.values
         error = validation.record.channel("x:m1")[:, None] - validation.predicted.values
         ratios.append(np.nanmean((error / deviation) ** 2))
     assert abs(np.mean(ratios) - 1.0) < 4 * np.std(ratios) / np.sqrt(len(ratios))
-
-
-def test_departures_are_those_of_a_run_with_a_coefficient_a_little_off() -> None:
-    """Carried over windows of a run of 20 s, they agree with a simulation to what is linear, 1e-3."""
-    whole = lw.simulate(duffing(), forces=FORCE, duration=20.0, rate=200.0)
-    predictor = WindowPredictor(
-        whole, duffing().unknown("spring.k"), np.array([900.0]), np.eye(1), np.ones(1)
-    )
-    truth = whole.simulated
-    assert truth is not None
-    states, nothing = np.vstack([truth.displacement.T, truth.velocity.T]), np.zeros((2, 2))
-    _, by_stiffness, _ = predictor.variances_along(states, nothing, nothing[:, :1])
-    softer = lw.simulate(duffing(k=899.9), forces=FORCE, duration=20.0, rate=200.0)
-    change = (softer.channel("x:m1") - whole.channel("x:m1")) / 0.1
-    assert np.sqrt(by_stiffness[:, 0]) == pytest.approx(np.abs(change), abs=1e-3 * np.abs(change).max())
 
 
 def test_a_stated_model_error_is_allowed_for() -> None:
@@ -149,16 +133,6 @@ def test_a_wrong_structure_disagrees(answer: lw.Estimate) -> None:
     assert [entry.name for entry in validation.coefficients if not entry.agrees] == ["spring.k"]
     assert any("spring.k: this record alone gives" in finding for finding in validation.findings)
     assert any("Over d of spring the error is largest" in finding for finding in validation.findings)
-
-
-def test_the_error_is_found_where_the_law_is_wrong() -> None:
-    """Without its cubic term a spring fails at large d: the outer bins have more error than the inner ones."""
-    validation = lw.validate(forced(duffing(k3=2e7), 2, 60.0), duffing(k3=1.9e7))
-    d = next(profile for profile in validation.profiles if profile.quantity == "d of spring")
-    assert d.samples.sum() == validation.channels["x:m1"].samples
-    total = np.nansum(d.samples * (d.error_percent / 100) ** 2) / d.samples.sum()
-    part = validation.channels["x:m1"].rmse / np.std(validation.record.channel("x:m1"))
-    assert total == pytest.approx(part**2, rel=1e-9)
 
 
 def test_the_error_is_shown_over_links_and_not_over_modes() -> None:
@@ -235,16 +209,6 @@ def test_records_that_do_not_fit_the_structure_are_refused() -> None:
         lw.validate(record, duffing(), model_error=-0.1)
 
 
-def test_an_untrusted_estimate_is_taken_as_exact() -> None:
-    estimate = replace(
-        lw.identify(forced(duffing(), 1)[:500], asked_oscillator("k*d", 1.0)), approximate=False
-    )
-    assert estimate.grade is lw.Grade.REFUSED
-    validation = lw.validate(forced(duffing(), 2), estimate)
-    assert not validation.trusted and not validation.coefficients
-    assert any("taken as exact" in remark for remark in validation.remarks)
-
-
 # --- folders
 
 
@@ -284,7 +248,7 @@ RIG = structure(
 )
 
 
-@pytest.mark.parametrize("sensors", [("x:m1", "x:m2"), ("x:m1",), ("x:m2",)])
+@pytest.mark.parametrize("sensors", [("x:m1", "x:m2"), ("x:m2",)])
 def test_a_rig_on_a_moving_base_with_hidden_masses(sensors: tuple[str, ...]) -> None:
     """The state of a mass without a sensor is worked out from the others; a joint 7 % too stiff is seen by either sensor."""
     base = "0.01*sin(20*t) + 0.005*sin(33*t)"
@@ -318,14 +282,6 @@ def test_a_record_whose_sensor_is_off_refutes_the_laws_within_wide_intervals(gai
         assert "explained by a gain of x:m2 that is off by +3.87 %." in str(validation.remarks)
 
 
-def in_millimetres(duration: float) -> lw.Record:
-    """A forced record of the pair whose displacements are in mm, and taken for m."""
-    record = lw.simulate(hardening_pair(), forces=FORCE, duration=duration, rate=500.0)
-    record = record.with_noise(40.0, seed=2)
-    displaced = np.char.startswith(record.channels, "x:")
-    return replace(record, values=record.values * np.where(displaced, 1e3, 1.0))
-
-
 def test_a_record_that_any_prediction_agrees_with_tests_nothing(agreeing: lw.Validation) -> None:
     """A motion is predicted to within a multiple of itself: it agreed."""
     vacuous = {
@@ -339,23 +295,6 @@ def test_a_record_that_any_prediction_agrees_with_tests_nothing(agreeing: lw.Val
     assert replace(agreeing, channels={"x:m1": score}, coefficients=()).trusted  # as it shows the motion
     missed = {"x:m1": replace(score, nmse_percent=100.0)}
     assert not replace(agreeing, channels=missed, coefficients=()).trusted
-
-
-def test_a_prediction_that_runs_to_infinity_is_refused() -> None:
-    message = r"from \d+ of \d+ states along the record .* runs to infinity"
-    with pytest.raises(lw.SimulationError, match=message):
-        lw.validate(in_millimetres(0.6), hardening_pair())
-
-
-def test_a_limit_beyond_the_motion_is_said_to_agree_with_anything() -> None:
-    record = chain_record(2, duration=0.5).with_noise(35.0, seed=5)
-    validation = lw.validate(record, lw.bnes_chain(2))
-    assert not any(channel.is_vacuous for channel in validation.channels.values())
-    motion = float(np.std(record.channel("x:m2")))  # of which the part that is scored is more than a tenth
-    wide = {**validation.channels, "x:m2": replace(validation.channels["x:m2"], limit=10.0 * motion)}
-    said = replace(validation, channels=wide).findings
-    line = f"x:m2: the limit of {10.0 * motion:.3g} m exceeds its motion, so its agreement says nothing."
-    assert [finding for finding in said if "its agreement says nothing" in finding] == [line]
 
 
 def test_what_no_state_lets_follow_the_record_is_refused_without_a_warning() -> None:

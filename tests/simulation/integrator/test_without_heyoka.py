@@ -123,7 +123,6 @@ lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.01, rate=1000.0)
         ({"HOME": "home"}, {"home/.cache/linkwise"}),
         ({"HOME": "home", "HEYOKA_CACHE_DIR": "chosen"}, {"chosen"}),
         ({"HOME": "a file"}, set()),  # where no folder can be made
-        ({}, set()),
     ],
 )
 def test_compiled_code_stays_in_a_folder(
@@ -149,15 +148,10 @@ def departure(folder: Path, n: int, **changes: float) -> Floats:
     return worst / size
 
 
-@pytest.mark.parametrize("n", [2, 4, 6, 8, 10])
+@pytest.mark.parametrize("n", [2, 6, 10])
 def test_follows_the_reference_to_the_end_of_the_file(shared_reference: Path, n: int) -> None:
     """The files end where ordinary double precision has departed by 1e-6; see trajectory.EXTENDED_WORK for the margin."""
     assert departure(shared_reference, n).max() < 1e-6
-
-
-def test_the_reference_would_tell_another_chain(shared_reference: Path) -> None:
-    """A mass that differs by 1e-12 of itself is enough to miss the bound above."""
-    assert departure(shared_reference, 6, primary_mass=1.0 + 1e-12).max() > 1e-6
 
 
 def test_the_two_mass_chain_does_what_the_paper_shows() -> None:
