@@ -391,25 +391,13 @@ class AnnealingStep:
 
 @dataclass(frozen=True)
 class SearchState:
-    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length, and the
-    number of steps at the final q that lowered the cost.
-    """
+    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length."""
 
     q: float
     settled: float
     damping: float = 0.0
     growth: float = 2.0
     stride: float = 1.0
-    tight: int = 0
-
-    def may_try(self, schedule: AnnealingSchedule, segments: Segments) -> bool:
-        """Whether chord steps may follow a step: a full one of a search that leads to more than the start of another.
-
-        They are tried once, of many masses, behind the first step at the final q; of few masses a dozen chords cost more than
-        the few steps that are left.
-        """
-        due = self.tight == 0 and len(segments.system.incidence) >= MANY
-        return due and self.stride == 1.0 and schedule.tolerance <= AnnealingSchedule.tolerance
 
     def firmer(self) -> SearchState:
         """The state after equations that were not positive definite."""
@@ -449,15 +437,7 @@ class SearchState:
         elif step.reduction < 0.01 * step.cost:
             q = max(schedule.final_q, q * schedule.largest_factor)
         damping = damping if damping >= SLIGHT else 0.0
-        return replace(
-            self,
-            q=q,
-            settled=settled,
-            damping=damping,
-            growth=2.0,
-            stride=stride,
-            tight=self.tight + (step.q <= schedule.final_q),
-        )
+        return SearchState(q, settled, damping, 2.0, stride)
 
 
 _ENOUGH = 0.5  # of the predicted reduction, from which a step is not corrected
