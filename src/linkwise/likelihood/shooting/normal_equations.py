@@ -503,8 +503,7 @@ def _put_marched(
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
-    units, of_links = (scales.state, scales.theta[:p]), bool(np.any(sensors.kind == F))
-    steps = tangents(mechanics, orbit, step, *units, forces, inputs=inputs, of_links=of_links)
+    steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
     for number, tangent in enumerate(steps):
         sample, between = divmod(number - segments.tangents_before, segments.tangent_refine)
         if tangent.acceleration is None or between:
