@@ -454,18 +454,6 @@ class LongerSegments:
             continuity=float(np.vdot(defects, defects)),
         )
 
-    def short_nodes(self, orbit: Trajectories) -> Floats:
-        """(2n + S, K) states at the nodes of the shorter segments, along an orbit of the longer ones."""
-        segments = self.segments
-        every = segments.steps // self.parts.shape[1]
-        x, u = (orbit.states[:-1:every, kind] for kind in (0, 1))
-        memory = orbit.memory[:-1:every, : len(segments.system.states)]
-        states = np.concatenate([x, u / segments.step, memory], axis=1)
-        nodes = np.empty((states.shape[1], int(self.parts.max()) + 1))
-        for number in reversed(range(len(states))):  # where one is repeated, its first place counts
-            nodes[:, self.parts[:, number]] = states[number]
-        return nodes
-
 
 def _parts(segments: Segments, joined: int | None) -> Indices:
     """(K', f) the short segments in each longer one, which no end of a chain interrupts."""
