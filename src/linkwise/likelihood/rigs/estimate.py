@@ -21,6 +21,7 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import format_percent, near_miss
@@ -38,10 +39,10 @@ from linkwise.likelihood.rigs.problem import (
     cell_name,
     cell_noise,
     minimise,
-    require_same_cells,
     rig_forces,
     starts,
 )
+from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
@@ -267,14 +268,11 @@ def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
     squares, variances = residuals[is_measured] ** 2, deviations[is_measured] ** 2
     if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
         return 0.0
-    low, high = 0.0, float(np.sum(squares)) / count
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if np.sum(squares / (variances + middle)) > count:
-            low = middle
-        else:
-            high = middle
-    return float(np.sqrt(high))
+    most = float(np.sum(squares)) / count
+    excess = scipy.optimize.brentq(
+        lambda excess: np.sum(squares / (variances + most * excess)) - count, 0.0, 1.0
+    )
+    return float(np.sqrt(most * excess))
 
 
 def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
@@ -448,8 +446,8 @@ def rig_estimate(
 
     `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
     """
+    require_same_channels(records)
     forces = tuple(rig_forces(record, structure) for record in records)
-    require_same_cells(forces, structure)
     noise = cell_noise(records, structure)
     offered = [BASE_CHANNEL, *(cell_name(structure, link) for link in forces[0].cells)]
     for name in offsets:

@@ -466,17 +466,6 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
     return Forces(prescribed_motion(record), cells)
 
 
-def require_same_cells(records: Sequence[Forces], structure: Structure) -> None:
-    """Raise IdentificationError where a load cell is in one record and not in another."""
-    for number in range(len(structure.links)):
-        lacking = [index for index, forces in enumerate(records, start=1) if number not in forces.cells]
-        if 0 < len(lacking) < len(records):
-            raise IdentificationError(
-                f"records that are taken together must hold the same channels, and {cell_name(structure, number)} is not in "
-                f"record {lacking[0]} of {len(records)}"
-            )
-
-
 def prescribed_motion(record: Record) -> PrescribedMotion:
     """The motion of the base of a record, smoothed at the level of its noise."""
     values = record.channel(BASE_CHANNEL)
