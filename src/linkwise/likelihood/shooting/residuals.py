@@ -398,14 +398,14 @@ class LongerSegments:
     parts: Indices
 
     @classmethod
-    def of(cls, shorter: Segments, joined: int | None = None) -> LongerSegments | None:
-        """The segments of each chain joined, a few or as many as `joined` to one.
+    def of(cls, shorter: Segments) -> LongerSegments | None:
+        """The segments of each chain joined, a few to one.
 
         None with random forces, which are constant in a segment, and late bases.
         """
         if shorter.random is not None or shorter.late_base is not None:
             return None
-        parts = _parts(shorter, joined)
+        parts = _parts(shorter)
         last = parts[:-1, -1]
         heads = parts[:, 0]
         inputs, waveforms = shorter.inputs, shorter.waveforms
@@ -455,10 +455,9 @@ class LongerSegments:
         )
 
 
-def _parts(segments: Segments, joined: int | None) -> Indices:
+def _parts(segments: Segments) -> Indices:
     """(K', f) the short segments in each longer one, which no end of a chain interrupts."""
-    if joined is None:
-        joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
+    joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
     edges = [0, *(np.flatnonzero(~segments.linked) + 1).tolist(), segments.count]
     rows = [
         np.minimum(np.arange(first, last, joined)[:, None] + np.arange(joined), last - 1)
