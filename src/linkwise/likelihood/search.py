@@ -293,10 +293,7 @@ def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
 
     The flow behind the last sample of a segment is judged by where it ends, against the largest states of the record.
     """
-    sigma = scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        sigma = sigma * segments.relative_noise
-    largest = np.sum((segments.samples / sigma) ** 2 + segments.observed, axis=(0, 1))
+    largest = np.sum((segments.samples / segments.deviations(scales)) ** 2 + segments.observed, axis=(0, 1))
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = np.sum(misfit.residuals**2, axis=(0, 1))
         ends = np.sum(misfit.defects**2, axis=0)

@@ -109,9 +109,7 @@ class Misfit:
 
 def _whitened(residuals: Floats, segments: Segments, scales: Scales, loss: Loss) -> ClippedMisfit | None:
     """Divide residuals (M, C, K) by the noise, with 0 for missing samples; gives the misfit of clipped readings."""
-    unit = scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        unit = unit * segments.relative_noise
+    unit = segments.deviations(scales)
     residuals /= unit
     clipped = None
     if segments.clipped is not None and isinstance(loss, Gaussian):
