@@ -364,9 +364,7 @@ def _runs_close(fit: LikelihoodFit) -> bool:
     """Whether a fit converged to a motion that follows the records in every channel."""
     if fit.status is not AnnealingStatus.CONVERGED:
         return False
-    segments, sigma = fit.segments, fit.optimum.scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        sigma = sigma * segments.relative_noise
+    segments, sigma = fit.segments, fit.segments.deviations(fit.optimum.scales)
     left = np.sum((sigma * fit.misfit.residuals) ** 2, axis=(0, 2))
     shown = np.sum((segments.samples * segments.observed) ** 2, axis=(0, 2))
     return bool(np.all(left < _CLOSE**2 * shown))

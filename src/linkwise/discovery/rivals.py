@@ -246,10 +246,6 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
     )
 
 
-_FREQUENCY = "frequency"
-_CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
-
-
 def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, ...]:
     """The error of the frequency that moves farthest, in its errors, where frequencies do as well as links on hosts alone.
 

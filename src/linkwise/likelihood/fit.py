@@ -404,9 +404,7 @@ def denoised(
     assert segments.waveforms is not None
     for name in corners:
         number = responses.index(Channel.parse(name))
-        left = fit.misfit.residuals[:, number] * fit.optimum.scales.sigma[number]
-        if segments.relative_noise is not None:
-            left = left * segments.relative_noise[number]
+        left = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
         taken = left + segments.waveforms.added(number, fit.waveforms[0])
         series = []
         for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):

@@ -575,10 +575,8 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
     first = ColouredNoise.of(fit.misfit.residuals, segments.linked)
     if first is None:
         return None
-    deviations = fit.scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        deviations = deviations * segments.relative_noise
-    shown = np.where(segments.observed, segments.samples - fit.misfit.residuals * deviations, np.nan)
+    left = fit.misfit.residuals * segments.deviations(fit.scales)
+    shown = np.where(segments.observed, segments.samples - left, np.nan)
     weights = np.sqrt(first.at_motion(in_time(shown, segments.linked)))
     coloured = np.isin(np.arange(len(weights)), first.channels)
     scales = replace(fit.scales, sigma=fit.scales.sigma * np.where(coloured, weights, 1.0))

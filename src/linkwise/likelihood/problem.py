@@ -534,9 +534,7 @@ class _TestedFlow:
         thinned, some = segments.refine // steps, self._tested
         orbit, step = self.misfit.trajectories.part(some).thinned(thinned), segments.step[some] * thinned
         units, inputs = (self.scales.state, self.scales.theta[: len(theta)]), segments.inputs.part(some)
-        for tangent in tangents(
-            segments.system.at(theta), orbit, step, *units, inputs=inputs, of_links=False
-        ):
+        for tangent in tangents(segments.system.at(theta), orbit, step, *units, inputs=inputs):
             ends = tangent
         x, u = ends.state
         return np.concatenate([x, u / step, ends.memory]) / self.scales.state[:, None, None]

@@ -1,4 +1,4 @@
-"""The search for an optimum: annealing from a start, through gaps of the records, and in longer segments near its end.
+"""The search for an optimum: annealing from a start, and through gaps of the records.
 
 What separate blocks of the records say of the unknowns: their scores and information, the states eliminated.
 
@@ -41,9 +41,8 @@ from linkwise.likelihood.shooting.linear_model import block_information, linear_
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
-from linkwise.likelihood.shooting.steps import freedom
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
 # numbers that are tried: short blocks are many, long ones hold what residuals remember; each divides the one before
@@ -294,10 +293,7 @@ def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
 
     The flow behind the last sample of a segment is judged by where it ends, against the largest states of the record.
     """
-    sigma = scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        sigma = sigma * segments.relative_noise
-    largest = np.sum((segments.samples / sigma) ** 2 + segments.observed, axis=(0, 1))
+    largest = np.sum((segments.samples / segments.deviations(scales)) ** 2 + segments.observed, axis=(0, 1))
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = np.sum(misfit.residuals**2, axis=(0, 1))
         ends = np.sum(misfit.defects**2, axis=0)
@@ -485,12 +481,6 @@ _SIGMAS = 5.0  # and its own scatter
 _NEARLY = 2.0  # times the noise, in power: a search that ended there without converging was on its way
 _TIGHTER = 9.0  # factor below a known model error from which it is looked for again: two points of its grid
 _JOINING = 30  # steps that linking the sides of a gap may take
-# steps of a search in longer segments, which takes six where the laws are right and motion is regular
-_STRAIGHT = 20
-# relaxation from which longer segments may take over: defects are a few percent of the noise
-_CONTINUOUS = 0.02
-_CONTINUOUS_FOR_LONG = 0.002  # the same of segments of more than two, along which the motion bends more
-_IN_LONGER = 2e-4  # first relaxation in longer segments
 
 
 def searched(
@@ -543,7 +533,7 @@ def searched(
         schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
     limit = _limit(segments)
     held = _with_held_scale(segments)
-    fit = _annealed(held or segments, start, problem.scales, schedule, annealer, limit)
+    fit = annealer(held or segments, start, problem.scales, schedule)
     if held is not None and fit.status is not AnnealingStatus.INTERRUPTED:
         released = annealer(segments, fit.point, fit.scales, _loosened(schedule))
         fit = replace(released, path=(*fit.path, *released.path))
@@ -595,42 +585,6 @@ def _limit(segments: Segments) -> float:
     return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / int(segments.observed.sum())))
 
 
-def _annealed(
-    segments: Segments,
-    start: Iterate,
-    scales: Scales,
-    schedule: AnnealingSchedule,
-    annealer: Annealer,
-    limit: float,
-) -> AnnealingFit:
-    """Annealing, of many masses in longer segments as soon as the motion is nearly continuous.
-
-    Short ones go on where the longer ones do not lead to the noise, to within the `limit` of chi-square.
-    """
-    longer = LongerSegments.of(segments) if _many(segments) else None
-    limited = schedule.max_steps < AnnealingSchedule.max_steps or schedule.final_q > AnnealingSchedule.final_q
-    if longer is None or limited:
-        return annealer(segments, start, scales, schedule)
-    trusted = schedule.trust_per_sample * int(segments.observed.sum())
-    continuous = _CONTINUOUS if longer.parts.shape[1] <= 2 else _CONTINUOUS_FOR_LONG
-    near = annealer(segments, start, scales, replace(schedule, final_q=continuous, tolerance=trusted))
-    if near.status is not AnnealingStatus.CONVERGED:
-        return near
-    sufficient = (1.0 + limit) * near.samples
-    if near.q <= continuous and near.misfit.cost(near.q) - near.path[-1].remaining < sufficient:
-        further = replace(
-            schedule,
-            initial_q=max(schedule.final_q, _IN_LONGER),
-            max_steps=_STRAIGHT,
-            sufficient_cost=sufficient,
-        )
-        fit = _in_longer_segments(longer, segments, near, further, annealer)
-        if fit is not None and (fit.status is AnnealingStatus.INTERRUPTED or _is_good(fit, sufficient)):
-            return fit
-    rest = annealer(segments, near.point, scales, replace(schedule, initial_q=near.q))
-    return replace(rest, path=(*near.path, *rest.path))
-
-
 def _many(segments: Segments) -> bool:
     return len(segments.system.incidence) >= MANY
 
@@ -675,32 +629,3 @@ def _joined(whole: Segments, fit: AnnealingFit, limit: float, annealer: Annealer
         if joined.status is AnnealingStatus.CONVERGED and joined.chi_square < fit.chi_square + limit
         else None
     )
-
-
-def _in_longer_segments(
-    longer: LongerSegments,
-    segments: Segments,
-    near: AnnealingFit,
-    schedule: AnnealingSchedule,
-    annealer: Annealer,
-) -> AnnealingFit | None:
-    """A search taken up again in longer segments, its result in the shorter ones; None where the motion runs away in them."""
-    start = longer.point(near.point)
-    if not np.isfinite(evaluate(longer.segments, start, near.scales, annealer.loss).cost(near.q)):
-        return None
-    fit = annealer(longer.segments, start, near.scales, schedule)
-    point = replace(fit.point, nodes=longer.short_nodes(fit.misfit.trajectories))
-    misfit = evaluate(segments, point, near.scales, annealer.loss)
-    return replace(
-        fit,
-        point=point,
-        misfit=misfit,
-        chi_square=misfit.cost_of_samples(fit.q) / (freedom(segments) * annealer.loss.expected),
-        path=(*near.path, *fit.path),
-    )
-
-
-def _is_good(fit: AnnealingFit, sufficient: float) -> bool:
-    """Whether a search converged at the last relaxation, with no more than the noise."""
-    converged = fit.status is AnnealingStatus.CONVERGED and fit.q <= AnnealingSchedule.final_q
-    return converged and fit.misfit.data < sufficient

@@ -21,6 +21,7 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import format_percent, near_miss
@@ -37,15 +38,15 @@ from linkwise.likelihood.rigs.problem import (
     bounds,
     cell_name,
     cell_noise,
-    minima,
     minimise,
-    require_same_cells,
     rig_forces,
+    starts,
 )
+from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress
+from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
@@ -109,7 +110,6 @@ def newey_west(problem: RigProblem, rows: Floats) -> Floats:
     return np.asarray(0.5 * (total + total.T))
 
 
-_SEARCHED = 4096  # samples of a record in which starts are searched for
 _MOST_SUBSTEPS = 32
 _DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
@@ -117,8 +117,8 @@ _SIGMAS = 5.0  # and its own scatter
 _REWEIGHTED = 3
 _DRAWS = 32  # of the noise of the motion, for the size of what it does to the forces
 _SEED = 7
-_NEAR = 1.2  # times the lowest cost: minima in parts of records that may be the lowest of the whole
-_WHOLE_STEPS = 40  # of their search on the whole
+_NEAR = 3.0  # times the misfit of the best start beyond which another is not worth a search
+_WHOLE_STEPS = 60  # of a search from each
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +176,17 @@ def rig_fit(
     )
     measured = np.concatenate([problem.cell(number) for number in range(len(problem.states))])
     level = max(float(np.nanstd(measured)), np.finfo(float).tiny)
-    candidates = minima(problem.shortened(_SEARCHED), given, level, progress)
-    candidates = _on_whole(problem, candidates, np.full(len(cells), 1.0 / level))
-    if not candidates:
-        candidates = [minimise(problem, np.zeros(problem.size), np.full(len(cells), 1.0 / level))]
-    candidates = [minimum for minimum in candidates if _is_finite(problem, minimum)]
-    if not candidates:
+    found = starts(problem, given)
+    near = [start.values for start in found if start.misfit <= _NEAR * found[0].misfit]
+    minima = []
+    for number, values in enumerate(near, start=1):
+        unknowns = np.append(values, np.zeros(problem.size - len(values)))
+        minima.append(minimise(problem, unknowns, np.full(len(cells), 1.0 / level), steps=_WHOLE_STEPS))
+        progress(ProgressReport(number / len(near), "searching from several starts"))
+    minima = [minimum for minimum in minima if _is_finite(problem, minimum)]
+    if not minima:
         raise IdentificationError(_not_finite(problem))
-    problem, best = refined(problem, candidates[0], cells)
+    problem, best = refined(problem, min(minima, key=lambda minimum: minimum.cost), cells)
     deviations, model = _levels(problem, best, cells)
     for _ in range(_REWEIGHTED):
         best = minimise(problem, best.unknowns, 1.0 / np.hypot(deviations, model))
@@ -200,22 +203,6 @@ def rig_fit(
     return RigFit(
         problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
     )
-
-
-def _on_whole(problem: RigProblem, candidates: Sequence[Minimum], weights: Floats) -> list[Minimum]:
-    """Minima found in parts of the records, searched again on the whole where they are near the lowest, the lowest first."""
-    if max(len(problem.cell(number)) for number in range(len(problem.states))) <= _SEARCHED:
-        return list(candidates)
-    whole: list[Minimum] = []
-    for candidate in candidates:
-        if whole and candidate.cost > _NEAR * candidates[0].cost:
-            break
-        unknowns = candidate.unknowns.copy()
-        unknowns[problem.first_state :] = 0.0  # at the start of whole records
-        again = minimise(problem, unknowns, weights, steps=_WHOLE_STEPS)
-        if _is_finite(problem, again):
-            whole.append(again)
-    return sorted(whole, key=lambda minimum: minimum.cost)
 
 
 def _is_finite(problem: RigProblem, minimum: Minimum) -> bool:
@@ -281,14 +268,11 @@ def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
     squares, variances = residuals[is_measured] ** 2, deviations[is_measured] ** 2
     if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
         return 0.0
-    low, high = 0.0, float(np.sum(squares)) / count
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if np.sum(squares / (variances + middle)) > count:
-            low = middle
-        else:
-            high = middle
-    return float(np.sqrt(high))
+    most = float(np.sum(squares)) / count
+    excess = scipy.optimize.brentq(
+        lambda excess: np.sum(squares / (variances + most * excess)) - count, 0.0, 1.0
+    )
+    return float(np.sqrt(most * excess))
 
 
 def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
@@ -462,8 +446,8 @@ def rig_estimate(
 
     `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
     """
+    require_same_channels(records)
     forces = tuple(rig_forces(record, structure) for record in records)
-    require_same_cells(forces, structure)
     noise = cell_noise(records, structure)
     offered = [BASE_CHANNEL, *(cell_name(structure, link) for link in forces[0].cells)]
     for name in offsets:

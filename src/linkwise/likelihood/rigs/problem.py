@@ -9,7 +9,7 @@ The forces of links along recorded motions: residuals of the load cells and thei
 
 What records of a rig must hold: the displacement of the base, and the force in each link that has unknowns.
 
-Least squares for the unknowns of links on a rig: many trials, of which the best are followed down.
+Least squares for the unknowns of links on a rig, from starts that a regression along the motion finds.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from scipy.linalg import lapack
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Program, differentiate
-from linkwise.likelihood.starts.memory import trial_values, unit_sizes
+from linkwise.likelihood.starts.memory import MemorySearch, Start
 from linkwise.model.law import Law
 from linkwise.model.parameters import Parameter
 from linkwise.model.slider_corners import smooth_rates
 from linkwise.model.structure import BASE, Structure
-from linkwise.progress import Progress, ProgressReport
 from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.smooth import SmoothingSpline, smoothing_spline
+from linkwise.weak.displacements import bridged
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +83,6 @@ class PrescribedMotion:
         """Samples in a period of the motion, by the ratio of displacement and velocity."""
         speed = float(np.std(self.v)) or 1.0
         return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
-
-    def part(self, first: int, count: int) -> PrescribedMotion:
-        """The motion at `count` samples from the `first` on."""
-        coefficients = self.spline.coefficients[first : first + count + 4]
-        return replace(self, spline=replace(self.spline, coefficients=coefficients))
 
     def liveliest(self, count: int) -> int:
         """First of the `count` samples in a row that move most."""
@@ -306,16 +301,6 @@ class RigProblem:
         finer = (replace(record, motion=replace(record.motion, substeps=substeps)) for record in self.records)
         return replace(self, records=tuple(finer))
 
-    def shortened(self, most: int) -> RigProblem:
-        """The problem with the liveliest parts of its records, of so many samples at most."""
-        parts = []
-        for record in self.records:
-            count = min(most, len(next(iter(record.cells.values()))))
-            first = record.motion.liveliest(count)
-            cells = {link: force[first : first + count] for link, force in record.cells.items()}
-            parts.append(Forces(record.motion.part(first, count), cells))
-        return replace(self, records=tuple(parts))
-
     @cached_property
     def links(self) -> tuple[int, ...]:
         """Numbers of the links with a load cell."""
@@ -481,17 +466,6 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
     return Forces(prescribed_motion(record), cells)
 
 
-def require_same_cells(records: Sequence[Forces], structure: Structure) -> None:
-    """Raise IdentificationError where a load cell is in one record and not in another."""
-    for number in range(len(structure.links)):
-        lacking = [index for index, forces in enumerate(records, start=1) if number not in forces.cells]
-        if 0 < len(lacking) < len(records):
-            raise IdentificationError(
-                f"records that are taken together must hold the same channels, and {cell_name(structure, number)} is not in "
-                f"record {lacking[0]} of {len(records)}"
-            )
-
-
 def prescribed_motion(record: Record) -> PrescribedMotion:
     """The motion of the base of a record, smoothed at the level of its noise."""
     values = record.channel(BASE_CHANNEL)
@@ -519,13 +493,10 @@ def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, flo
     }
 
 
-_TRIALS = 60
-_REFINED = 6  # trials that are followed
-_STEPS = 60  # of a search from a trial
+_SEARCHED = 4096  # samples of a record in which starts are searched for
 _LAST_STEPS = 300
 # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
 _RUNAWAY = 1e6
-_SEED = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -605,57 +576,23 @@ def bounds(problem: RigProblem) -> tuple[Floats, Floats]:
     return low, high
 
 
-def minima(
-    problem: RigProblem, given: Mapping[str, float], level: float, progress: Progress
-) -> list[Minimum]:
-    """Minima found from trials of the sizes that units imply, the lowest first; `given` starts by name are kept near.
+def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]:
+    """Values of the parameters from which little of the forces is left, the best first; `given` starts by name are kept near.
 
-    Residuals are relative to a `level` in N.
+    They are searched for in the liveliest part of the first record, without the means of the forces where a zero is unknown.
     """
-    linear = [p for p in problem.parameters if _is_linear(problem, p)]
-    curved = [p for p in problem.parameters if p not in linear]
-    motion = problem.records[0].motion
-    left = problem.residuals(np.zeros(problem.size), problem.paths(np.zeros(problem.size)))
-    force, weights = float(np.std(np.nan_to_num(left))), np.full(len(left), 1.0 / level)
-    sizes = unit_sizes(curved, motion.d, motion.v, force or 1.0)
-    rng = np.random.default_rng(_SEED)
-    trials = []
-    for number in range(_TRIALS if curved else 1):
-        start = np.zeros(problem.size)
-        chosen = trial_values(curved, given, sizes, rng, first=number == 0)
-        for value, parameter in zip(chosen, curved, strict=True):
-            start[problem.parameters.index(parameter)] = value
-        trials.append(regressed(problem, start, linear, weights))
-    trials.sort(key=lambda pair: pair[1])
-    local_minima = []
-    for number, (start, cost) in enumerate(trials[:_REFINED]):
-        if np.isfinite(cost):
-            local_minima.append(minimise(problem, start, weights, steps=_STEPS))
-        progress(ProgressReport((number + 1) / min(_REFINED, len(trials)), "searching from several starts"))
-    return sorted(local_minima, key=lambda minimum: minimum.cost)
-
-
-def _is_linear(problem: RigProblem, parameter: Parameter) -> bool:
-    return all(key in problem.structure.links[index].law.linear for index, key in parameter.members)
-
-
-@np.errstate(all="ignore")
-def regressed(
-    problem: RigProblem, start: Floats, linear: Sequence[Parameter], weights: Floats
-) -> tuple[Floats, float]:
-    """The unknowns with linear parameters and offsets by regression, and the cost; infinite where states run away."""
-    paths = problem.paths(start)
-    if not all(path.converged for path in paths):
-        return start, np.inf
-    low, high = bounds(problem)
-    columns = [problem.parameters.index(p) for p in linear]
-    columns += list(range(len(problem.parameters), problem.first_state))
-    rows = weights * problem.residuals(start, paths)
-    slopes = weights[:, None] * problem.jacobian(paths)[:, columns]
-    if not (np.isfinite(rows).all() and np.isfinite(slopes).all()):
-        return start, np.inf
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
-    values = np.linalg.lstsq(slopes / size, rows, rcond=1e-10)[0] / size
-    unknowns = start.copy()
-    unknowns[columns] = np.clip(values, low[columns], high[columns])
-    return unknowns, float(np.sum((rows - slopes @ unknowns[columns]) ** 2))
+    record, links = problem.records[0], problem.structure.links
+    motion, count = record.motion, min(_SEARCHED, len(next(iter(record.cells.values()))))
+    first = motion.liveliest(count)
+    d, v = (
+        np.outer(along[:: motion.substeps][first : first + count], problem.structure.base_incidence)
+        for along in (motion.d, motion.v)
+    )
+    shown = {
+        f"f:{links[link].name}": bridged(force[None], ~np.isfinite(force[None]))[0, first : first + count]
+        for link, force in record.cells.items()
+    }
+    slow = int(bool(problem.cell_offsets) or problem.motion_offset)
+    return MemorySearch(
+        problem.structure, motion.step * motion.substeps, d, v, (), shown, given, {}, slow
+    ).minima()

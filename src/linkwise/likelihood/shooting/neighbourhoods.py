@@ -301,9 +301,7 @@ class LocalRows:
         """The rows of some segments by group, and the whitened residuals (k, C, M)."""
         segments, misfit = self.segments, self.misfit
         root = misfit.roots(segments, self.loss, part)
-        whiten = (root / self.scales.sigma[:, None]).astype(np.float32)
-        if segments.relative_noise is not None:
-            whiten /= segments.relative_noise[:, part].astype(np.float32)
+        whiten = (root / segments.deviations(self.scales, part)).astype(np.float32)
         mechanics = segments.system.at(misfit.point.theta)
         step = segments.step[part] * segments.flow_steps_per_tangent
         orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)

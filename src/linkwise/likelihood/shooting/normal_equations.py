@@ -236,9 +236,9 @@ def calibrate_gains(
     motion_columns = jacobian.shape[-1] - 1 - sensors.unknowns
     first = len(point.theta) + len(point.offsets)
     factors, moving = sensors.factors(point.gains), motion_columns + columns_of_forces(segments)
+    deviations = segments.deviations(scales, part)
     for channel in sensors.scaled:
-        relative = 1.0 if segments.relative_noise is None else segments.relative_noise[channel, part]
-        sigma = scales.sigma[channel] * relative
+        sigma = deviations[channel]
         predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
         if misfit.clipped is not None:
             predicted = predicted + misfit.clipped.shown[:, channel, part]
@@ -503,8 +503,7 @@ def _put_marched(
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
-    units, of_links = (scales.state, scales.theta[:p]), bool(np.any(sensors.kind == F))
-    steps = tangents(mechanics, orbit, step, *units, forces, inputs=inputs, of_links=of_links)
+    steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
     for number, tangent in enumerate(steps):
         sample, between = divmod(number - segments.tangents_before, segments.tangent_refine)
         if tangent.acceleration is None or between:
@@ -550,10 +549,7 @@ def _weights(
 ) -> tuple[Floats, Single]:
     """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
     root = misfit.roots(segments, loss, part)
-    whiten = (root / scales.sigma[:, None]).astype(np.float32)
-    if segments.relative_noise is not None:
-        whiten /= segments.relative_noise[:, part].astype(np.float32)
-    return root, whiten
+    return root, (root / segments.deviations(scales, part)).astype(np.float32)
 
 
 def _columns_of(

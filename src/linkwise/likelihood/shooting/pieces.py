@@ -454,7 +454,7 @@ def tested_in_pieces(
     q: float,
     candidates: CandidateForces,
     errors: SensorErrors | None,
-) -> tuple[BorderedFactor, float] | None:
+) -> BorderedFactor | None:
     """The equations of parameters and of sizes of what is tested, all nodes eliminated.
 
     Parameters
@@ -466,21 +466,19 @@ def tested_in_pieces(
 
     Returns
     -------
-    tuple of (BorderedFactor, float) or None
-        The factor, of which `schur` and `reduced` are these equations, and the largest sensitivity of the states over a
-        segment, 1 at least; None where the equations are not positive definite.
+    BorderedFactor or None
+        The factor, of which `schur` and `reduced` are these equations; None where they are not positive definite.
     """
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(own: tuple[int, int]) -> tuple[Floats, Floats, float] | None:
+    def work(own: tuple[int, int]) -> tuple[Floats, Floats] | None:
         part = slice(own[0], own[1] + 1)
         some = None if errors is None else replace(errors, values=errors.values[..., part])
         linear = linearise(
             piece_between(segments, *own), misfit.part(part), scales, loss, None, candidates.part(part), some
         )
         factor = inner_equations(linear.equations(q)).factor(overwrite=True)
-        growth = float(np.max(np.abs(linear.state_ends), initial=1.0))
-        return None if factor is None else (factor.schur, factor.reduced, growth)
+        return None if factor is None else (factor.schur, factor.reduced)
 
     with ThreadPoolExecutor(processors()) as executor:
         eliminated = list(executor.map(work, pairwise(piece_ends(segments.linked).tolist())))
@@ -492,8 +490,7 @@ def tested_in_pieces(
     corner, gradient = np.zeros((size, size)), np.zeros(size)
     if segments.prior is not None:
         add_prior(corner, gradient, segments.prior, misfit.point, scales)
-    factor = chain_of_ends([piece[:2] for piece in pieces], m, corner, gradient).factor()
-    return None if factor is None else (factor, max(growth for *_, growth in pieces))
+    return chain_of_ends(pieces, m, corner, gradient).factor()
 
 
 _LEAST = 0.1  # of the predicted reduction: a step that gains less of it has left its valley

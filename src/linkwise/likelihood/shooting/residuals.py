@@ -109,9 +109,7 @@ class Misfit:
 
 def _whitened(residuals: Floats, segments: Segments, scales: Scales, loss: Loss) -> ClippedMisfit | None:
     """Divide residuals (M, C, K) by the noise, with 0 for missing samples; gives the misfit of clipped readings."""
-    unit = scales.sigma[:, None]
-    if segments.relative_noise is not None:
-        unit = unit * segments.relative_noise
+    unit = segments.deviations(scales)
     residuals /= unit
     clipped = None
     if segments.clipped is not None and isinstance(loss, Gaussian):
@@ -398,14 +396,14 @@ class LongerSegments:
     parts: Indices
 
     @classmethod
-    def of(cls, shorter: Segments, joined: int | None = None) -> LongerSegments | None:
-        """The segments of each chain joined, a few or as many as `joined` to one.
+    def of(cls, shorter: Segments) -> LongerSegments | None:
+        """The segments of each chain joined, a few to one.
 
         None with random forces, which are constant in a segment, and late bases.
         """
         if shorter.random is not None or shorter.late_base is not None:
             return None
-        parts = _parts(shorter, joined)
+        parts = _parts(shorter)
         last = parts[:-1, -1]
         heads = parts[:, 0]
         inputs, waveforms = shorter.inputs, shorter.waveforms
@@ -454,23 +452,10 @@ class LongerSegments:
             continuity=float(np.vdot(defects, defects)),
         )
 
-    def short_nodes(self, orbit: Trajectories) -> Floats:
-        """(2n + S, K) states at the nodes of the shorter segments, along an orbit of the longer ones."""
-        segments = self.segments
-        every = segments.steps // self.parts.shape[1]
-        x, u = (orbit.states[:-1:every, kind] for kind in (0, 1))
-        memory = orbit.memory[:-1:every, : len(segments.system.states)]
-        states = np.concatenate([x, u / segments.step, memory], axis=1)
-        nodes = np.empty((states.shape[1], int(self.parts.max()) + 1))
-        for number in reversed(range(len(states))):  # where one is repeated, its first place counts
-            nodes[:, self.parts[:, number]] = states[number]
-        return nodes
 
-
-def _parts(segments: Segments, joined: int | None) -> Indices:
+def _parts(segments: Segments) -> Indices:
     """(K', f) the short segments in each longer one, which no end of a chain interrupts."""
-    if joined is None:
-        joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
+    joined = _JOINED_OF_FEW if len(segments.system.incidence) <= _FEW else _JOINED
     edges = [0, *(np.flatnonzero(~segments.linked) + 1).tolist(), segments.count]
     rows = [
         np.minimum(np.arange(first, last, joined)[:, None] + np.arange(joined), last - 1)

@@ -491,6 +491,11 @@ class Segments:
             clipped=None if self.clipped is None else self.clipped.chosen(which),
         )
 
+    def deviations(self, scales: Scales, part: slice = slice(None)) -> Floats:
+        """(C, k) standard deviations of the noise in some segments; (C, 1) where they are the same in all records."""
+        sigma = scales.sigma[:, None]
+        return sigma if self.relative_noise is None else sigma * self.relative_noise[:, part]
+
     def roots(self, weight: Floats, part: slice) -> Floats:
         """(M, C, k) square roots of what samples of some segments count for beside a `weight`; 0 where one is missing."""
         return np.asarray(np.sqrt(weight) * self.observed[..., part])

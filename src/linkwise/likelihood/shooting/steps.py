@@ -262,7 +262,7 @@ _LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is me
 _MARGIN = 10.0  # times the reduction of the cost that is estimated to be left, which is not exact
 _ROUNDING = 1e-7  # of the cost: error of reductions predicted by sensitivities in single precision
 _ROUNDING_OF_MANY = 3e-7  # the same by those along parts of a structure of many masses
-_OF_PART = 2.0  # times what a quarter of a step gains, or more of it: what a full one leaves is less
+_OF_PART = 2.0  # times what a part of a step gains: what a full one leaves is less
 
 
 @dataclass(frozen=True)
@@ -391,11 +391,11 @@ class AnnealingStep:
 
 @dataclass(frozen=True)
 class SearchState:
-    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length, the
-    number of steps at the final q that lowered the cost, and the damping below which there is none.
+    """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length, and the
+    damping below which there is none.
 
-    That one falls where a step without damping fails after a damped one that did not: in a valley that bends, such as that of
-    a scale which all channels share, the damping between them is the one that leads on.
+    The latter falls where a step without damping fails after a damped one that did not: in a valley that bends, such as that
+    of a scale which all channels share, the damping between them is the one that leads on.
     """
 
     q: float
@@ -403,18 +403,8 @@ class SearchState:
     damping: float = 0.0
     growth: float = 2.0
     stride: float = 1.0
-    tight: int = 0
     slight: float = SLIGHT
     eased: bool = False
-
-    def may_try(self, schedule: AnnealingSchedule, segments: Segments) -> bool:
-        """Whether chord steps may follow a step: a full one of a search that leads to more than the start of another.
-
-        They are tried once, of many masses, behind the first step at the final q; of few masses a dozen chords cost more than
-        the few steps that are left.
-        """
-        due = self.tight == 0 and len(segments.system.incidence) >= MANY
-        return due and self.stride == 1.0 and schedule.tolerance <= AnnealingSchedule.tolerance
 
     def ends_in_valley(self, step: AnnealingStep) -> bool:
         """Whether a step along a valley that bends failed, where longer ones did: what a full one promises is rounding."""
@@ -460,41 +450,14 @@ class SearchState:
         elif step.reduction < 0.01 * step.cost:
             q = max(schedule.final_q, q * schedule.largest_factor)
         damping = damping if damping >= self.slight else 0.0
-        return replace(
-            self,
-            q=q,
-            settled=settled,
-            damping=damping,
-            eased=damping < self.damping and damping == 0.0,
-            growth=2.0,
-            stride=stride,
-            tight=self.tight + (step.q <= schedule.final_q),
-        )
+        eased = damping < self.damping and damping == 0.0
+        return SearchState(q, settled, damping, 2.0, stride, self.slight, eased)
 
 
 _ENOUGH = 0.5  # of the predicted reduction, from which a step is not corrected
-_LEAST = 0.2  # of it, below which a shorter step is tried
 _EXPLAINED = 1.3  # of the noise, in power: with more left than this the laws are wrong, or the states far off
-
-
-@dataclass(frozen=True)
-class _Corrections:
-    """How far a step is followed: of many masses a trial costs a tenth of a linearisation, of few masses a third of it.
-
-    Where corrections do not lead along the bend of a step, the next of its `parts` is tried. It is corrected until it gains
-    `fully` of the predicted reduction. A correction that leaves more than `slow` of the cost, or, with `excess`, of what
-    curvature adds to the predicted one, and no reduction, is the last.
-    """
-
-    parts: tuple[float, ...]
-    most: int
-    fully: float
-    slow: float
-    excess: bool
-
-
-_OF_FEW = _Corrections(parts=(1.0,), most=6, fully=_ENOUGH, slow=0.5, excess=False)
-_OF_MANY = _Corrections(parts=(1.0, 0.5, 0.25), most=8, fully=0.9, slow=0.3, excess=True)
+_CORRECTIONS = 6  # at most; a trial costs a tenth of a linearisation of many masses, and a third of it of few
+_SLOW = 0.5  # of the cost: a correction that leaves more, and no reduction, is the last
 
 
 def curved_step(
@@ -509,7 +472,8 @@ def curved_step(
     """A damped step, corrected for the curvature of the flow where it gains much less than was predicted.
 
     That is done where noise explains the residuals. A search that cannot hold the motion to wrong laws had better not end: the
-    model error that it needs is looked for then.
+    model error that it needs is looked for then. From the second correction on, the defects are extrapolated from those of
+    the last two, as the same one is mostly left.
 
     Parameters
     ----------
@@ -526,60 +490,30 @@ def curved_step(
         The misfit behind the step, the predicted reduction of the cost, and what of it may be left: all after a correction,
         which meets the prediction along a bend where the gradient turns. None where the equations are not positive definite.
     """
-    q, rules = damped.q, _OF_FEW if len(segments.system.incidence) < MANY else _OF_MANY
-    if not is_explained(segments, misfit, loss):
-        rules = replace(rules, parts=(1.0,), most=0)
-    first: tuple[Misfit, float, float] | None = None
-    for part in rules.parts:
-        followed = _followed(segments, linear, damped, misfit, scales, loss, part * length, rules)
-        first = first or followed
-        if followed is None:
-            break
-        moved, predicted, unclear = followed
-        if misfit.cost(q) - moved.cost(q) > _LEAST * predicted:
-            return moved, predicted, unclear if part == 1.0 else predicted
-    return first
-
-
-def _followed(
-    segments: Segments,
-    linear: GaussNewtonModel,
-    damped: DampedEquations,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    length: float,
-    rules: _Corrections,
-) -> tuple[Misfit, float, float] | None:
-    """A step that is corrected as long as that pays, as `curved_step` returns it.
-
-    From the second correction on, the defects are extrapolated from those of the last two, as the same one is mostly left.
-    """
     attempt = damped_step(segments, damped, misfit, scales, length)
     if attempt is None:
         return None
     q, predicted, before = damped.q, attempt[1], misfit.cost(damped.q)
     best = plain = evaluate(segments, attempt[0], scales, loss)
     counted, behind = np.zeros(1), None
-    for _ in range(rules.most):
+    for _ in range(_CORRECTIONS if is_explained(segments, misfit, loss) else 0):
         cost = best.cost(q)
-        if before - cost > (_ENOUGH if best is plain else rules.fully) * predicted or not np.isfinite(cost):
+        if before - cost > _ENOUGH * predicted or not np.isfinite(cost):
             break
         added = _added_defects(linear, misfit, best, scales)
         last = added, added - counted
         counted = added if behind is None else _extrapolated(last, behind)
         behind = last
-        attempt = damped_step(
-            segments, _with_defects(damped, linear, counted, length), misfit, scales, length
-        )
+        corrected = _with_defects(damped, linear, counted, length)
+        attempt = damped_step(segments, corrected, misfit, scales, length)
         if attempt is None:
             break
         trial = evaluate(segments, attempt[0], scales, loss)
         if not trial.cost(q) < cost:
             break
-        best, floor = trial, before - predicted if rules.excess else 0.0
-        halting = trial.cost(q) > floor + rules.slow * (cost - floor)
-        if halting and not before - _ENOUGH * predicted < trial.cost(q) < before:
+        best = trial
+        reduces = before - _ENOUGH * predicted < trial.cost(q) < before
+        if trial.cost(q) > _SLOW * cost and not reduces:
             break
     return best, predicted, 0.0 if best is plain else predicted
 

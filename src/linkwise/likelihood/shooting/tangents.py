@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,8 +96,6 @@ class TangentForces:
                 (i, first + column, (accelerations[:, i] * (factor * step2)).astype(np.float32))
             )
         self.mechanics, self.unit = mechanics, unit
-        self.mass_values = mechanics.masses
-        self.points = mechanics.points
         self.by_shape: tuple[Indices, Indices, Single] | None = None
         self._by_rate: Single = np.empty((0, 0, 0), np.float32)  # room for a part of the forces
         inner = slopes.memory
@@ -126,7 +123,7 @@ class TangentForces:
         at_mass, at_link, at_state, at_column = (
             _places(which, size)
             for which, size in (
-                (masses, len(self.mass_values)),
+                (masses, len(self.mechanics.masses)),
                 (links, self.by_d.shape[1]),
                 (states, len(self.owners)),
                 (columns, self.width + sum(len(candidate[1]) for candidate in self.candidates)),
@@ -160,37 +157,12 @@ class TangentForces:
         ]
         return own
 
-    def without(self, links: Indices, gain: Floats) -> TangentForces:
-        """Those of the other links. What coefficients of `links` add is put on the masses, by the gain (n, L)."""
-        own = copy(self)
-        others = np.setdiff1d(np.arange(self.by_d.shape[1]), links)
-        at_link = _places(others, self.by_d.shape[1])
-        retained = at_link[self.rows] >= 0
-        own.by_d, own.by_v = self.by_d[:, others], self.by_v[:, others]
-        own.rows, own.columns = at_link[self.rows[retained]], self.columns[retained]
-        own.by_parameter = self.by_parameter[:, retained]
-        own.owners = at_link[self.owners]
-        if self.by_shape is not None:
-            own.by_shape = at_link[self.by_shape[0]], *self.by_shape[1:]
-        apart = np.flatnonzero(~retained)
-        masses, which = np.nonzero(gain[:, self.rows[apart]])
-        places, at_place = np.unique([masses, self.columns[apart[which]]], axis=1, return_inverse=True)
-        weights = csr_array(
-            (gain[masses, self.rows[apart[which]]].astype(np.float32), (at_place.ravel(), which)),
-            shape=(places.shape[1], len(apart)),
-        )
-        J, _, K = self.by_parameter.shape
-        change = weights @ self.by_parameter[:, apart].swapaxes(0, 1).reshape(len(apart), J * K)
-        added = np.ascontiguousarray(change.reshape(-1, J, K).swapaxes(0, 1))
-        own.candidates = [*self.candidates, (places[0], places[1], added)]
-        return own
-
     def add_candidates(self, candidates: CandidateForces, force: Floats | Single, step: Floats) -> None:
         """Count `force` (..., c, K), of unit amplitude, of candidates that no link exerts yet."""
         for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
             on_mass = np.flatnonzero(ends >= 0)
             self._push(ends[on_mass], on_mass, np.full(len(on_mass), sign), force, step)
-            for number, shape in enumerate(self.points):
+            for number, shape in enumerate(self.mechanics.points):
                 at_point = np.flatnonzero(ends == FIRST_POINT - number)
                 for mode in np.flatnonzero(shape) if len(at_point) else ():
                     weights = np.full(len(at_point), sign * shape[mode])
@@ -211,7 +183,7 @@ class TangentForces:
         acting = -(shapes.sides @ force)
         if applied is not None:
             acting += applied
-        factor = (unit / self.mass_values[modes])[:, None] * step**2
+        factor = (unit / self.mechanics.masses[modes])[:, None] * step**2
         columns = self.width - len(self.unit) + shapes.columns
         self.candidates.append((modes, columns, (acting[:, points] * factor).astype(np.float32)))
         which, link = np.nonzero(shapes.sides[points])
@@ -229,7 +201,7 @@ class TangentForces:
         self, masses: Indices, which: Indices, weights: Floats, force: Floats | Single, step: Floats
     ) -> None:
         """Count the forces `which` (k,) of `force`, weighted, on masses (k,), none of which occurs twice for a force."""
-        factor = ((weights / self.mass_values[masses])[:, None] * step**2).astype(np.float32)
+        factor = ((weights / self.mechanics.masses[masses])[:, None] * step**2).astype(np.float32)
         change = (force[:, which] * factor).astype(np.float32, copy=False)
         self.candidates.append((masses, self.width + which, change))
 
@@ -269,7 +241,6 @@ def _places(which: Indices, size: int) -> Indices:
 
 _WIDE = 20  # columns of a matrix from which sparse products may be faster
 _FULL = 0.2  # of its entries
-_SAME = 1e-9  # relative difference of steps that count as equally long
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +279,6 @@ def tangents(
     candidates: CandidateForces | None = None,
     *,
     inputs: Inputs,
-    of_links: bool = True,
 ) -> Iterator[TangentStep]:
     """Sensitivities along an orbit, by Nystroem's method of order 4.
 
@@ -331,9 +301,6 @@ def tangents(
         Candidate forces.
     inputs : Inputs
         What acts along the orbit.
-    of_links : bool, default True
-        Whether those of the forces of links are asked for. Without, linear links of hosts act as matrices, which is faster,
-        and the sensitivities of their forces are zeros.
 
     Yields
     ------
@@ -343,86 +310,8 @@ def tangents(
     n = len(mechanics.gain)
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
     starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
-    linear = None if of_links else LinearLinks.of(mechanics, starts, step)
-    if linear is not None:
-        starts, middles = (along.without(linear.links, mechanics.gain) for along in (starts, middles))
-        return linear.march(starts, middles, *units_of_states(scale, step, n, P))
     transfer = Transfer.of(mechanics.incidence, mechanics.gain)
     return march(transfer.stretched(mechanics.system), starts, middles, *units_of_states(scale, step, n, P))
-
-
-@dataclass(frozen=True, eq=False)
-class LinearLinks:
-    """Links with linear laws as matrices over the masses, where they are as many as these at least, as in hosts.
-
-    Attributes
-    ----------
-    links : array of int
-        Their numbers.
-    by_motion : array of shape (n, 2 n)
-        What they make of h^2 a by x and u = h v.
-    others : array of int
-        Numbers of the other links.
-    transfer : Transfer
-        How the others are stretched, and act.
-    """
-
-    links: Indices
-    by_motion: Single | csr_array
-    others: Indices
-    transfer: Transfer
-
-    @classmethod
-    def of(cls, mechanics: NumericSystem, starts: TangentForces, step: Floats) -> LinearLinks | None:
-        """Those of a structure with hosts, by the forces at the starts of steps; None where steps are of several lengths."""
-        system, links = mechanics.system, mechanics.system.linear_links
-        if not len(system.points) or len(links) < len(mechanics.masses) or system.base_error is not None:
-            return None
-        if np.ptp(step) > _SAME * step[0]:
-            return None
-        incidence, gain = mechanics.incidence, mechanics.gain
-        slopes = (starts.by_d[0, links, 0], starts.by_v[0, links, 0])
-        by_motion = np.hstack([(gain[:, links] * slope) @ incidence[:, links].T for slope in slopes])
-        others = np.setdiff1d(np.arange(incidence.shape[1]), links)
-        transfer = Transfer.of(incidence[:, others], gain[:, others])
-        return cls(links, _matrix(by_motion), others, transfer)
-
-    def march(
-        self, starts: TangentForces, middles: TangentForces, state: Single, inner: Single
-    ) -> Iterator[TangentStep]:
-        """Carry sensitivities from the nodes on, as `march` does, by the tangent forces of the others."""
-        (_, n, P, K), S = state.shape, len(inner)
-        stack, moved = np.empty((5, n, P, K), np.float32), np.empty_like(state)
-        stack[:2] = state
-        links = np.empty((2, len(self.others), P, K), np.float32)
-        forces = np.zeros((len(self.links) + len(self.others), P, K), np.float32)
-        pulls, pulled = np.empty_like(links[0]), np.empty_like(stack[0])
-        rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
-
-        def accelerate(along: TangentForces, j: int, motion: Single, inside: Single, stage: int) -> None:
-            product(self.transfer.into_links, motion, links)
-            along(j, links, inside, pulls, rates[stage])
-            acceleration = stack[2 + stage]
-            product(self.by_motion, motion.reshape(2 * n, P, K), acceleration)
-            product(self.transfer.gain, pulls, pulled)
-            acceleration += pulled
-            along.inertia(j, acceleration)
-
-        for j in range(middles.steps):
-            accelerate(starts, j, stack[:2], inner, 0)
-            forces[self.others] = pulls
-            yield TangentStep(stack[:2], inner, stack[2], forces)
-            combine(TANGENT_MIDDLE, stack[:3], moved)
-            np.add(inner, np.float32(0.5) * rates[0], out=between)
-            accelerate(middles, j, moved, between, 1)
-            combine(TANGENT_END, stack[:4], moved)
-            np.add(inner, np.float32(2.0) * rates[1] - rates[0], out=between)
-            accelerate(starts, j + 1, moved, between, 2)
-            inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
-            stack[0] += stack[1]
-            combine(TANGENT_CLOSING, stack[2:], moved)
-            stack[:2] += moved
-        yield TangentStep(stack[:2], inner, None, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -455,19 +344,8 @@ class Transfer:
         return replace(self, by_state=(system.base_error, -system.base[:, None, None].astype(np.float32)))
 
 
-class ForcesAlong(Protocol):
-    """What `march` asks of tangent forces, as `TangentForces` has it."""
-
-    @property
-    def steps(self) -> int: ...
-
-    def __call__(self, j: int, motion: Single, inner: Single, out: Single, rates: Single) -> None: ...
-
-    def inertia(self, j: int, out: Single) -> None: ...
-
-
 def march(
-    transfer: Transfer, starts: ForcesAlong, middles: ForcesAlong, state: Single, inner: Single
+    transfer: Transfer, starts: TangentForces, middles: TangentForces, state: Single, inner: Single
 ) -> Iterator[TangentStep]:
     """Carry sensitivities from the nodes on.
 
@@ -475,7 +353,7 @@ def march(
     ----------
     transfer : Transfer
         The structure.
-    starts, middles : ForcesAlong
+    starts, middles : TangentForces
         Tangent forces at the ends of J steps and in their middles.
     state, inner : array of shape (2, n, P, K) and (S, P, K)
         Sensitivities at the nodes, of masses and of states of links; overwritten.

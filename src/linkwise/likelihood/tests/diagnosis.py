@@ -34,7 +34,6 @@ from linkwise.likelihood.fit import LikelihoodFit, Optimum
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, block_scores
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import block_ends
 from linkwise.likelihood.shooting.residuals import (
     LongerSegments,
@@ -221,20 +220,16 @@ def beyond_white(fit: LikelihoodFit) -> float:
 
 _LINKS = 0.25  # of -2 log likelihood, of which a coefficient gains 1 by chance: what links cost at most, and gains change by
 _AMONG = 40  # masses that share this cost: of more of them it grows with their number, and of each it remains as small
-_LONGEST = (8, 7, 6, 5, 4)  # short segments in one of the longest, the first that leaves blocks as they are
-_LONGEST_OF_MANY = (4,)  # in longer ones an influence reaches too far
 _BLOCK_SHIFT = 1 / 30  # of a block, by which its ends are shifted at most
 
 
-def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Optimum, Misfit]:
+def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
     """The optimum of a fit and its misfit, in longer segments where the motion is exactly that of the laws.
 
     Parameters
     ----------
     fit : LikelihoodFit
         The fit.
-    longest : bool, optional
-        Whether they may be longer still, so that sensitivities of few masses may grow a thousandfold in one.
 
     Returns
     -------
@@ -243,17 +238,15 @@ def in_longer_segments(fit: LikelihoodFit, *, longest: bool = False) -> tuple[Op
     """
     optimum, misfit = fit.optimum, fit.misfit
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
+    longer = LongerSegments.of(optimum.segments) if exact else None
+    if longer is None:
+        return optimum, misfit
+    of_longer = longer.misfit(misfit)
+    left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
     most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
-    tried = (_most_joined(optimum.segments), None) if longest else (None,)
-    for joined in dict.fromkeys(tried if exact else ()):
-        longer = LongerSegments.of(optimum.segments, joined)
-        if longer is None:
-            break
-        of_longer = longer.misfit(misfit)
-        left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
-        if left_out < most * optimum.noise**2:
-            return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
-    return optimum, misfit
+    if not left_out < most * optimum.noise**2:
+        return optimum, misfit
+    return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
 
 
 def blocks_in(longer: Segments, shorter: Segments) -> int:
@@ -264,17 +257,6 @@ def blocks_in(longer: Segments, shorter: Segments) -> int:
     joined = len(longer.samples) // len(shorter.samples)
     many = longer.count >= EQUAL * BLOCKS[0]
     return BLOCKS[0] if many or _same_blocks(shorter.count, joined) else 1
-
-
-def _most_joined(segments: Segments) -> int | None:
-    """How many short segments are joined at most, so that blocks, where there are any, stay the same; None for as usual."""
-    most = _LONGEST if len(segments.system.incidence) < MANY else _LONGEST_OF_MANY
-    for joined in most:
-        if _same_blocks(segments.count, joined):
-            return joined
-    if segments.count > most[-1] * (EQUAL * BLOCKS[0] - 1):
-        return most[-1]
-    return most[0] if len(segments.system.incidence) < MANY else None
 
 
 def _same_blocks(count: int, joined: int) -> bool:
@@ -338,7 +320,6 @@ def _scatter(scores: BlockScores, own: int) -> Floats:
 _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 """What the log determinant does not see: a jump, and forces with memory."""
 
-_GROWTH = 1e3  # of a state over a segment, beyond which single precision would lose products of sensitivities
 _LATEST = (
     20.0  # samples: the first order says nothing of a longer delay, as that of all channels of a free decay
 )
@@ -452,6 +433,7 @@ def _not_tested(tested: TestedCauses, parameters: int) -> str:
     return f" Not tested, since the motion makes them infinite: {listed}." if names else ""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
 def tested_causes(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
 ) -> TestedCauses:
@@ -459,37 +441,18 @@ def tested_causes(
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
-    try:
-        tested, growth = _tested_in(in_longer_segments(fit, longest=True), fit, identified, channels, terms)
-        if growth <= _GROWTH:
-            return tested
-    except np.linalg.LinAlgError:
-        pass
-    return _tested_in(in_longer_segments(fit), fit, identified, channels, terms)[0]
-
-
-@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
-def _tested_in(
-    longer: tuple[Optimum, Misfit],
-    fit: LikelihoodFit,
-    identified: Structure,
-    channels: Sequence[Channel],
-    terms: bool,
-) -> tuple[TestedCauses, float]:
-    """The tests of a fit in segments of its own or longer ones, and by how much the states grow in these."""
+    longer = in_longer_segments(fit)
     optimum, misfit = longer
     motion = FittedMotion(optimum, misfit, identified, channels)
     errors, filtered = SensorErrors.of(optimum.segments, misfit), common_filter(optimum.segments, misfit)
     columns = TestedColumns.joined(_columns(motion, errors, filtered, terms=terms))
-    assert (
-        columns.forces is not None and columns.errors is not None
-    )  # which are those of terms and sensors at least
+    # which are those of terms and sensors at least
+    assert columns.forces is not None and columns.errors is not None
     blocks = blocks_in(optimum.segments, fit.segments)
     augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
     equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
     named, of_filter = in_units_of(columns.hypotheses, identified), relative_to_gain(filtered, errors)
-    tested = TestedCauses(named, columns.units, *equations, of_filter, augmented.model, longer)
-    return tested, augmented.growth
+    return TestedCauses(named, columns.units, *equations, of_filter, augmented.model, longer)
 
 
 def _columns(

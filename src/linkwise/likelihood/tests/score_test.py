@@ -298,15 +298,13 @@ class AugmentedQuadratic:
     """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
 
     The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
-    masses are few or it was asked for in blocks; `growth` is that of the largest sensitivity of the states over a segment, in
-    their units, 1 where the equations are local, infinite where a coefficient sets a place of rest that rounding nearly hides.
+    masses are few or it was asked for in blocks.
     """
 
     curvature: Floats
     slope: Floats
     scatter: Floats
     model: FactoredModel | None = None
-    growth: float = 1.0
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
@@ -364,9 +362,7 @@ def augmented_quadratic(
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))
-    model, growth = None, 1.0
-    if isinstance(linear, Linearization):
-        growth = float(np.max(np.abs(linear.state_ends), initial=1.0)) if linear.shift is None else np.inf
+    model = None
     if (in_blocks or isinstance(border, BorderedFactor)) and not border.damped:
         estimated = np.delete(
             np.arange(len(border.schur)), segments.system.parameters.size + np.arange(added)
@@ -383,7 +379,7 @@ def augmented_quadratic(
         curvature = curvature - with_own @ follow
         slope = slope - follow.T @ border.reduced[nuisance]
     if optimum.coloured is None:
-        return AugmentedQuadratic(curvature, slope, curvature, model, growth)
+        return AugmentedQuadratic(curvature, slope, curvature, model)
     rows = eliminated_rows(
         segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates=candidates, errors=errors
     )
@@ -401,13 +397,10 @@ def _in_pieces(
     """The model of a long record with white noise, without blocks; None of others, and where equations are singular."""
     if optimum.coloured is not None or not is_long(optimum.segments):
         return None
-    tested = tested_in_pieces(
+    factor = tested_in_pieces(
         optimum.segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
     )
-    if tested is None:
-        return None
-    factor, growth = tested
-    return AugmentedQuadratic(factor.schur, factor.reduced, factor.schur, None, growth)
+    return None if factor is None else AugmentedQuadratic(factor.schur, factor.reduced, factor.schur)
 
 
 def candidate_forces(
