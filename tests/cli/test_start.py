@@ -118,9 +118,9 @@ def test_a_column_with_a_text_is_not_left_out_without_a_word(file: Path) -> None
 
 def test_what_identify_advises_is_told_with_its_options(file: Path) -> None:
     lines = file.read_text().splitlines()
-    file.write_text("\n".join([*lines[:300], *lines[340:]]))
+    file.write_text("\n".join([*lines[:150], *lines[190:]]))
     _, err = said(f"start rig.csv {ANSWERED} {LINKED} --channel force:frame=Hammer --yes -o found", 1)
-    assert "inputs must be complete; cut the record to a piece without gaps (the longest is from 0.3" in err
+    assert "inputs must be complete; cut the record to a piece without gaps (the longest is from 0.18" in err
     assert "On the command line: --from S, --to S." in err and "and repeat:" in err
 
 

@@ -202,7 +202,8 @@ def corrected(record: Record, error: Cause) -> Record:
 
 def _likeliest(parts: Sequence[Record], structure: Structure) -> list[Cause]:
     """The errors that explain most of what the weak form leaves of records."""
-    if structure.size > _LARGEST or len(structure.parameters) > _MOST:
+    hidden = not all(parts[0].motions_of(name) for name in structure.mass_names)
+    if hidden or structure.size > _LARGEST or len(structure.parameters) > _MOST:
         return []
 
     def gain(error: Cause) -> float:
