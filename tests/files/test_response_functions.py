@@ -38,14 +38,19 @@ def test_modes_are_found_from_response_functions() -> None:
 
 
 def write(
-    path: Path, place: str, values: np.ndarray, reference: str = "wing.tip", direction: int = 3
+    path: Path,
+    place: str,
+    values: np.ndarray,
+    reference: str = "wing.tip",
+    direction: int = 3,
+    **stated: object,
 ) -> None:
     """Add one accelerance to a universal file."""
     data = pyuff.prepare_58(
         func_type=4, rsp_ent_name=place, rsp_dir=direction, ref_ent_name=reference, ref_dir=3, data=values, x=HZ,
         abscissa_spacing=1, abscissa_spec_data_type=18, ordinate_spec_data_type=12, orddenom_spec_data_type=13,
         num_pts=len(HZ), abscissa_min=HZ[0], abscissa_inc=0.125, binary=0, id1="NONE", rsp_node=12, ref_node=12,
-    )  # fmt: skip
+    ) | stated  # fmt: skip
     pyuff.UFF(str(path)).write_sets(data, "add")
 
 
@@ -69,8 +74,40 @@ def test_nodes_are_named_with_their_directions(tmp_path: Path) -> None:
         lw.read_record(tmp_path / "wing.uff")
 
 
+@pytest.mark.parametrize(
+    ("response", "force", "size"),
+    [("g", "NONE", 9.80665), ("g/kN", "NONE", 9.80665e-3), ("m/s^2", "lbf", 1.0 / 4.4482216152605)],
+)
+def test_units_of_response_functions_count(tmp_path: Path, response: str, force: str, size: float) -> None:
+    values = accelerances(0.0)["tip"]
+    write(tmp_path / "si.uff", "wing.tip", values)
+    units = {"ordinate_axis_units_lab": response, "orddenom_axis_units_lab": force}
+    write(tmp_path / "stated.uff", "wing.tip", values, **units)
+    si, stated = (lw.read_record(tmp_path / f"{name}.uff") for name in ("si", "stated"))
+    motions = (
+        np.fft.rfft(record.channel("a:wing.tip"))[1:] / np.fft.rfft(record.channel("force:wing.tip"))[16]
+        for record in (stated, si)
+    )
+    np.testing.assert_allclose(next(motions), size * next(motions), atol=1e-9)  # as printed
+
+
+def test_a_response_function_whose_motion_is_open_and_one_that_comes_twice_are_refused(
+    tmp_path: Path,
+) -> None:
+    values = accelerances(0.0)["tip"]
+    write(tmp_path / "open.uff", "wing.tip", values, ordinate_spec_data_type=1)
+    with pytest.raises(RecordError, match=r"which motion the response function of wing\.tip is of"):
+        lw.read_record(tmp_path / "open.uff")
+    for _ in range(2):
+        write(tmp_path / "twice.uff", "wing.tip", values)
+    with pytest.raises(RecordError, match=r"holds two response functions of a:wing\.tip"):
+        lw.read_record(tmp_path / "twice.uff")
+
+
 def test_lines_that_do_not_fit_are_refused() -> None:
     tip = {"a:tip": accelerances()["tip"]}
+    with pytest.raises(RecordError, match="evenly spaced multiples"):
+        lw.files.record_of_responses([], {"a:tip": []}, force="force:tip")
     with pytest.raises(RecordError, match="evenly spaced multiples"):
         lw.files.record_of_responses(HZ**1.01, tip, force="force:tip")
     with pytest.raises(RecordError, match="has 313 lines, and there are 312 frequencies"):

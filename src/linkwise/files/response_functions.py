@@ -53,8 +53,8 @@ def record_of_responses(frequencies: ArrayLike, responses: Mapping[str, ArrayLik
     (('force:arm.tip', 'x:arm.tip'), True)
     """
     hz = np.asarray(frequencies, dtype=np.float64)
-    spacing = (hz[-1] - hz[0]) / max(len(hz) - 1, 1)
-    lines = np.rint(hz / spacing).astype(int) if len(hz) > 1 and spacing > 0.0 else np.zeros(0, dtype=int)
+    spacing = (hz[-1] - hz[0]) / (len(hz) - 1) if hz.ndim == 1 and len(hz) > 1 else 0.0
+    lines = np.rint(hz / spacing).astype(int) if spacing > 0.0 else np.zeros(0, dtype=int)
     if not len(lines) or np.abs(hz - lines * spacing).max() > _EVEN * spacing * lines.max() or lines[0] < 0:
         raise RecordError(
             "frequencies of response functions must be evenly spaced multiples of their spacing"

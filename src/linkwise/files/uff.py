@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pyuff
 
-from linkwise.errors import RecordError
+from linkwise.errors import LinkwiseError, RecordError
 from linkwise.files.response_functions import record_of_responses
 from linkwise.files.table import Column, Table
+from linkwise.units import factor_to_si
 
 _TIME_RESPONSE, _RESPONSE_FUNCTION = 1, 4
 _EVEN = 1
@@ -65,7 +66,10 @@ def read_table(path: Path) -> Table:
 
 
 def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
-    """The record of a pulse that these give. RecordError where they are of several forces, or of different lines."""
+    """The record of a pulse that these give, in the units that they state.
+
+    RecordError where they are of several forces or lines, or one is given twice or of a quantity that is not stated.
+    """
     references = {_point(data, "ref") for data in sets}
     if len(references) > 1:
         raise RecordError(
@@ -75,15 +79,39 @@ def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
         )
     if any(len(data["x"]) != len(sets[0]["x"]) or np.any(data["x"] != sets[0]["x"]) for data in sets):
         raise RecordError("holds response functions of different lines", path)
-    responses = {
-        f"{_KINDS.get(data['ordinate_spec_data_type'], 'a')}:{_point(data, 'rsp')}": _sign(data)
-        * data["data"]
-        for data in sets
-    }
-    record = record_of_responses(sets[0]["x"], responses, force=f"force:{references.pop()}")
-    columns = tuple(Column(name, record.channel(name)) for name in record.channels)
-    note = "Response functions stand as the motion under a pulse of 1 N at every line."
+    force, responses, units = f"force:{references.pop()}", {}, {}
+    for data in sets:
+        place = _point(data, "rsp")
+        if data["ordinate_spec_data_type"] not in _KINDS:
+            raise RecordError(
+                f"does not state which motion the response function of {place} is of; write it with the ordinate data type 8 "
+                "(displacement), 11 (velocity) or 12 (acceleration)",
+                path,
+            )
+        name = f"{_KINDS[data['ordinate_spec_data_type']]}:{place}"
+        if name in responses:
+            raise RecordError(f"holds two response functions of {name}; keep one of them", path)
+        responses[name] = _sign(data) * data["data"]
+        units[name], of_force = _units(data)
+        if units.setdefault(force, of_force) != of_force:
+            raise RecordError(f"holds response functions per {units[force]} and per {of_force}", path)
+    record = record_of_responses(sets[0]["x"], responses, force=force)
+    headers = [f"{name}[{units[name]}]" if units[name] else str(name) for name in record.channels]
+    columns = tuple(map(Column, headers, map(record.channel, record.channels)))
+    note = f"Response functions stand as the motion under a pulse of 1 {units[force] or 'N'} at every line."
     return Table(columns, start=record.start, rate=record.rate, notes=(note,))
+
+
+def _units(data: dict[str, Any]) -> tuple[str, str]:
+    """What a response and its force are in; empty where that is not stated, and SI. The former may state both, as g/N."""
+    labels = (str(data.get(f"{axis}_axis_units_lab", "")).strip() for axis in ("ordinate", "orddenom"))
+    response, force = ("" if label in _NONE else label for label in labels)
+    motion, _, per = response.rpartition("/")
+    try:
+        factor_to_si(per.strip(" ()"), "N")
+    except LinkwiseError:
+        return response, force
+    return motion.strip(" ()"), force or per.strip(" ()")
 
 
 def _point(data: dict[str, Any], end: str) -> str:
