@@ -13,6 +13,7 @@ from within import assert_within, errors, of
 
 import linkwise as lw
 from linkwise import Verdict
+from linkwise.likelihood.rigs.estimate import _model_force
 
 
 @pytest.fixture(scope="module")
@@ -259,3 +260,11 @@ def test_a_late_load_cell_takes_trust(record: lw.Record) -> None:
     fit = lw.identify(delayed, hysteretic().unknown("damper"))
     assert not fit.trusted
     assert any(cause.kind == "delay" and cause.where == "f:damper" for cause in fit.diagnosis)
+
+
+def test_the_model_error_is_that_of_the_residuals_where_the_noise_is_next_to_nothing() -> None:
+    """What rounding leaves of the sum of squares then has either sign."""
+    for seed in range(20):
+        residuals = np.random.default_rng(seed).standard_normal(1000)
+        expected = np.sqrt(np.sum(residuals**2) / (1000 - 3))
+        assert _model_force(residuals, np.full(1000, 1e-11), 3) == pytest.approx(expected, rel=1e-9)

@@ -269,10 +269,12 @@ def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
     if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
         return 0.0
     most = float(np.sum(squares)) / count
-    excess = scipy.optimize.brentq(
-        lambda excess: np.sum(squares / (variances + most * excess)) - count, 0.0, 1.0
-    )
-    return float(np.sqrt(most * excess))
+
+    def missing(excess: float) -> float:
+        return float(np.sum(squares / (variances + most * excess))) - count
+
+    # at 1 nothing is missing, up to rounding, where deviations are next to nothing
+    return float(np.sqrt(most * scipy.optimize.brentq(missing, 0.0, 2.0)))
 
 
 def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
