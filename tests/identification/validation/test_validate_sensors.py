@@ -5,11 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from present import some
 from structures import oscillator
 
 import linkwise as lw
+from linkwise.estimates.causes import Cause
+from linkwise.identification.validation.answer import without_exchanges
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 RATE = 500.0
@@ -101,3 +104,11 @@ def test_what_the_record_is_without_is_not_taken_out_again() -> None:
 def test_what_is_corrected_must_be_an_error_of_a_channel(corrected: dict[str, list[str]]) -> None:
     with pytest.raises(lw.IdentificationError, match="corrected takes errors that the record is without"):
         lw.validate(shown(4), duffing(), corrected=corrected)
+
+
+@pytest.mark.parametrize(("kind", "where"), [("sign", "x:m2"), ("swapped", "x:m1"), ("relative", "x:m1")])
+def test_an_exchange_of_channels_that_the_record_lacks_is_not_taken_out(kind: str, where: str) -> None:
+    record = shown(3)
+    cause = Cause(kind, where, 0.0, "1", 0.0, 0.0, source="x:m2" if kind == "swapped" else "")
+    kept, remarks = without_exchanges(record, [cause])
+    assert not remarks and np.array_equal(kept.values, record.values)

@@ -174,11 +174,13 @@ def without_found_errors(
 
 def without_exchanges(record: Record, exchanged: Sequence[Cause]) -> tuple[Record, tuple[str, ...]]:
     """The record without the signs, units and places that an answer took out of its own, and a sentence on it."""
+    changed = []
     for cause in exchanged:
-        record = corrected(record, cause)
-    if not exchanged:
+        given, record = record, corrected(record, cause)
+        changed += [] if np.array_equal(record.values, given.values, equal_nan=True) else [cause.description]
+    if not changed:
         return record, ()
-    named = " and ".join(cause.description for cause in exchanged)
+    named = " and ".join(changed)
     return record, (f"Taken out of the record, as of that of the answer: {named}.",)
 
 

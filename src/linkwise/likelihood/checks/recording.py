@@ -188,7 +188,7 @@ def corrected(record: Record, error: Cause) -> Record:
                 values[:, column] *= -1.0
             case "unit":
                 values[:, column] /= error.size
-            case "relative":
+            case "relative" if f"{name.kind}:{BASE}" in places:
                 values[:, column] += record.channel(f"{name.kind}:{BASE}")
             case "swapped" if error.source in places:
                 values[:, [column, places[error.source]]] = record.values[:, [places[error.source], column]]
