@@ -137,6 +137,7 @@ def test_linear_links_powers_and_quadratic_damping_have_their_closed_forms() -> 
     np.testing.assert_allclose(answer.stiffness, 300.0 + 0.75e5 * AMPLITUDES**2, rtol=1e-12)
     rounding = 1e-12 * 300.0 / OMEGA  # of the spring, which the integral takes out
     np.testing.assert_allclose(answer.damping, 50.0 * AMPLITUDES**2 / 4.0, rtol=1e-12, atol=rounding)
+    assert equivalent(link_estimate("c2*v", c2=3.0), [], FREQUENCY).stiffness_band.shape == (0, 2)
     answer = equivalent(link_estimate("c2*v*abs(v)", c2=3.0), AMPLITUDES, FREQUENCY)
     quadratic = 8.0 / (3.0 * np.pi) * 3.0 * OMEGA * AMPLITUDES
     np.testing.assert_allclose(answer.damping, quadratic, rtol=1e-4)  # kink of abs

@@ -345,7 +345,7 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     d, v = np.outer(a, np.sin(phase)), omega * np.outer(a, np.cos(phase))
     partials = link.link.law.partials(d, v, link.link.values)
     slopes = np.array([np.broadcast_to(partials.by_coefficient[name], d.shape) for name in link.free])
-    slopes = slopes.reshape(-1, *d.shape)
+    slopes = slopes.reshape(len(link.free), *d.shape)
     results = []
     for harmonic, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
         weight = 2.0 * harmonic / _POINTS
