@@ -531,8 +531,9 @@ def percent(part: float | None) -> str:
 
 def smaller(reduction: float | None) -> str:
     """A relative reduction in words: so much smaller, or larger."""
-    size = "-" if reduction is None else "smaller" if reduction >= 0.0 else "larger"
-    return size if reduction is None else f"{percent(abs(reduction))} {size}"
+    if reduction is None:
+        return "-"
+    return f"{percent(abs(reduction))} {'smaller' if reduction >= 0.0 else 'larger'}"
 
 
 def seconds(time: float | None) -> str:

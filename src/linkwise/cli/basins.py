@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import deliver, progress
@@ -14,7 +13,6 @@ from linkwise.cli.options import (
     folder_option,
     grouped,
     json_option,
-    number,
     ranges,
     typed,
     unstarted_is_usage,
@@ -60,11 +58,3 @@ def basins(structure: Path, chosen: PlaneOptions, output: Path | None, as_json: 
     with progress("free motion") as step, unstarted_is_usage():
         result = lw.response.basins(subject, plane, points=chosen.points, progress=step)
     return deliver(result, output, as_json=as_json, answer=structure)
-
-
-def _range(text: str) -> tuple[float, float]:
-    """`FROM:TO`; anything else is wrong usage."""
-    first, colon, last = text.partition(":")
-    if not colon:
-        raise UsageError(f"--plane: {text!r} is not FROM:TO, as in --plane {_PLANE}.")
-    return number(first, "--plane", _PLANE), number(last, "--plane", _PLANE)

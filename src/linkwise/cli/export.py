@@ -26,7 +26,8 @@ def _formats() -> list[str]:
 @click.argument("answer", type=click.Path(path_type=Path))
 @click.argument("files", metavar="[FILE]...", nargs=-1, type=FILE)
 @click.option(
-    *("--equations", "equations"),
+    "--equations",
+    "equations",
     metavar="FILE",
     multiple=True,
     type=FILE,

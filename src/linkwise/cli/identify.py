@@ -48,7 +48,8 @@ from linkwise.output import RESULT
     lw.MaximumLikelihood,
     "ml",
     click.option(
-        *("--with", "more"),
+        "--with",
+        "more",
         metavar="RECORD",
         multiple=True,
         type=FILE,

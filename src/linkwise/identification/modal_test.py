@@ -172,9 +172,8 @@ _FAINT = 10.0
 _FAINT_FREQUENCY, _FAINT_DAMPING, _FAINT_SHAPE = (0.02, 0.5, 0.2)
 _LONG = 16_000  # samples: a search in more takes minutes
 _SEGMENT = 1024  # samples of a spectrum of the force
-_HARDLY_EXCITED = (
-    1e-4  # of the power of a force: beyond the frequency above which lies no more, it moves nothing
-)
+# of the power of a force: beyond the frequency above which lies no more, it moves nothing
+_HARDLY_EXCITED = 1e-4
 _BEYOND = 1.5  # times the highest frequency excited, up to which modes bend the response below it
 _UNSCALED = 0.2  # standard error of a shape relative to its largest value: its scale is not determined
 _CHI_SQUARE, _SIGMAS = 0.08, 5.0  # by what the power of the residuals may differ from that of the noise

@@ -277,10 +277,8 @@ def _beside_scale(answered: Answered, model: _Model) -> _Model | None:
     scales = ("mass", "force gain")
     if model.added or first is None or first.kind not in scales or abs(first.size) > _CALIBRATED:
         return None
-    most, named = (
-        abs(first.size),
-        {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)},
-    )
+    most = abs(first.size)
+    named = {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)}
     known = [mass for mass in structure.masses if mass.mass.known and mass.mass.value]
     forces = [name for name in model.records[0].inputs if name.kind == "force"]
     masses = [

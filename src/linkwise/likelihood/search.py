@@ -473,8 +473,8 @@ _NEAR = AnnealingSchedule(initial_q=0.1, smallest_factor=0.01, trust_per_sample=
 # of many masses: the mean of all hides that the quadratic model is wrong for one
 _FAR_OF_MANY = AnnealingSchedule(smallest_factor=0.1, trust_per_sample=1.0)
 _NEAR_OF_MANY = replace(_FAR_OF_MANY, initial_q=0.1)
-# from the states of a fit to nearly the same laws
 _HELD = 1e-3  # of what is known of a gain beforehand
+# from the states of a fit to nearly the same laws
 _WARM = AnnealingSchedule(initial_q=0.01, smallest_factor=0.003, trust_per_sample=10.0)
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
 _SIGMAS = 5.0  # and its own scatter

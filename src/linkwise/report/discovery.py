@@ -123,8 +123,10 @@ def _sizes(reported: Reported[Discovery]) -> Section | None:
 def _average(reported: Reported[Discovery]) -> Section | None:
     """The models that survive beside the selected one, if they give another force; none without trust."""
     discovery = reported.result
+    if not admit_intervals(discovery.verdicts):
+        return None
     link = discovery.average.departing(discovery.estimate.links)
-    if link is None or not admit_intervals(discovery.verdicts):
+    if link is None:
         return None
     figure = partial(result_figures.departures_figure, discovery, link)
     text = "Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."

@@ -183,9 +183,8 @@ def locate(
 
     try:
         return ends[_zero(at, 1.0, tolerance)]
-    except (
-        ArithmeticError
-    ):  # beside a branch point, at which the equations are singular: the nearest that was found
+    except ArithmeticError:
+        # beside a branch point, at which the equations are singular: the nearest that was found
         part = min(ends, key=lambda part: abs(test(ends[part])))
         return ends[part] if 0.0 < part < 1.0 else None
 

@@ -200,8 +200,8 @@ class _BaseMotion:
         count = self.integrations(order)
         values = self.record.channel(f"{MOTIONS[order + count]}:{BASE}")
         require_complete(f"{MOTIONS[order + count]}:{BASE}", values, self.record.start, self.record.rate)
-        time, order = np.arange(len(values)) * self.record.step, max(1, (len(values) - 1) // 2 * 2 - 1)
-        spline = scipy.interpolate.make_interp_spline(time, values, k=min(_SPLINE, order))
+        time, most = np.arange(len(values)) * self.record.step, max(1, (len(values) - 1) // 2 * 2 - 1)
+        spline = scipy.interpolate.make_interp_spline(time, values, k=min(_SPLINE, most))
         return np.asarray(spline.antiderivative(count)(time))
 
     def _derivative(self, order: int, wanted_by: str) -> Floats:

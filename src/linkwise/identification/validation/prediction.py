@@ -388,12 +388,14 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         return np.concatenate([np.full((burn, *tail.shape[1:]), np.nan), tail])
 
     motion = joined(prediction.motion)
+    d, v = _along(record, structure, motion[:, 0], motion[:, 1])
     return Prediction(
         predicted=joined(prediction.predicted),
         by_state=joined(prediction.by_state),
         by_coefficients=joined(prediction.by_coefficients),
         by_laws=joined(prediction.by_laws),
-        **dict(zip("dv", _along(record, structure, motion[:, 0], motion[:, 1]), strict=True)),
+        d=d,
+        v=v,
         starts=len(firsts),
         window=samples * record.step,
         horizon=horizon * record.step,

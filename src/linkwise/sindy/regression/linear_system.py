@@ -327,9 +327,8 @@ def _require_finite(matrix: Floats, target: Floats, weights: Floats | None, name
     if bad_rows.any():
         row = int(np.argmax(bad_rows))
         raise IdentificationError(f"row {row} of the equations has no finite right-hand side or weight")
-    bad_columns = ~np.isfinite(
-        matrix.sum(axis=0)
-    )  # a sum is finite where every entry is, unless it overflows
+    # a sum is finite where every entry is, unless it overflows
+    bad_columns = ~np.isfinite(matrix.sum(axis=0))
     if bad_columns.any():
         name = names[int(np.argmax(bad_columns))]
         raise IdentificationError(f"column {name!r} of the equations holds values that are not finite")
