@@ -4,6 +4,7 @@ import importlib
 import json
 import re
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from structures import link, structure
 
 import linkwise as lw
 from linkwise.absorption import DesignOptions, absorption_map
+from linkwise.absorption.resonance import Resonance
+from linkwise.progress import silent
 
 design_module = importlib.import_module("linkwise.absorption.design")
 CHAIN = lw.bnes_chain(2)
@@ -139,6 +142,14 @@ def test_the_least_resonance_is_that_of_fixed_points() -> None:
     within = lw.design(ABSORBER, over, "stroke:spring", limited, sinks=["spring"])
     assert within.response is not None
     assert within.response.levels[0].branches[0].amplitude.max() <= 1.3 * least / 2.0
+
+
+def test_unstable_motion_alone_is_no_resonance() -> None:
+    """Its amplitude would be the least of all designs."""
+    fed = ABSORBER.with_values({"spring.c": -0.1})
+    resonance = Resonance(replace(DRIVEN, harmonics=3, show=["x:frame"]), "m")
+    unstable, stable = resonance.values([fed, ABSORBER.with_values({"spring.c": 0.2})], 1.0, silent)
+    assert np.isnan(unstable) and stable > 0.01
 
 
 @pytest.mark.parametrize(

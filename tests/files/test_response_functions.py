@@ -1,6 +1,7 @@
 """Frequency response functions as data: of a modal test, from arrays and from universal files."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def write(
     values: np.ndarray,
     reference: str = "wing.tip",
     direction: int = 3,
-    **stated: object,
+    **stated: Any,
 ) -> None:
     """Add one accelerance to a universal file."""
     data = pyuff.prepare_58(
@@ -81,8 +82,13 @@ def test_nodes_are_named_with_their_directions(tmp_path: Path) -> None:
 def test_units_of_response_functions_count(tmp_path: Path, response: str, force: str, size: float) -> None:
     values = accelerances(0.0)["tip"]
     write(tmp_path / "si.uff", "wing.tip", values)
-    units = {"ordinate_axis_units_lab": response, "orddenom_axis_units_lab": force}
-    write(tmp_path / "stated.uff", "wing.tip", values, **units)
+    write(
+        tmp_path / "stated.uff",
+        "wing.tip",
+        values,
+        ordinate_axis_units_lab=response,
+        orddenom_axis_units_lab=force,
+    )
     si, stated = (lw.read_record(tmp_path / f"{name}.uff") for name in ("si", "stated"))
     motions = (
         np.fft.rfft(record.channel("a:wing.tip"))[1:] / np.fft.rfft(record.channel("force:wing.tip"))[16]

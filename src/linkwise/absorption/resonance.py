@@ -73,12 +73,16 @@ class Resonance:
 
 
 def _largest(response: Response) -> float:
-    """The largest amplitude of what does not depart from it: stable periodic motion, and irregular motion."""
-    amplitudes = [
-        *(branch.amplitude[branch.stable].max(initial=0.0) for level in response.levels for branch in level.branches),
-        *(0.5 * (own.upper - own.lower).max() for level in response.levels for own in level.irregular),
-    ]  # fmt: skip
-    return float(max(amplitudes))
+    """The largest amplitude of what does not depart from it: stable periodic motion, and irregular motion.
+
+    NaN where there is neither at a level: unstable motion alone has no amplitude that a test would show.
+    """
+    largest = []
+    for level in response.levels:
+        sizes = [branch.amplitude[branch.stable].max() for branch in level.branches if branch.stable.any()]
+        sizes += [0.5 * (own.upper - own.lower).max() for own in level.irregular]
+        largest.append(max(sizes, default=np.nan))
+    return float(np.max(largest))
 
 
 def sweep(options: ResponseOptions, duration: float | None) -> tuple[Excitation, float]:
