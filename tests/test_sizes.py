@@ -8,19 +8,19 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_400  # lines of all files of tests
+TESTS = 34_420  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (13, 2264),
+    "absorption": (13, 2266),
     "analysis": (4, 522),
-    "cli": (24, 2002),
+    "cli": (24, 1999),
     "discovery": (19, 3760),
     "estimates": (7, 1322),
     "export": (8, 1055),
     "expression": (6, 1102),
-    "files": (15, 1872),
-    "identification": (15, 2461),
+    "files": (15, 1893),
+    "identification": (15, 2463),
     "inspection": (12, 1884),
     "likelihood": (60, 15092),
     "modal": (7, 888),
@@ -28,7 +28,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "paper": (3, 364),
     "plot": (13, 1969),
     "records": (8, 1390),
-    "report": (9, 1186),
+    "report": (9, 1187),
     "response": (12, 1757),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 948),
     "signals": (7, 893),

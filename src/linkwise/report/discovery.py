@@ -123,9 +123,8 @@ def _sizes(reported: Reported[Discovery]) -> Section | None:
 def _average(reported: Reported[Discovery]) -> Section | None:
     """The models that survive beside the selected one, if they give another force; none without trust."""
     discovery = reported.result
-    if not admit_intervals(discovery.verdicts):
-        return None
-    link = discovery.average.departing(discovery.estimate.links)
+    trusted = admit_intervals(discovery.verdicts)
+    link = discovery.average.departing(discovery.estimate.links) if trusted else None
     if link is None:
         return None
     figure = partial(result_figures.departures_figure, discovery, link)
