@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (15, 1872),
     "identification": (15, 2461),
     "inspection": (12, 1884),
-    "likelihood": (60, 15092),
+    "likelihood": (60, 15106),
     "modal": (7, 888),
     "model": (20, 3217),
     "paper": (3, 364),
