@@ -147,6 +147,14 @@ class _Model:
         return white and self.answer.grade is Grade.EXPLAINED and not self._has_open_time
 
     @property
+    def is_nearly_explained(self) -> bool:
+        """Whether a model error is left beside what was added, and nothing that would explain it."""
+        answer = self.answer
+        settled = answer.fit_verdicts[0] in (Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)
+        approximate = settled and answer.grade is Grade.APPROXIMATE
+        return bool(self.added) and approximate and not answer.diagnosis and not self._has_open_time
+
+    @property
     def _has_open_time(self) -> bool:
         """Whether clocks that run apart leave open which is right, by more than two errors of a stiffness."""
         apart = max(
@@ -185,6 +193,8 @@ def explained_answer(
         return stated
     if not last.is_explained:
         last = explained(first, partial(_beside_error, answered, first), _ERRORS)
+    if last.is_nearly_explained and stated.grade is Grade.REFUSED:
+        return replace(last.answer, added=_as_found(last.added, last.answer))
     if not last.is_explained:
         bar = part(options.progress, 1.0, 1.0)  # the search itself is done
         first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
