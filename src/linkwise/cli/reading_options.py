@@ -192,8 +192,8 @@ class ReadingOptions:
         """Raise UsageError for an error of a sensor of which nothing is known, unless it is of a kind that is `found`."""
         sensors = self._sensors()
         for channel, kind, size in self._errors:
-            unknown = isinf(getattr(sensors[channel].uncertainty, kind, 0.0))
-            if kind not in found and (unknown or kind in _FITTED):
+            unknown = kind in _FITTED or isinf(getattr(sensors[channel].uncertainty, kind, 0.0))
+            if kind not in found and unknown:
                 raise UsageError(
                     f"--sensor {channel}:{kind}{size and f'={size}'}: identify by maximum likelihood finds this {kind}; here "
                     "leave it out, or state a size that is known, as in --sensor x:m1:offset=0.3mm,gain=1.02,delay=2ms."
