@@ -383,7 +383,7 @@ def test_a_discovery_finds_the_gain_of_a_force_with_the_structure() -> None:
 @pytest.mark.usefixtures("unrendered")
 def test_a_force_of_the_wrong_sign_is_named_beside_its_unknown_gain(tmp_path: Path) -> None:
     """The search makes the force vanish, ever larger gains later, and has no standard errors there."""
-    fit = lw.identify(driven(gains={"force:m1": -1.0}, seed=41), ASKED, gains=["force:m1"])
+    fit = lw.identify(driven(gains={"force:m1": -1.0}, seed=41), ASKED, gains=["force:m1"], as_stated=True)
     assert not fit.trusted
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("sign", "force:m1")
     assert "change the sign of force:m1" in fit.message

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from present import present
 from problems import truth
 from structures import HARDENING, NES, coefficient, host, link, structure
@@ -450,3 +451,16 @@ def test_the_wrong_sign_unit_or_reference_of_a_channel_is_taken_out(
     assert np.abs(errors(fit, truth)).max() < FAR
     validation = lw.validate(wrong, fit)
     assert validation.trusted and "Taken out of the record, as of that of the answer: " in str(validation)
+
+
+def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() -> None:
+    clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
+    coupled = scipy.signal.sosfilt(
+        scipy.signal.butter(1, 0.5, "high", fs=1000.0, output="sos"), clean.values[:, 1]
+    )
+    values = np.column_stack([clean.values[:, 0], coupled])
+    fit = lw.identify(
+        replace(clean, values=values, simulated=None).with_noise(20.0, seed=82), STATED.unknown("all")
+    )
+    assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [("high pass", "x:m2")]
+    assert np.abs(errors(fit, STATED)).max() < FAR

@@ -175,7 +175,7 @@ def test_unknowns_that_a_small_motion_does_not_tell_apart_are_named() -> None:
     force = multisine(0.01, 60.0)
     record = lw.simulate(joint(), duration=4.0, rate=200.0, sensors=["x"], forces={"m1": force})
     asked = structure({"m1": lw.Coefficient.unknown()}, named("joint", "m1-ground", "bouc-wen-classical"))
-    fit = lw.identify(record.with_noise(40.0, seed=6), asked, as_stated=True)
+    fit = lw.identify(record.with_noise(40.0, seed=1), asked, as_stated=True)
     assert not fit.trusted
     [sentence] = [finding for finding in fit.findings if " apart" in finding]
     told = sentence.partition("hardly tells ")[2].partition(" apart")[0].replace(" and", ",").split(", ")

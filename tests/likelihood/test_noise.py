@@ -11,6 +11,7 @@ from present import present
 from problems import chain_record, truth
 from random_signals import autoregressive, differenced, random_force
 from structures import link, oscillator, structure
+from within import errors
 
 import linkwise as lw
 
@@ -174,3 +175,15 @@ def test_small_coloured_residuals_are_judged_by_blocks(dragged: tuple[lw.Record,
     assert whole.grade is seen.grade is lw.Grade.APPROXIMATE and present(seen.chi_square_per_sample) > 2.0
     z = (seen.values - whole.values) / np.sqrt(seen.covariance.diagonal())
     assert np.max(np.abs(z)) < 3.0
+
+
+def test_a_sensor_that_was_filtered_without_phase_shows_no_noise_and_is_answered() -> None:
+    clean = chain_record(2, duration=3.0)
+    record = clean.with_noise(30.0, seed=76)
+    values = record.values.copy()
+    low_pass = scipy.signal.butter(4, 100.0, fs=record.rate, output="sos")
+    values[:, 1] = scipy.signal.sosfiltfilt(low_pass, values[:, 1])
+    chain = lw.bnes_chain(2)
+    fit = lw.identify(replace(record, values=values, simulated=None), chain.unknown("all"))
+    assert fit.grade is lw.Grade.APPROXIMATE and fit.diagnosis[0].kind == "filter"
+    assert np.abs(errors(fit, chain)).max() < 4.0  # standard errors, of five coefficients

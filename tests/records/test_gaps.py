@@ -228,7 +228,8 @@ def test_every_method_refuses_a_gap_in_an_input(case: Callable[[], tuple[lw.Reco
     after = f"{61 / record.rate:.9g}"
     assert str(error.value) == (
         f"channel {record.inputs[0]}: 2 of {len(record)} samples are missing, the first at {first} s, and inputs must be "
-        f"complete; cut the record to a piece without gaps (the longest: record.between({after}, {end})), or interpolate "
+        f"complete; cut the record to a piece without gaps (the longest is from {after} to {end} s: record.between({after}, "
+        f"{end})), or interpolate "
         "across gaps that are short against the changes of this input"
     )
     assert error.value.arguments == ("earliest", "latest")

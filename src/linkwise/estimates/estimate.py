@@ -366,7 +366,8 @@ class Estimate(JudgedView):
         if not self.added:
             return ()
         causes = " and ".join(cause.description for cause in self.added)
-        beside = f"beside {causes}, which was taken into the model, they leave noise alone"
+        left = "noise" if self.grade is Grade.EXPLAINED else "the model error"
+        beside = f"beside {causes}, which was taken into the model, they leave {left} alone"
         return (f"Laws as stated leave more than noise; {beside}.",)
 
     @cached_property

@@ -74,6 +74,7 @@ from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.segments import (
     corners_by_channel,
@@ -98,6 +99,7 @@ from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed, framed_records
+from linkwise.signals.noise import channel_noise
 
 _LOOSENED = (
     "If the motion had to follow the laws exactly, the likelihood would have many optima because of the noise, and a "
@@ -105,6 +107,9 @@ _LOOSENED = (
     "of the noise, which widens the intervals."
 )
 
+_ENDED_EARLY = (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
+_QUIET = 1e-6  # of the motion: noise, at 120 dB, that no sensor is without unless it was filtered off
+_PART = 0.01  # of the motion, which stands for it until the residuals tell
 _DENOISED = 2  # times that a fit beside high passes is repeated: the noise left in their integrals is then that of the motion
 _INSEPARABLE = 100.0  # variance of an unknown over that beside known others: a correlation of 0.995 of two
 _NEARLY = 2.0  # times the noise, in power: laws that leave no more nearly explain the records
@@ -564,6 +569,10 @@ class MaximumLikelihood(Estimator):
     ) -> LikelihoodFit:
         """A fit; noise adds up in what high passes take off, so that it is repeated with what the one before shows of them."""
         fit = self._searched(structure, records, options)
+        if fit.status in _ENDED_EARLY and (louder := _with_noise_of_filtered(records)) is not None:
+            fit = self._searched(structure, louder, options)
+            louder = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
+            fit = self._searched(structure, louder, options)
         for _ in range(_DENOISED if options.corners else 0):
             shown = denoised(fit, records, options.corners)
             fit = self._searched(structure, records, replace(options, denoised=shown))
@@ -629,6 +638,15 @@ class MaximumLikelihood(Estimator):
             host_memory_starts if structure.hosts else memory_starts,
         ]
         return attempts(partial(fit, kind) for kind in kinds)[0]
+
+
+def _with_noise_of_filtered(records: Sequence[Record]) -> list[Record] | None:
+    """The records with a part of their motion as noise of channels that show none, as filtered ones do; None without any."""
+    first = records[0]
+    found, unstated = channel_noise(first), [name for name in first.responses if name not in first.noise]
+    sizes = {name: float(np.sqrt(np.nanmean(first.channel(name) ** 2))) for name in unstated}
+    quiet = {str(name): _PART * size for name, size in sizes.items() if found[name] < _QUIET * size}
+    return [replace(record, noise={**record.noise, **quiet}) for record in records] if quiet else None
 
 
 def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:

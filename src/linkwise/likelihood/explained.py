@@ -21,7 +21,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.missing_samples import mark_missing, marked_samples
-from linkwise.likelihood.checks.recording import without_exchange
+from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
     ADMISSIBLE,
@@ -147,6 +147,14 @@ class _Model:
         return white and self.answer.grade is Grade.EXPLAINED and not self._has_open_time
 
     @property
+    def is_nearly_explained(self) -> bool:
+        """Whether a model error is left beside what was added, and nothing that would explain it."""
+        answer = self.answer
+        settled = answer.fit_verdicts[0] in (Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)
+        approximate = settled and answer.grade is Grade.APPROXIMATE
+        return bool(self.added) and approximate and not answer.diagnosis and not self._has_open_time
+
+    @property
     def _has_open_time(self) -> bool:
         """Whether clocks that run apart leave open which is right, by more than two errors of a stiffness."""
         apart = max(
@@ -178,13 +186,15 @@ def explained_answer(
     first = last = _Model(structure, options, records, (), stated)
     if first.is_explained:
         return stated
-    for beside_record in (_beside_alerts, _beside_exchange):
+    for beside_record in (_beside_alerts, _beside_channel):
         if not last.is_explained and (beside := beside_record(answered, first)) is not None:
             last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
     if not last.is_explained and stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
         return stated
     if not last.is_explained:
         last = explained(first, partial(_beside_error, answered, first), _ERRORS)
+    if last.is_nearly_explained and stated.grade is Grade.REFUSED:
+        return replace(last.answer, added=_as_found(last.added, last.answer))
     if not last.is_explained:
         bar = part(options.progress, 1.0, 1.0)  # the search itself is done
         first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
@@ -215,22 +225,30 @@ def beside_exchange(
     Estimate or None
         The answer, with the error among what was added.
     """
-    found = without_exchange(records, structure)
-    if found is None:
+    error = likeliest_error(records, structure)
+    if error is None or error.kind not in EXCHANGES:
         return None
-    answer = answered(structure, options, found[0])
-    beside = _Model(structure, options, found[0], (found[1],), answer)
+    exchanged = [corrected(record, error) for record in records]
+    beside = _Model(structure, options, exchanged, (error,), answered(structure, options, exchanged))
     last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
     return replace(last.answer, added=_as_found(last.added, last.answer)) if last.is_explained else None
 
 
-def _beside_exchange(answered: Answered, model: _Model) -> _Model | None:
-    """The model from records with another sign, unit or place of a channel; None where none explains by far most."""
+def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
+    """The model with a high pass, or from records with another sign, unit or place of a channel; None where none explains by
+    far most.
+    """
     named = [alert.channel for alert in model.answer.alerts if alert.kind == "unit"]
-    found = without_exchange(model.records, model.structure, named)
-    if found is None:
+    error = likeliest_error(model.records, model.structure, named)
+    if error is None:
         return None
-    return _refitted(answered, replace(model, records=found[0]), model.structure, model.options, (found[1],))
+    if error.kind in EXCHANGES:
+        exchanged = [corrected(record, error) for record in model.records]
+        return _refitted(
+            answered, replace(model, records=exchanged), model.structure, model.options, (error,)
+        )
+    beside = with_error(model.options, error, model.records[0])
+    return None if beside is None else _refitted(answered, model, model.structure, beside, (error,))
 
 
 def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:

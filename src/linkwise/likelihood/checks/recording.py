@@ -109,6 +109,7 @@ _MOST = 60  # unknowns, likewise
 # of a record, the part with the largest motion, which a whole channel shows as well as all of it
 _SAMPLES = 20_000
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
+_MAY_BE = 9.0  # the same of a high pass that the likelihood, which sees more of it, decides on: three standard errors
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
 _G = 9.80665  # m/s^2
 _UNITS = {"x": (1e3, 1e-3), "v": (1e3, 1e-3), "a": (1.0 / _G, _G, 1e3, 1e-3), "force": (1e3, 1e-3)}
@@ -140,25 +141,27 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     )
 
 
-def without_exchange(
+def likeliest_error(
     records: Sequence[Record], structure: Structure, named: Sequence[str] = ()
-) -> tuple[list[Record], Cause] | None:
-    """The records with the sign, the unit or the place of a channel that explains by far most, and that error as a cause.
+) -> Cause | None:
+    """The sign, the unit or the place of a channel that explains by far most, or the high pass that may explain something.
 
     None where there is none, or where another one explains as much. Of several units the one that is `named` by an alert
-    counts; of several signs the first, as the others differ by the direction that is positive.
+    counts, of several high passes the likeliest, and of several signs the first, as the others differ by the direction that is
+    positive.
     """
-    likeliest = _likeliest(_loudest_parts(records), structure)
+    likeliest = _likeliest(_loudest_parts(records), structure, _MAY_BE)
     signs = [error.where for error in likeliest if error.kind == "sign"]
     if 1 < len(likeliest) == len(signs):
         likeliest = likeliest[:1]
+    elif all(error.kind == "high pass" for error in likeliest):
+        likeliest = sorted(likeliest, key=lambda error: -error.gain)[:1]
     elif len(likeliest) > 1:
         likeliest = [error for error in likeliest if error.where in named]
-    if len(likeliest) != 1 or likeliest[0].kind not in EXCHANGES:
+    if len(likeliest) != 1:
         return None
     remark = f"or of {' or '.join(signs[1:])}, by the direction that is positive" if signs[1:] else ""
-    error = replace(likeliest[0], remark=remark)
-    return [corrected(record, error) for record in records], error
+    return replace(likeliest[0], remark=remark)
 
 
 def corrected(record: Record, error: Cause) -> Record:
@@ -200,8 +203,8 @@ def corrected(record: Record, error: Cause) -> Record:
     return replace(record, values=values, simulated=None)
 
 
-def _likeliest(parts: Sequence[Record], structure: Structure) -> list[Cause]:
-    """The errors that explain most of what the weak form leaves of records."""
+def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float = _CONVINCING) -> list[Cause]:
+    """The errors that explain most of what the weak form leaves of records; by more than that a `high_pass`."""
     hidden = not all(parts[0].motions_of(name) for name in structure.mass_names)
     if hidden or structure.size > _LARGEST or len(structure.parameters) > _MOST:
         return []
@@ -218,8 +221,9 @@ def _likeliest(parts: Sequence[Record], structure: Structure) -> list[Cause]:
         return []
     errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
     errors = [replace(error, gain=gain(error)) for error in errors]
-    least = max(_CONVINCING, max((error.gain for error in errors), default=-np.inf) - _ALIKE)
-    return [error for error in errors if error.gain > least]
+    least = max((error.gain for error in errors), default=-np.inf) - _ALIKE
+    enough = {"high pass": high_pass}
+    return [error for error in errors if error.gain > max(least, enough.get(error.kind, _CONVINCING))]
 
 
 def _loudest_parts(records: Sequence[Record]) -> list[Record]:
