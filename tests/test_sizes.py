@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_420  # lines of all files of tests
+TESTS = 34_480  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -20,9 +20,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "export": (8, 1055),
     "expression": (6, 1102),
     "files": (15, 1893),
-    "identification": (15, 2463),
+    "identification": (15, 2465),
     "inspection": (12, 1884),
-    "likelihood": (60, 15120),
+    "likelihood": (60, 15154),
     "modal": (7, 888),
     "model": (20, 3217),
     "paper": (3, 364),

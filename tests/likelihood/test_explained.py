@@ -464,3 +464,19 @@ def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() ->
     )
     assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [("high pass", "x:m2")]
     assert np.abs(errors(fit, STATED)).max() < FAR
+
+
+def test_what_may_be_of_all_masses_or_all_sensors_is_not_taken_out_of_one() -> None:
+    """All displacements 10 % too large look like a force too small, and in mm like kN; equal masses like an exchange."""
+    record = by_accelerometers(base=True)
+    truth, motions = FLOORS["base"], np.array([name.place != "base" for name in record.channels])
+    for factor in (1.1, 1e3):
+        scaled = replace(record, values=record.values * np.where(motions, factor, 1.0), simulated=None)
+        assert lw.identify(scaled, truth.unknown("all")).added == ()
+    alike = replace(
+        STATED, masses=(lw.Mass("m1", lw.Coefficient.number(1.0)), lw.Mass("m2", lw.Coefficient.number(1.0)))
+    )
+    free = lw.simulate(alike, release={"v:m1": 1.0}, duration=2.0, rate=1000.0).with_noise(40.0, seed=69)
+    exchanged = replace(free, values=free.values[:, ::-1], simulated=None)
+    fit = lw.identify(exchanged, alike.unknown("all"))
+    assert fit.added == () and not fit.trusted

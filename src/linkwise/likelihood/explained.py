@@ -60,6 +60,7 @@ _CALIBRATED = (
     0.2  # relative: what sensors are off by, of which the record does not tell which, to the first order
 )
 _WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
+_SCALES = ("mass", "force gain", "gain")
 _TRIED = 3  # causes that are as likely
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 
@@ -191,6 +192,11 @@ def explained_answer(
             last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
     if not last.is_explained and stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
         return stated
+    if last.is_explained and any(cause.kind == "swapped" for cause in last.added):
+        rival = explained(
+            first, partial(_beside_cause, answered), 1
+        )  # a term may stand for masses that are alike
+        last = first if rival.is_explained else last
     if not last.is_explained:
         last = explained(first, partial(_beside_error, answered, first), _ERRORS)
     if last.is_nearly_explained and stated.grade is Grade.REFUSED:
@@ -202,7 +208,7 @@ def explained_answer(
     if not last.is_explained:
         return stated
     answer = replace(last.answer, added=_as_found(last.added, last.answer))
-    as_stated = all(cause.is_instrument and cause.kind not in FREED for cause in last.added)
+    as_stated = all(cause.is_instrument and cause.kind not in (*FREED, "force gain") for cause in last.added)
     return answer if as_stated else replace(stated, alternative=answer)
 
 
@@ -289,31 +295,33 @@ def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | 
 def _beside_scale(answered: Answered, model: _Model) -> _Model | None:
     """The model with all masses, and gains of the forces, known to within what one of them is off by; None where more is left.
 
-    Laws with unknown coefficients determine ratios of masses and forces, and not which of them is off.
+    Laws with unknown coefficients determine ratios of masses and forces, and not which of them is off; nor, where a gain of a
+    sensor comes first, whether it is the sensor.
     """
-    first, structure = next(iter(model.answer.diagnosis), None), model.structure
-    scales = ("mass", "force gain")
-    if model.added or first is None or first.kind not in scales or abs(first.size) > _CALIBRATED:
+    first, structure, record = next(iter(model.answer.diagnosis), None), model.structure, model.records[0]
+    if model.added or first is None or first.kind not in _SCALES or abs(first.size) > _CALIBRATED:
         return None
-    most = abs(first.size)
-    named = {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)}
-    known = [mass for mass in structure.masses if mass.mass.known and mass.mass.value]
-    forces = [name for name in model.records[0].inputs if name.kind == "force"]
+    most, named = (
+        abs(first.size),
+        {(cause.kind, cause.where): cause for cause in reversed(model.answer.diagnosis)},
+    )
+    known = {mass.name: mass.mass.value for mass in structure.masses if mass.mass.known and mass.mass.value}
+    forces = [name for name in record.inputs if name.kind == "force"]
+    sensors = list(record.responses) if forces or first.kind == "gain" else []
     masses = [
-        replace(
-            mass, mass=Coefficient.unknown(start=mass.mass.value, sigma=most * abs(mass.mass.value or 0.0))
-        )
-        if mass in known
+        replace(mass, mass=Coefficient.unknown(start=value, sigma=most * abs(value)))
+        if (value := known.get(mass.name)) is not None
         else mass
         for mass in structure.masses
     ]
     options = replace(
         model.options,
-        gains=(*model.options.gains, *forces),
-        calibration={**model.options.calibration, **dict.fromkeys(forces, most)},
+        gains=(*model.options.gains, *forces, *sensors),
+        calibration={**model.options.calibration, **dict.fromkeys((*forces, *sensors), most)},
     )
     remark = f"which one is off is open: each is taken as known to within {format_percent(most)}"
-    open_ = [*(("mass", mass.name) for mass in known), *(("force gain", name) for name in forces)]
+    open_ = [("mass", name) for name in known] + [("force gain", name) for name in forces]
+    open_ += [("gain", name) for name in sensors]
     added = tuple(
         replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), remark=remark)
         for key in open_
@@ -426,10 +434,10 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         told = tuple(replace(gain, remark=remark) for gain in gains)
         return replace(options, gains=(*options.gains, *sigma), calibration=calibration), told
     first = _distinct_error(current.diagnosis)
-    if first is None or first is not line:
-        return None
-    if options.random and first.kind.endswith(("delay", "gain")):
-        return None  # delays are not estimated then, and masses, which look like a gain, not tested
+    if first is None or first is not line or first.kind.endswith("gain"):
+        return None  # a scale is that of a sensor, a force or a mass: none of them is told from the others
+    if options.random and first.kind.endswith("delay"):
+        return None  # delays are not estimated then
     if first.kind == CLOCK:  # that of an input counts as right
         alike = [cause for cause in current.diagnosis if cause.kind == CLOCK and _rivals(first, cause)]
         of_sensors = [cause for cause in alike if cause.where not in records[0].inputs] or alike
@@ -441,12 +449,17 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
 
 def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...]:
     """The gains of all sensors where that of one comes first: one that is off leaves the others no better known; none where a
-    mass may be.
+    mass or an input may be off, of which a single sensor beside a force is not told.
     """
     first = next(iter(diagnosis), None)
     if first is None or first.kind != "gain" or abs(first.size) > _CALIBRATED:
         return ()
-    if any(cause.kind == "mass" and _rivals(first, cause) for cause in diagnosis):
+    if first.where not in record.responses or (len(record.responses) == 1 and record.inputs):
+        return ()
+    others = (
+        cause for cause in diagnosis if cause.kind in ("mass", "force gain") or cause.where in record.inputs
+    )
+    if any(cause.gain > _ALIKE * first.gain for cause in others if cause.kind.endswith(("mass", "gain"))):
         return ()
     named = {cause.where: cause for cause in reversed(diagnosis) if cause.kind == "gain"}
     return tuple(named.get(name, replace(first, where=name, size=0.0)) for name in record.responses)

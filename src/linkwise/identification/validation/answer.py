@@ -110,7 +110,7 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
         grade = Grade(result.get("grade", "refused"))
         error = 0.0 if grade is Grade.REFUSED else float(result.get("model_error_percent") or 0.0) / 100.0
         of_sensors = tuple(map(SensorErrorEstimate.from_dict, result.get("sensor_errors", ())))
-        exchanged = tuple(map(_exchange, result.get("added", ())))
+        exchanged = tuple(_exchange(one) for one in result.get("added", ()) if one["cause"] in EXCHANGES)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return f"no covariance is beside {_STRUCTURE}", {}
     if status not in STATUSES:
@@ -119,7 +119,6 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
             "beside it",
             str(path),
         )
-    exchanged = tuple(cause for cause in exchanged if cause.kind in EXCHANGES)
     known = {
         "sensor_errors": of_sensors,
         "exchanged": exchanged,
@@ -181,7 +180,10 @@ def without_exchanges(record: Record, exchanged: Sequence[Cause]) -> tuple[Recor
     if not changed:
         return record, ()
     named = " and ".join(changed)
-    return record, (f"Taken out of the record, as of that of the answer: {named}.",)
+    remark = f"Taken out of the record, as of that of the answer: {named}."
+    return record, (
+        f"{remark} Of a record without it, give the {_STRUCTURE} of the answer in place of its folder.",
+    )
 
 
 def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> None:

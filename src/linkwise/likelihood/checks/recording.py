@@ -39,6 +39,7 @@ from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
 from linkwise.likelihood.noise import is_white
 from linkwise.modal.oscillators import SampledForce
 from linkwise.model.host import Host
+from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.progress import silent
 from linkwise.records.channel import BASE, KINDS, Channel
@@ -109,12 +110,17 @@ _MOST = 60  # unknowns, likewise
 # of a record, the part with the largest motion, which a whole channel shows as well as all of it
 _SAMPLES = 20_000
 _CONVINCING = 30.0  # of -2 log likelihood: chance gives one of 200 hypotheses that much in a million records
+_ALIKE_MASSES = (
+    0.1  # relative: by more, an exchange leaves more than noise in some record of a hundred samples
+)
+_PLACES, _SEED = 7, 20261129  # at which the symmetry of a law is looked at
 _MAY_BE = 9.0  # the same of a high pass that the likelihood, which sees more of it, decides on: three standard errors
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
 _G = 9.80665  # m/s^2
 _UNITS = {"x": (1e3, 1e-3), "v": (1e3, 1e-3), "a": (1.0 / _G, _G, 1e3, 1e-3), "force": (1e3, 1e-3)}
 """Times that values in mm told as m are too large, the usual error, and the reverse; of accelerations those in g as well."""
-_ALL_CHANNELS, _ALL_ACCELERATIONS = "all channels", "all accelerations"
+_ALL = {"x": "all displacements", "v": "all velocities", "a": "all accelerations"}
+_ALL_CHANNELS = "all channels"
 _ANGLES = (DEGREES, 1.0 / DEGREES)  # likewise those in deg told as rad
 _CORNERS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Hz: AC coupling lies inside. What is best at an end is no high pass, but slow residuals or motion that any makes smaller."""
@@ -148,20 +154,44 @@ def likeliest_error(
 
     None where there is none, or where another one explains as much. Of several units the one that is `named` by an alert
     counts, of several high passes the likeliest, and of several signs the first, as the others differ by the direction that is
-    positive.
+    positive; but for laws that hold it, none of one sensor or an input, where no others outvote it.
     """
     likeliest = _likeliest(_loudest_parts(records), structure, _MAY_BE)
     signs = [error.where for error in likeliest if error.kind == "sign"]
+    outvoted = len(signs) == 1 and signs[0] in records[0].responses and len(records[0].channels) > 2
+    if signs and not outvoted and not all(map(_is_odd, structure.links)):
+        return None
     if 1 < len(likeliest) == len(signs):
         likeliest = likeliest[:1]
     elif all(error.kind == "high pass" for error in likeliest):
         likeliest = sorted(likeliest, key=lambda error: -error.gain)[:1]
     elif len(likeliest) > 1:
         likeliest = [error for error in likeliest if error.where in named]
-    if len(likeliest) != 1:
+    if len(likeliest) != 1 or (likeliest[0].kind == "swapped" and _are_alike(likeliest[0], structure)):
         return None
-    remark = f"or of {' or '.join(signs[1:])}, by the direction that is positive" if signs[1:] else ""
-    return replace(likeliest[0], remark=remark)
+    others = " or ".join(signs[1:]) or "all others"
+    return replace(likeliest[0], remark=f"or of {others}, by the direction that is positive" if signs else "")
+
+
+def _are_alike(swapped: Cause, structure: Structure) -> bool:
+    """Whether the masses of two channels may be equal: laws that are stated at the other one look like an exchange then."""
+    known = {mass.name: mass.mass.value if mass.mass.known else None for mass in structure.masses}
+    places = (name.partition(":")[2] for name in (swapped.where, swapped.source))
+    first, second = (known.get(place, np.inf) for place in places)
+    return first is None or second is None or abs(first - second) < _ALIKE_MASSES * abs(first)
+
+
+def _is_odd(link: Link) -> bool:
+    """Whether motion the other way makes the force of a link the other way, by its law at a few places."""
+    law = link.law
+    if not law.is_plain:
+        return True
+    d, v = np.random.default_rng(_SEED).normal(size=(2, _PLACES))
+    ones = dict.fromkeys(law.coefficients, 1.0)
+    force = law.force(d, v, ones)
+    return bool(
+        np.allclose(law.force(-d, -v, ones), -force, rtol=1e-9, atol=1e-9 * float(np.abs(force).max()))
+    )
 
 
 def corrected(record: Record, error: Cause) -> Record:
@@ -180,10 +210,8 @@ def corrected(record: Record, error: Cause) -> Record:
         The record without it; itself where it lacks the channels.
     """
     values, places = record.values.copy(), {str(name): place for place, name in enumerate(record.channels)}
-    of_all = {
-        _ALL_CHANNELS: [name for name in record.responses if f"{name.kind}:{BASE}" in places],
-        _ALL_ACCELERATIONS: [name for name in record.channels if name.kind == "a"],
-    }
+    of_all = {kinds: [name for name in record.responses if name.kind == kind] for kind, kinds in _ALL.items()}
+    of_all[_ALL_CHANNELS] = [name for name in record.responses if f"{name.kind}:{BASE}" in places]
     for name in of_all.get(error.where, [name for name in record.channels if name == error.where]):
         column = places[name]
         match error.kind:
@@ -277,8 +305,9 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
     }
     for usual in zip_longest(*units.values()):  # the most usual of all channels first
         yield from (_error("unit", name, times) for name, times in zip(units, usual, strict=True) if times)
-    for times in _UNITS["a"] if sum(name.kind == "a" for name in motions) > 1 else ():
-        yield _error("unit", _ALL_ACCELERATIONS, times)
+    for kind, where in _ALL.items():
+        if sum(name.kind == kind for name in record.responses) > 1:
+            yield from (_error("unit", where, times) for times in _UNITS[kind])
     for first, second in combinations(measured, 2):
         if first.kind == second.kind:
             yield _error("swapped", first, source=second)
