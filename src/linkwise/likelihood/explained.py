@@ -241,8 +241,8 @@ def beside_exchange(
 
 
 def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
-    """The model with a high pass, or from records with another sign, unit or place of a channel; None where none explains by
-    far most.
+    """The model with a high pass that is all that is off, or from records with another sign, unit or place of a channel; None
+    where none explains by far most.
     """
     named = [alert.channel for alert in model.answer.alerts if alert.kind == "unit"]
     error = likeliest_error(model.records, model.structure, named)
@@ -254,7 +254,8 @@ def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
             answered, replace(model, records=exchanged), model.structure, model.options, (error,)
         )
     beside = with_error(model.options, error, model.records[0])
-    return None if beside is None else _refitted(answered, model, model.structure, beside, (error,))
+    passed = None if beside is None else _refitted(answered, model, model.structure, beside, (error,))
+    return passed if passed is not None and (passed.is_explained or passed.is_nearly_explained) else None
 
 
 def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
