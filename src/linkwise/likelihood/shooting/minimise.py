@@ -131,7 +131,8 @@ def anneal(
         If the motion from the start is not finite.
     """
     path: list[AnnealingStep] = []
-    control, status = SearchState(schedule.initial_q, schedule.initial_q), AnnealingStatus.EXHAUSTED
+    control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
+    status = AnnealingStatus.EXHAUSTED
     samples = int(segments.observed.sum())
     misfit = _started(segments, start, scales, loss, schedule.initial_q)
     linear: GaussNewtonModel | None = None

@@ -394,8 +394,8 @@ class SearchState:
     """State of the search: relaxation q, the last q with sufficient convergence, damping and its growth, step length, and the
     damping below which there is none.
 
-    The latter falls where a step without damping fails after a damped one that did not: in a valley that bends, such as that
-    of a scale which all channels share, the damping between them is the one that leads on.
+    With `gains` that are open, the latter falls where a step without damping fails after a damped one that did not: along the
+    scale which all channels share, where the cost hardly changes, the damping between them is the one that leads on.
     """
 
     q: float
@@ -403,6 +403,7 @@ class SearchState:
     damping: float = 0.0
     growth: float = 2.0
     stride: float = 1.0
+    gains: bool = False
     slight: float = SLIGHT
     eased: bool = False
 
@@ -450,8 +451,8 @@ class SearchState:
         elif step.reduction < 0.01 * step.cost:
             q = max(schedule.final_q, q * schedule.largest_factor)
         damping = damping if damping >= self.slight else 0.0
-        eased = damping < self.damping and damping == 0.0
-        return SearchState(q, settled, damping, 2.0, stride, self.slight, eased)
+        eased = self.gains and damping < self.damping and damping == 0.0
+        return SearchState(q, settled, damping, 2.0, stride, self.gains, self.slight, eased)
 
 
 _ENOUGH = 0.5  # of the predicted reduction, from which a step is not corrected
