@@ -382,6 +382,18 @@ def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float
     assert np.abs(errors(fit, STATED)).max() < 2.0
 
 
+def test_intervals_hold_a_gain_at_which_residuals_hint() -> None:
+    """Its own score of 3 to 4 is not significant among all causes, and it moves a cubic spring by 5 to 6 standard errors."""
+    clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)
+    values = clean.values * np.where(np.array(clean.channels) == "x:m2", 1.01, 1.0)
+    hinted = 0
+    for seed in range(4):
+        fit = lw.identify(replace(clean, values=values, simulated=None).with_noise(20.0, seed=seed), ASKED)
+        assert fit.trusted and np.abs(errors(fit, STATED)).max() < 3.0
+        hinted += "hint at a gain of x:m2 that is off by +" in fit.message
+    assert hinted
+
+
 def test_where_one_of_two_masses_is_off_the_second_answer_leaves_both_open() -> None:
     heavy = replace(STATED, masses=(STATED.masses[0], lw.Mass("m2", lw.Coefficient.number(0.0105))))
     fit = lw.identify(record(0.0, 1.0, 69), heavy.unknown("all"))

@@ -63,7 +63,7 @@ class Judgement:
     diagnosis : tuple of Cause
         What would explain what is left, the largest gain in likelihood first.
     added : mapping of str to array of shape (p, p)
-        What intervals hold beside the covariance of the fit, by what makes them wider: "terms", "masses", "blocks",
+        What intervals hold beside the covariance of the fit, by what makes them wider: "terms", "masses", "sensors", "blocks",
         "input noise" or "skewed profiles".
     is_final : bool
         Whether no later check has a say.
@@ -84,8 +84,8 @@ class Judgement:
 
     @property
     def added_for_terms(self) -> Floats | None:
-        """(p, p) what intervals hold of missing terms and of masses that are off; None of nothing."""
-        parts = [self.added[what] for what in ("terms", "masses") if what in self.added]
+        """(p, p) what intervals hold of missing terms, and of masses and sensors that are off; None of nothing."""
+        parts = [self.added[what] for what in ("terms", "masses", "sensors") if what in self.added]
         return np.sum(parts, axis=0) if parts else None
 
     @property

@@ -33,7 +33,7 @@ FINDINGS = (
     Check("unrecorded forces", "names", verdicts.remarks_on_forces),
     Check("motion that goes on", "names", verdicts.motion_that_goes_on),
     Check("noise of inputs", "widens", verdicts.noise_of_inputs),
-    Check("hints at masses", "widens", verdicts.hinted_masses),
+    Check("hints at masses and sensors", "widens", verdicts.hinted_errors),
     Check("hints at missing terms", "widens", verdicts.hinted_terms),
     Check("stated noise", "names", recording.understated_noise),
     Check("changes along the record", "approximates", changed_coefficients),

@@ -26,7 +26,7 @@ from linkwise.likelihood.optima.hidden_wells import about_another_rest
 from linkwise.likelihood.optima.other_optima import is_regular, undetermined_far_away, with_faint_modes
 from linkwise.likelihood.search import BlockScatter
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.tests.diagnosis import hinted_masses as masses_of
+from linkwise.likelihood.tests.diagnosis import hinted_errors as errors_of
 from linkwise.likelihood.tests.variances import (
     BEHIND_FILTER,
     SPECTRAL_KINDS,
@@ -478,10 +478,10 @@ def noise_of_inputs(of: Examined, before: Judgement) -> Judgement | None:
     return replace(before, message=message, added={**before.added, "input noise": noise[1]})
 
 
-def hinted_masses(of: Examined, before: Judgement) -> Judgement | None:
-    """Whether residuals hint at an error of a stated mass, though it is not significant."""
+def hinted_errors(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether residuals hint at an error of a stated mass or a sensor, though it is not significant."""
     tested = of.diagnosis.tested
-    hint = None if before.verdict.forbids or before.diagnosis or not tested else masses_of(of.fit, tested)
+    hint = None if before.verdict.forbids or before.diagnosis or not tested else errors_of(of.fit, tested)
     return None if hint is None else _widened(before, *hint)
 
 

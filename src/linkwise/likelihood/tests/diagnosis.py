@@ -145,6 +145,7 @@ LARGEST = 0.2  # relative error up to which the first order describes a gain or 
 
 _MASS_CHANCE = 12.0  # with twice the logarithm of the number of masses: normal scores give one in 2000 fits
 _HINT = 6.25  # the same: one in 80, as of usual terms
+_USUAL_ERRORS = ("gain", "force gain", "offset", "delay", "force delay")
 _AS_LIKELY = 0.5  # of the largest gain: another mass that gains more may be the one that is off
 _FELT = 1.0  # standard errors: the least change of a coefficient of which something is said
 
@@ -183,32 +184,50 @@ def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
     return np.asarray(are_masses & (gains > _MASS_CHANCE + 2.0 * np.log(np.count_nonzero(are_masses))))
 
 
-def hinted_masses(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
-    """The masses to which the residuals of laws that leave only noise point, the likeliest first, each alone.
+def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
+    """The masses and the errors of sensors to which the residuals of laws that leave only noise point, each alone.
 
-    Those that gain as much as chance gives to a mass of one fit in 80, and others nearly as likely, which would change a
-    coefficient by more than its standard error; None without any.
+    Those that gain as much as chance gives to one of its group in one fit of 80, and others of it nearly as likely, which
+    would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
+    they change by more than the error is significant. None without any.
     """
-    optimum = fit.optimum
-    stated = np.array(which_stated(tested.hypotheses, optimum.segments.system.parameters.names), dtype=int)
-    gains = np.nan_to_num(tested.tests.gains[stated]) / (optimum.noise * beyond_white(fit)) ** 2
-    largest = float(np.max(gains, initial=0.0))
-    if not largest > _HINT + 2.0 * np.log(max(len(stated), 1)):
-        return None
-    errors = tested.tests.sizes[stated] * tested.units[stated]
-    moves = tested.tests.changes[:, stated] * optimum.scales.theta[: len(fit.values), np.newaxis]
+    names = fit.optimum.segments.system.parameters.names
+    masses = which_stated(tested.hypotheses, names)
+    sensors = [k for k, one in enumerate(tested.hypotheses) if one.kind in _USUAL_ERRORS]
+    groups = {"masses": (masses, 0.0), "sensors": (sensors, 1.0)}
+    hints = {what: _hinted(fit, tested, *group) for what, group in groups.items()}
+    found = {what: hint for what, hint in hints.items() if hint is not None}
+    words = " or ".join(each for _, each in found.values())
+    return ({what: added for what, (added, _) in found.items()}, words) if found else None
+
+
+def _hinted(
+    fit: LikelihoodFit, tested: TestedCauses, numbers: Sequence[int], resemblance: float
+) -> tuple[Floats, str] | None:
+    """What those among hypotheses of some `numbers` to which residuals point add to the covariance (p, p), and their names.
+
+    Those count that move a coefficient by more than `resemblance` times what they are significant by, in standard errors.
+    """
+    optimum, number = fit.optimum, np.array(numbers, dtype=int)
+    moves = tested.tests.changes[:, number] * optimum.scales.theta[: len(fit.values), np.newaxis]
     moves = np.where(fit.free[:, np.newaxis], moves, 0.0)
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
-    felt = np.max(np.abs(moves) / deviations[:, np.newaxis], axis=0) > _FELT
-    likely = np.flatnonzero(felt & (gains > _AS_LIKELY * largest) & (np.abs(errors) < LARGEST))
+    shifts = np.max(np.abs(moves) / deviations[:, np.newaxis], axis=0, initial=0.0)
+    gains = np.nan_to_num(tested.tests.gains[number]) / (optimum.noise * beyond_white(fit)) ** 2
+    resembled = shifts > resemblance * np.sqrt(gains)
+    largest = float(np.max(gains[resembled], initial=0.0))
+    if not largest > _HINT + 2.0 * np.log(max(np.count_nonzero(resembled), 1)):
+        return None
+    errors = tested.tests.sizes[number] * tested.units[number]
+    relative = np.array([CAUSE_KINDS[tested.hypotheses[k].kind].relative for k in numbers])
+    small = ~relative | (np.abs(errors) < LARGEST)
+    likely = np.flatnonzero(resembled & (shifts > _FELT) & (gains > _AS_LIKELY * largest) & small)
     if not len(likely):
         return None
     likely = likely[np.argsort(-gains[likely])]
-    words = [
-        f"a mass of {tested.hypotheses[stated[k]].where} that is off by {100.0 * errors[k]:+.2g} %"
-        for k in likely
-    ]
-    return {"masses": moves[:, likely] @ moves[:, likely].T}, " or ".join(words)
+    named = [(tested.hypotheses[number[k]], float(errors[k])) for k in likely]
+    causes = [Cause(one.kind, one.where, error, one.unit, 0.0, 0.0) for one, error in named]
+    return moves[:, likely] @ moves[:, likely].T, " or ".join(cause.description for cause in causes)
 
 
 def beyond_white(fit: LikelihoodFit) -> float:
