@@ -378,7 +378,7 @@ def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float
     values = clean.values * np.where(np.array(clean.channels) == "x:m2", 1.0 + percent / 100.0, 1.0)
     fit = lw.identify(replace(clean, values=values, simulated=None), STATED.unknown("nes"))
     assert fit.trusted and {cause.where for cause in fit.added} == {"x:m1", "x:m2"}
-    assert "which sensor is off is open: each is taken as known to within" in " ".join(str(fit).split())
+    assert "which one is off is open: each is taken as known to within" in " ".join(str(fit).split())
     assert np.abs(errors(fit, STATED)).max() < 2.0
 
 

@@ -71,6 +71,8 @@ class Cause:
     overturned : tuple of str
         The coefficients that differ from zero by more than two standard errors, and beside it would not, or have the other
         sign.
+    known_within : float
+        Where it is open which of several is off: the relative standard deviation that each of them is taken as known to.
 
     Examples
     --------
@@ -99,6 +101,7 @@ class Cause:
     shift: float = 0.0
     shifted: str = ""
     overturned: tuple[str, ...] = ()
+    known_within: float = 0.0
 
     @property
     def is_instrument(self) -> bool:
@@ -116,6 +119,8 @@ class Cause:
     def description(self) -> str:
         """In words, with its size."""
         size, number = abs(self.size), 0 if self.size > 0.0 else 1
+        open_ = f"which one is off is open: each is taken as {self.known_to}" if self.known_within else ""
+        remark = self.remark or open_
         return CAUSE_KINDS.lookup(self.kind).text.format(
             self,
             size=size,
@@ -124,12 +129,17 @@ class Cause:
             ms=1e3 * self.size,
             size_ms=1e3 * size,
             plural="" if self.size == 1.0 else "s",
-            remark=f" ({self.remark})" if self.remark else "",
+            remark=f" ({remark})" if remark else "",
             larger=("larger", "smaller")[number],
             later=("later", "earlier")[number],
             above=("above", "below")[number],
             faster=("fast", "slow")[number],
         )
+
+    @property
+    def known_to(self) -> str:
+        """How well each of several is known of which one is off."""
+        return f"known to within {format_percent(self.known_within)}"
 
     @property
     def _corner(self) -> float:

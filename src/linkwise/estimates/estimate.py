@@ -507,11 +507,13 @@ class Estimate(JudgedView):
         links = [link for link in other.given_structure.links if link.name in laws]
         asked = [f"{link.name} ({' - '.join(link.between)}): {laws[link.name]}" for link in links]
         for cause in (cause for cause in other.added if cause.is_instrument):
-            known = cause.remark.rpartition(": each is taken as ")[2]
-            asked.append(f"{cause.where}, {known}" if known else f"{cause.where} unknown")
+            asked.append(
+                f"{cause.where}, {cause.known_to}" if cause.known_within else f"{cause.where} unknown"
+            )
         unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
-        told = [cause.label for cause in other.added if not cause.remark]
-        open_ = [replace(cause, remark="").label for cause in other.added if cause.remark and cause.size]
+        told = [cause.label for cause in other.added if not cause.known_within]
+        several = (cause for cause in other.added if cause.known_within and cause.size)
+        open_ = [replace(cause, known_within=0.0).label for cause in several]
         told += [" or ".join(open_)] if open_ else []
         return (
             f"With {' and '.join(told)} only noise is left: a second answer, to",

@@ -16,7 +16,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from linkwise.display import format_percent
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
@@ -320,11 +319,10 @@ def _beside_scale(answered: Answered, model: _Model) -> _Model | None:
         gains=(*model.options.gains, *forces, *sensors),
         calibration={**model.options.calibration, **dict.fromkeys((*forces, *sensors), most)},
     )
-    remark = f"which one is off is open: each is taken as known to within {format_percent(most)}"
     open_ = [("mass", name) for name in known] + [("force gain", name) for name in forces]
     open_ += [("gain", name) for name in sensors]
     added = tuple(
-        replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), remark=remark)
+        replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), known_within=most)
         for key in open_
     )
     scaled = _refitted(answered, model, replace(structure, masses=tuple(masses)), options, added)
@@ -431,8 +429,7 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         most = abs(current.diagnosis[0].size)
         sigma = dict.fromkeys([gain.where for gain in gains], most)
         calibration = {**options.calibration, **sigma}
-        remark = f"which sensor is off is open: each is taken as known to within {format_percent(most)}"
-        told = tuple(replace(gain, remark=remark) for gain in gains)
+        told = tuple(replace(gain, known_within=most) for gain in gains)
         return replace(options, gains=(*options.gains, *sigma), calibration=calibration), told
     first = _distinct_error(current.diagnosis)
     if first is None or first is not line or first.kind.endswith("gain"):

@@ -216,7 +216,7 @@ def _hinted(
     gains = np.nan_to_num(tested.tests.gains[number]) / (optimum.noise * beyond_white(fit)) ** 2
     resembled = shifts > resemblance * np.sqrt(gains)
     largest = float(np.max(gains[resembled], initial=0.0))
-    if not largest > _HINT + 2.0 * np.log(max(np.count_nonzero(resembled), 1)):
+    if not largest > _HINT + 2.0 * np.log(max(int(np.count_nonzero(resembled)), 1)):
         return None
     errors = tested.tests.sizes[number] * tested.units[number]
     relative = np.array([CAUSE_KINDS[tested.hypotheses[k].kind].relative for k in numbers])
