@@ -512,13 +512,10 @@ class MaximumLikelihood(Estimator):
 
         try:
             stated = answer(structure, options, records)
-        except IdentificationError:
-            beside = (
-                None if self.as_stated or admitted else beside_exchange(answer, structure, options, records)
-            )
-            if beside is None:
+        except IdentificationError as refusal:
+            if self.as_stated or admitted:
                 raise
-            return beside
+            return beside_exchange(answer, structure, options, records, refusal)
         if self.as_stated or admitted:
             return stated
         return explained_answer(stated, answer, structure, options, records)

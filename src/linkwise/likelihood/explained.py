@@ -212,11 +212,13 @@ def explained_answer(
 
 
 def beside_exchange(
-    answered: Answered, structure: Structure, options: LikelihoodOptions, records: Sequence[Record]
-) -> Estimate | None:
+    answered: Answered,
+    structure: Structure,
+    options: LikelihoodOptions,
+    records: Sequence[Record],
+    refusal: IdentificationError,
+) -> Estimate:
     """The answer to records with another sign, unit or place of a channel, of which there is none to those as they stand.
-
-    None where no such error explains by far most, or more than noise is left without it.
 
     Parameters
     ----------
@@ -224,19 +226,34 @@ def beside_exchange(
         Gives the answer to a structure by some options from records.
     structure, options, records
         As of `explained_answer`.
+    refusal : IdentificationError
+        Why there is no answer to the records as they stand.
 
     Returns
     -------
-    Estimate or None
+    Estimate
         The answer, with the error among what was added.
+
+    Raises
+    ------
+    IdentificationError
+        The `refusal`, where no such error explains by far most; with the error named where more than noise is left without it.
     """
     error = likeliest_error(records, structure)
     if error is None or error.kind not in EXCHANGES:
-        return None
+        raise refusal
     exchanged = [corrected(record, error) for record in records]
-    beside = _Model(structure, options, exchanged, (error,), answered(structure, options, exchanged))
-    last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
-    return replace(last.answer, added=_as_found(last.added, last.answer)) if last.is_explained else None
+    try:
+        beside = _Model(structure, options, exchanged, (error,), answered(structure, options, exchanged))
+        last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
+    except IdentificationError:
+        last = None
+    if last is None or not last.is_explained:
+        raise IdentificationError(
+            f"{refusal}; without {error.description} the equations of motion leave far less of the record, and more is off beside "
+            "it: mend that first"
+        ) from refusal
+    return replace(last.answer, added=_as_found(last.added, last.answer))
 
 
 def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
