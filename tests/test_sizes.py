@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_480  # lines of all files of tests
+TESTS = 34_520  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 522),
     "cli": (24, 1999),
     "discovery": (19, 3760),
-    "estimates": (7, 1323),
+    "estimates": (7, 1334),
     "export": (8, 1055),
     "expression": (6, 1102),
     "files": (15, 1893),
     "identification": (15, 2465),
     "inspection": (12, 1884),
-    "likelihood": (60, 15169),
+    "likelihood": (61, 15255),
     "modal": (7, 888),
     "model": (20, 3217),
     "paper": (3, 364),

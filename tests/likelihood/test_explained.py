@@ -382,6 +382,18 @@ def test_where_one_of_two_sensors_is_off_both_are_known_to_within(percent: float
     assert np.abs(errors(fit, STATED)).max() < 2.0
 
 
+@pytest.mark.parametrize("samples", [3, -3])
+def test_samples_that_a_channel_lost_or_doubled_are_put_in_their_places(samples: int) -> None:
+    clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=3.0, rate=1000.0).with_noise(40.0, seed=68)
+    values, column = clean.values.copy(), list(map(str, clean.channels)).index("x:m2")
+    values[700:, column] = np.roll(clean.values[:, column], -samples)[700:]
+    fit = lw.identify(replace(clean, values=values, simulated=None)[:-5], STATED.unknown("nes"))
+    assert fit.trusted and np.abs(errors(fit, STATED)).max() < 3.0
+    [slip] = fit.added
+    assert (slip.kind, slip.where, slip.size) == ("slip", "x:m2", samples)
+    assert f"x:m2 that {'lost' if samples > 0 else 'doubled'} 3 samples at 0.7" in " ".join(str(fit).split())
+
+
 def test_intervals_hold_a_gain_at_which_residuals_hint() -> None:
     """Its own score of 3 to 4 is not significant among all causes, and it moves a cubic spring by 5 to 6 standard errors."""
     clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)

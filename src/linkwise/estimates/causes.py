@@ -28,26 +28,28 @@ class Cause:
     Attributes
     ----------
     kind : str
-        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of them
-        share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are ``"swapped"``,
-        ``"relative"`` motion taken for absolute, a ``"high pass"``, a ``"clock"``, ``"clipped"`` samples, ``"spikes"``, a
-        ``"hum"``, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or
-        ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input
-        noise"`` of its channel or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a
-        ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"``
-        whose level changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
-        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``,
+        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
+        them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
+        ``"swapped"``, ``"relative"`` motion taken for absolute, a ``"high pass"``, a ``"clock"``, a ``"slip"`` by
+        samples that were lost or doubled, ``"clipped"`` samples, ``"spikes"``, a ``"hum"``, ``"mass"``, the
+        ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"``
+        that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel
+        or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"``
+        where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level
+        changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a missing
+        ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``,
         that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
-        The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel shows, its
-        delay behind that, the root mean square of the force for a term or a link, half the square of the time constant for a
-        filter, how many times too large values in another unit are, the corner of a high pass, the frequency of a mode that is
-        lacking or of a hum, the number of clipped samples or spikes, 0 for a sign, a relative motion and channels that are
-        swapped, the standard deviation of noise, the spectral density of an ambient force, the root mean square of what that
-        of a coloured one departs from its mean by, and the square of that of an unsteady one, the correlation of two forces,
-        what a coefficient changes by.
+        The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
+        shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
+        time constant for a filter, how many times too large values in another unit are, the corner of a high pass, the
+        frequency of a mode that is lacking or of a hum, the number of clipped samples or spikes, of those that were
+        lost or, below 0, doubled, 0 for a sign, a relative motion and channels that are swapped, the standard
+        deviation of noise, the spectral density of an ambient force, the root mean square of what that of a coloured
+        one departs from its mean by, and the square of that of an unsteady one, the correlation of two forces, what a
+        coefficient changes by.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -58,7 +60,7 @@ class Cause:
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
         The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mode of a shape, or
-        the moment of a change or an event, else empty.
+        the moment of a change, a slip or an event, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
@@ -128,12 +130,13 @@ class Cause:
             size_percent=100.0 * size,
             ms=1e3 * self.size,
             size_ms=1e3 * size,
-            plural="" if self.size == 1.0 else "s",
+            plural="" if size == 1.0 else "s",
             remark=f" ({remark})" if remark else "",
             larger=("larger", "smaller")[number],
             later=("later", "earlier")[number],
             above=("above", "below")[number],
             faster=("fast", "slow")[number],
+            lost=("lost", "doubled")[number],
         )
 
     @property
@@ -193,6 +196,7 @@ class CauseKind:
 
 HIGH_PASS: Final = "high pass"
 CLOCK: Final = "clock"
+SLIP: Final = "slip"
 HARMONIC: Final = "harmonic force"
 CLIPPED: Final = "clipped"
 SPIKES: Final = "spikes"
@@ -218,6 +222,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "relative": CauseKind("{0.where} that shows motion relative to the base", "1"),
         HIGH_PASS: CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
         CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}{remark}", "ppm"),
+        SLIP: CauseKind("{0.where} that {lost} {size:.0f} sample{plural} at {0.source}", "1"),
         CLIPPED: CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),

@@ -21,6 +21,7 @@ from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cau
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.missing_samples import mark_missing, marked_samples
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
+from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
     ADMISSIBLE,
@@ -191,6 +192,9 @@ def explained_answer(
             last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
     if not last.is_explained and stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
         return stated
+    if not last.is_explained and (slipped := _beside_slip(answered, first)) is not None:
+        rival = explained(first, partial(_beside_error, answered, first), 1 if _is_clock(first) else 0)
+        last = rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
     if last.is_explained and any(cause.kind == "swapped" for cause in last.added):
         rival = explained(
             first, partial(_beside_cause, answered), 1
@@ -250,8 +254,8 @@ def beside_exchange(
         last = None
     if last is None or not last.is_explained:
         raise IdentificationError(
-            f"{refusal}; without {error.description} the equations of motion leave far less of the record, and more is off beside "
-            "it: mend that first"
+            f"{refusal}; without {error.description} the equations of motion leave far less of the record, and more is off "
+            "beside it: mend that first"
         ) from refusal
     return replace(last.answer, added=_as_found(last.added, last.answer))
 
@@ -272,6 +276,25 @@ def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
     beside = with_error(model.options, error, model.records[0])
     passed = None if beside is None else _refitted(answered, model, model.structure, beside, (error,))
     return passed if passed is not None and (passed.is_explained or passed.is_nearly_explained) else None
+
+
+def _is_clock(model: _Model) -> bool:
+    return any(cause.kind == CLOCK for cause in model.answer.diagnosis[:1])
+
+
+def _beside_slip(answered: Answered, model: _Model) -> _Model | None:
+    """The model from the record without the samples that a channel lost or doubled; None where that leaves more than noise."""
+    if len(model.records) > 1 or not model.answer.diagnosis:
+        return None
+    names = (parameter.name for parameter in model.answer.parameters)
+    values = dict(zip(names, model.answer.values.tolist(), strict=True))
+    for cause, record in slips(model.records[0], model.structure, values):
+        beside = _refitted(
+            answered, replace(model, records=[record]), model.structure, model.options, (cause,)
+        )
+        if beside is not None and beside.is_explained:
+            return beside
+    return None
 
 
 def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:

@@ -192,9 +192,10 @@ def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, 
 
 def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:
     """When a segment begins, in words."""
-    begins = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1])
+    samples = len(segments.samples)
+    begins = np.cumsum([0, *(-(-len(record) // samples) for record in records[:-1])])
     number = int(np.searchsorted(begins, segment, side="right")) - 1
     record = records[number]
-    time = record.start + (segment - begins[number]) * len(segments.samples) * record.step
+    time = record.start + (segment - begins[number]) * samples * record.step
     of_record = f" of record {number + 1}" if len(records) > 1 else ""
     return f"{time:.3g} s{of_record}"
