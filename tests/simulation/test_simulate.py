@@ -14,8 +14,7 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation, Impulse, Sampled, TimeFunction
 from linkwise.model.structure import Structure
-from linkwise.records.record import Record
-from linkwise.records.truth import EnergyBalance
+from linkwise.records.record import EnergyBalance, Record
 from linkwise.simulation.run import RunOptions, RunSchedule, integrate
 from linkwise.simulation.simulate import simulate
 

@@ -28,8 +28,7 @@ from linkwise.expression.tree import ZERO, Call, CodeStyle, Power, Product, Sum,
 from linkwise.model.coefficient import MASS
 from linkwise.model.law import as_link_states
 from linkwise.model.link import BASE, Link
-from linkwise.model.structure import Structure, refuse_rig
-from linkwise.model.topology import Weights
+from linkwise.model.structure import Structure, Weights, refuse_rig
 
 COMMON = "common:"
 """What the names of common subexpressions begin with; no name of a law does."""

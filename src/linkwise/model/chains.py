@@ -14,11 +14,10 @@ from linkwise.errors import LawError, StructureError, expect
 from linkwise.model.coefficient import Name
 from linkwise.model.law import Law
 from linkwise.model.link import GROUND, Link, Mass
-from linkwise.model.link_file import LinkTable, link_of
 from linkwise.model.named_laws import is_law_name, named_law
 from linkwise.model.rotations import rotations_of
 from linkwise.model.structure import Structure
-from linkwise.model.structure_file import MassTable, mass_of, require_named
+from linkwise.model.structure_file import LinkTable, MassTable, link_of, mass_of, require_named
 
 SPRING_LAW = "k*d + c*v"
 SINK_LAW = "alpha*d + beta*d**3 + c*v"

@@ -22,8 +22,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import KINDS, MOTIONS, Channel
 from linkwise.records.channel_units import in_units_of, places_of
-from linkwise.records.record import Record
-from linkwise.records.truth import EnergyBalance, SimulationTruth
+from linkwise.records.record import EnergyBalance, Record, SimulationTruth
 from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.run import RunSchedule, check_excitation, check_place, output_times
