@@ -12,7 +12,6 @@ from linkwise.model.law import LinkState as LinkState
 from linkwise.model.law import Partials as Partials
 from linkwise.model.law import StateRate as StateRate
 from linkwise.model.named_laws import NAMED_LAWS as NAMED_LAWS
-from linkwise.model.named_laws import LawText as LawText
 from linkwise.model.named_laws import NamedLaw as NamedLaw
 from linkwise.model.named_laws import named_law as named_law
 from linkwise.model.parameters import Parameter as Parameter
