@@ -28,7 +28,7 @@ from linkwise.expression.dimensions import Dimension
 from linkwise.model.coefficient import Coefficient, coefficient_of
 from linkwise.model.host import Host
 from linkwise.model.host_file import HostTable, host_of
-from linkwise.model.law import Law, LinkState, as_link_states, law_dimensions, unit_dimension
+from linkwise.model.law import Law, LinkState, law_dimensions, unit_dimension
 from linkwise.model.link import ANGLE, LENGTH, MASS_UNITS, Link, Mass
 from linkwise.model.named_laws import NamedLaw, is_law_name, named_law
 from linkwise.model.rotations import is_inertia, rotations_of
@@ -453,7 +453,7 @@ def mass_of(entry: MassTable, index: int, source: str) -> Mass:
 def _states_text(link: Link) -> str:
     """The line of the states of a link; empty without memory."""
     entries = []
-    for name, state in as_link_states(link.states).items():
+    for name, state in link.states.items():
         fields = [f"rate = {toml_text(state.rate)}"]
         if state.initial != 0.0:
             initial = toml_text("unknown") if state.initial is None else repr(state.initial)
