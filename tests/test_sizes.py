@@ -18,7 +18,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "discovery": (19, 3760),
     "estimates": (7, 1323),
     "export": (8, 1055),
-    "expression": (6, 1102),
+    "expression": (6, 1070),
     "files": (13, 1894),
     "identification": (15, 2465),
     "inspection": (12, 1884),
