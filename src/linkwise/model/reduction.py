@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -177,62 +177,14 @@ def reduce_host(
     >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
     (4, 5, True)
     """
-    damping = proportional_damping(modal_damping, rayleigh)
-    rows = {point: {row: 1.0} for point, row in points.items()}
-    ratios = modal_damping if damping is None else damping
-    return reduce_matrices(name, mass, stiffness, rows, keep=keep, damping=ratios, residual=residual)
-
-
-def reduce_matrices(
-    name: str,
-    mass: Matrix,
-    stiffness: Matrix,
-    points: Mapping[str, Mapping[int, float]],
-    *,
-    keep: int,
-    damping: float | tuple[float, float] | Matrix,
-    residual: bool,
-) -> HostReduction:
-    """The same with `points` by the weights of rows, counted from 1, and `damping` as the ratio of every mode, factors of a
-    matrix a M + b K, or a damping matrix (n, n).
-    """
-    mass, stiffness = real_square(mass, "the mass matrix"), real_square(stiffness, "the stiffness matrix")
-    given = not isinstance(damping, (int, float, tuple))
-    of_damping = real_square(damping, "the damping matrix") if given else None
-    at_points = _checked(mass, stiffness, of_damping, points, keep)
-    massless = int(np.count_nonzero(mass.diagonal() == 0.0))
-    keep = min(keep, max(mass.shape[0] - massless - 1, 1))
-    squares, shapes = _lowest(mass, stiffness, keep)
-    following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
-    squares, shapes = squares[:keep], shapes[:, :keep]
-    retained = len(squares)
-    if residual:
-        more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
-        squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
-    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-    coupling, between = 0.0, dict[Pair, Coefficient]()
-    if of_damping is not None:
-        zeta, coupling, between = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
-    elif isinstance(damping, tuple):
-        omega = 2.0 * np.pi * frequencies
-        if (omega == 0.0).any() and damping[0] != 0.0:
-            message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
-            raise StructureError(message)
-        zeta = 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega)
-    else:
-        zeta = np.full(len(frequencies), damping)
-    local = at_points.T @ shapes
-    modes = tuple(
-        HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
-        for frequency, ratio, *column in np.column_stack([frequencies, zeta, local.T]).tolist()
-    )
-    square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
-    exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
-    approximate = (local / (squares - square)) @ local.T
-    error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
-    band = float(np.sqrt(square) / (2.0 * np.pi))
-    host = Host(name, modes, damping=between)
-    return HostReduction(host, retained, band, error, coupling, massless=massless)
+    names = tuple(str(row) for row in range(1, stiffness.shape[0] + 1))
+    how: dict[str, Any] = {
+        "keep": keep,
+        "modal_damping": modal_damping,
+        "rayleigh": rayleigh,
+        "residual": residual,
+    }
+    return HostMatrices(mass, stiffness, None, names).reduce(name, points, **how)
 
 
 def _apart(omega: float, modes: Floats) -> float:
@@ -240,15 +192,6 @@ def _apart(omega: float, modes: Floats) -> float:
     trials = omega * np.append(1.0, _BELOW)
     distances = np.abs(trials[:, None] / modes[modes > 0.0] - 1.0).min(axis=1, initial=np.inf)
     return float(trials[0 if distances[0] > _NEAR else np.argmax(distances)])
-
-
-def proportional_damping(
-    modal_damping: float, rayleigh: tuple[float, float] | None
-) -> float | tuple[float, float] | None:
-    """The one of both that is given, or None; StructureError where both are."""
-    if rayleigh is not None and modal_damping:
-        raise StructureError("give modal damping or Rayleigh damping, not both")
-    return rayleigh if rayleigh is not None else modal_damping or None
 
 
 def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_array:
@@ -273,33 +216,15 @@ def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_
     return by_columns
 
 
-def _checked(
-    mass: scipy.sparse.csc_array,
-    stiffness: scipy.sparse.csc_array,
-    damping: scipy.sparse.csc_array | None,
-    points: Mapping[str, Mapping[int, float]],
-    keep: int,
-) -> Floats:
-    """(n, p) the points as combinations of rows; StructureError for what cannot be reduced."""
-    size = mass.shape[0]
-    others = {"stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+def _check_matrices(matrices: HostMatrices) -> None:
+    """Raise StructureError for what cannot be reduced."""
+    mass, stiffness, size = matrices.mass, matrices.stiffness, matrices.mass.shape[0]
+    others = {"stiffness": stiffness} | ({} if matrices.damping is None else {"damping": matrices.damping})
     for quantity, matrix in others.items():
         if mass.shape != matrix.shape:
             raise StructureError(
                 f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different models"
             )
-    if not points:
-        advice = "name a row of the matrices, such as tip = 1205"
-        raise StructureError(f"a host needs at least one point: {advice}")
-    at_points = np.zeros((size, len(points)))
-    for column, (point, weights) in enumerate(points.items()):
-        for row, weight in weights.items():
-            if not 1 <= row <= size:
-                rows = f"the matrices have rows 1 to {size}, counted from 1"
-                raise StructureError(f'the point "{point}" is row {row}, but {rows}')
-            at_points[row - 1, column] = weight
-    if keep < 1:
-        raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
     for quantity, matrix in {"mass": mass, **others}.items():
         largest = float(np.abs(matrix.data).max(initial=0.0))
         skew = scipy.sparse.coo_array(matrix - matrix.T)
@@ -317,19 +242,16 @@ def _checked(
             "the mass matrix must be positive semidefinite, and has a negative mass or none: check that mass and stiffness "
             "are not swapped"
         )
-    loose = np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))
-    if len(loose):
-        raise StructureError(
-            f"row {loose[0] + 1} of the matrices has neither mass nor stiffness: leave this degree of freedom out, or "
-            "constrain it"
-        )
+    for loose in np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))[:1]:
+        named = f"row {matrices.names[loose]}" if matrices.names[loose].isdecimal() else matrices.names[loose]
+        message = f"{named} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
+        raise StructureError(message)
     fastest = _fastest(mass, stiffness)
     if 0.0 < fastest < _SLOWEST:
         raise StructureError(
             f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
             "stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one system"
         )
-    return at_points
 
 
 def _fastest(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> float:
@@ -408,6 +330,23 @@ def _residual_modes(
     return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
 
 
+def _modal_damping(
+    frequencies: Floats, shapes: Floats, damping: float | tuple[float, float] | scipy.sparse.csc_array
+) -> tuple[Floats, float, dict[Pair, Coefficient]]:
+    """What `_of_damping_matrix` gives, of modes with these frequencies (k,) and shapes (n, k): by the ratio of every mode,
+    by factors of a matrix a M + b K, or by a damping matrix (n, n).
+    """
+    if isinstance(damping, int | float):
+        return np.full(len(frequencies), damping), 0.0, {}
+    if not isinstance(damping, tuple):
+        return _of_damping_matrix(frequencies, shapes.T @ (damping @ shapes))
+    omega = 2.0 * np.pi * frequencies
+    if (omega == 0.0).any() and damping[0] != 0.0:
+        message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+        raise StructureError(message)
+    return 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega), 0.0, {}
+
+
 def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float, dict[Pair, Coefficient]]:
     """Damping ratios (k,), the largest coupling, and the other entries of a damping matrix (k, k) of mass-normalised modes."""
     omega, own = 2.0 * np.pi * frequencies, modal.diagonal()
@@ -474,6 +413,9 @@ class HostMatrices:
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
+        for quantity in ("mass", "stiffness", "damping"):
+            if (matrix := getattr(self, quantity)) is not None:
+                object.__setattr__(self, quantity, real_square(matrix, f"the {quantity} matrix"))
         if len(set(self.names)) != len(self.names) or len(self.names) != self.stiffness.shape[0]:
             raise StructureError(
                 f"{len(set(self.names))} different names are given for {self.stiffness.shape[0]} degrees of freedom; give "
@@ -541,29 +483,54 @@ class HostMatrices:
         >>> matrices.reduce("post", {"tip": "7y"}, keep=1).kept
         1
         """
-        loose = np.flatnonzero((self.mass.diagonal() == 0.0) & (self.stiffness.diagonal() == 0.0))
-        if len(loose):
-            raise StructureError(
-                f"{self.names[loose[0]]} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
-            )
-        damping = proportional_damping(modal_damping, rayleigh)
-        if damping is not None and self.damping is not None:
+        if rayleigh is not None and modal_damping:
+            raise StructureError("give modal damping or Rayleigh damping, not both")
+        if self.damping is not None and (rayleigh is not None or modal_damping):
             raise StructureError("give a damping matrix, or modal or Rayleigh damping, not both")
-        reduced = reduce_matrices(
-            name,
-            self.mass,
-            self.stiffness,
-            {point: self._weights(point, str(given)) for point, given in points.items()},
-            keep=keep,
-            damping=damping or (0.0 if self.damping is None else self.damping),
-            residual=residual,
+        if not points:
+            advice = "name a row of the matrices, such as tip = 1205"
+            raise StructureError(f"a host needs at least one point: {advice}")
+        if keep < 1:
+            raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
+        _check_matrices(self)
+        mass, stiffness = self.mass, self.stiffness
+        at_points = np.zeros((len(self.names), len(points)))
+        for column, (point, given) in enumerate(points.items()):
+            for row, weight in self._weights(point, str(given)).items():
+                at_points[row, column] = weight
+        massless = int(np.count_nonzero(mass.diagonal() == 0.0))
+        keep = min(keep, max(len(self.names) - massless - 1, 1))
+        squares, shapes = _lowest(mass, stiffness, keep)
+        following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
+        squares, shapes = squares[:keep], shapes[:, :keep]
+        kept = len(squares)
+        if residual:
+            more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
+            squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
+        frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+        damping = (
+            rayleigh if rayleigh is not None else self.damping if self.damping is not None else modal_damping
         )
+        ratios, coupling, between = _modal_damping(frequencies, shapes, damping)
+        local = at_points.T @ shapes
+        modes = tuple(
+            HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
+            for frequency, ratio, *column in np.column_stack([frequencies, ratios, local.T]).tolist()
+        )
+        square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
+        exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
+        approximate = (local / (squares - square)) @ local.T
+        error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
         turning = {point: ANGLE for point, given in points.items() if turns_throughout(str(given))}
-        return replace(reduced, host=with_units(reduced.host, turning), total_mass=self.total_mass)
+        host, band = (
+            with_units(Host(name, modes, damping=between), turning),
+            float(np.sqrt(square) / (2.0 * np.pi)),
+        )
+        return HostReduction(host, kept, band, error, coupling, self.total_mass, massless)
 
     def _weights(self, point: str, given: str) -> dict[int, float]:
-        """Factors of rows, counted from 1, of which a point is the sum."""
-        numbers = {name: number for number, name in enumerate(self.names, start=1)}
+        """Factors of rows, counted from 0, of which a point is the sum."""
+        numbers = {name: number for number, name in enumerate(self.names)}
         weights = {given: 1.0} if given in numbers else row_weights(given)
         missing = next((name for name in weights if name not in numbers), None)
         if missing is not None:
