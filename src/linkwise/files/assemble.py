@@ -126,7 +126,7 @@ def mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoic
     for key, column in channels.items():
         header = ColumnHeader.parse(key)
         try:
-            channel = None if header.is_time else Channel.parse(header.name)
+            channel = None if header.is_time else header.stated_channel()
         except RecordError as error:
             raise table.error(f"in `channels`: {error.message}", "channels") from error
         name = channel or "time"

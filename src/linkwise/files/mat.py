@@ -130,17 +130,17 @@ def write(record: Record, path: Path) -> None:
 def _for_each_channel(record: Record, kind: str) -> NDArray[Any]:
     """An attribute of every channel: an array of numbers, or a cell of texts."""
     values = [getattr(record, kind).get(name, STORED[kind].absent) for name in record.channels]
-    return np.array(values, dtype=object if STORED[kind].is_text else np.float64)
+    return np.array(values, dtype=object if STORED[kind].stored is str else np.float64)
 
 
 def _by_channel(value: Any, kind: str, channels: Iterable[str]) -> dict[str, Any]:
     """What `_for_each_channel` wrote, by channel, without those that are absent."""
-    if STORED[kind].is_text:
-        values: Iterable[float | str] = _texts(value)
-    else:
-        values = map(float, np.atleast_1d(() if value is None else value))
+    absent = STORED[kind].absent
+    values = (
+        _texts(value) if isinstance(absent, str) else np.atleast_1d(() if value is None else value).tolist()
+    )
     pairs = zip(channels, values, strict=False)
-    return {name: stored for name, stored in pairs if not STORED[kind].is_absent(stored)}
+    return {name: stored for name, stored in pairs if stored != absent and stored == stored}
 
 
 def _identifiers(channels: tuple[str, ...]) -> tuple[str, ...]:

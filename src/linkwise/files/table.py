@@ -124,11 +124,14 @@ class ColumnHeader:
     @property
     def channel(self) -> Channel | None:
         """The channel of this name; None if it is not the name of a channel."""
-        parts = (part.strip() for part in self.name.split(":"))
         try:
-            return Channel.parse(":".join(parts))
+            return self.stated_channel()
         except RecordError:
             return None
+
+    def stated_channel(self) -> Channel:
+        """The same; RecordError if it is not the name of a channel."""
+        return Channel.parse(":".join(part.strip() for part in self.name.split(":")))
 
     @property
     def leaf(self) -> ColumnHeader:

@@ -134,6 +134,27 @@ class Channel(str):
             return channel
         raise RecordError(f"{name!r} is not a channel: {wrong}")
 
+    @classmethod
+    def parse_all(cls, names: Iterable[str]) -> tuple[Channel, ...]:
+        """Read the names of channels.
+
+        Parameters
+        ----------
+        names : iterable of str
+            The names, as of `parse`.
+
+        Returns
+        -------
+        tuple of Channel
+            The channels.
+
+        Raises
+        ------
+        RecordError
+            If one is not the name of a channel.
+        """
+        return tuple(map(cls.parse, names))
+
     @property
     def is_motion(self) -> bool:
         """Whether it shows a displacement, a velocity or an acceleration."""
@@ -188,21 +209,6 @@ class Channel(str):
 HELD, LINEAR, BAND_LIMITED = INTERPOLATIONS = ("held", "linear", "band-limited")
 ORDER_OF = {HELD: 0, LINEAR: 1, BAND_LIMITED: 5}
 _ENOUGH = 64  # samples from which a windowed sinc interpolates accurately
-
-
-def check_interpolation(inputs: Sequence[str], interpolation: Mapping[str, str]) -> None:
-    """Raise RecordError for an interpolation that is unknown, or of a channel that is no input."""
-    for name, kind in interpolation.items():
-        if name not in inputs:
-            listed = ", ".join(inputs) or "there are none"
-            wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
-        elif kind not in INTERPOLATIONS:
-            wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
-        elif kind == HELD and name.endswith(":base"):
-            wrong = "a base does not jump from sample to sample; choose linear or band-limited"
-        else:
-            continue
-        raise RecordError(wrong, channel=name)
 
 
 def interpolated(start: float, rate: float, values: Floats, kind: str = BAND_LIMITED) -> Sampled:
@@ -355,7 +361,7 @@ def unit_behind(quantity: str) -> str:
 class ChannelAttribute:
     """An attribute of channels, under the name of its field in `Record`.
 
-    `label` is what messages call it. `stored` is the type that files store it as, a mapping by channel of numbers or texts;
+    `label` is what messages call it. `stored` is the type that files store it as, a number or a text for each channel;
     None for one that formats write in a way of their own. `absent` stands for no value in formats that hold one for every
     channel. One `of_samples` belongs to those of a record, not to its sensors.
     """
@@ -365,19 +371,10 @@ class ChannelAttribute:
     absent: float | str = ""
     of_samples: bool = False
 
-    @property
-    def is_text(self) -> bool:
-        """Whether its values are texts, not numbers."""
-        return isinstance(self.absent, str)
-
-    def is_absent(self, value: float | str) -> bool:
-        """Whether a value is `absent`, or NaN."""
-        return value == self.absent or (isinstance(value, float) and math.isnan(value))
-
 
 OF_CHANNELS = {
-    "noise": ChannelAttribute("noise", stored=dict[str, float], absent=math.nan),
-    "interpolation": ChannelAttribute("interpolation", stored=dict[str, str], absent=BAND_LIMITED),
+    "noise": ChannelAttribute("noise", stored=float, absent=math.nan),
+    "interpolation": ChannelAttribute("interpolation", stored=str, absent=BAND_LIMITED),
     "units": ChannelAttribute("unit"),  # of a column, which holds it in its header
     "uncertainty": ChannelAttribute("uncertainty"),  # see files/mapping.py
     "clipped": ChannelAttribute("clipped samples", of_samples=True),
@@ -411,28 +408,39 @@ def row_error(
     return RecordError(f"{message}{where}", file, line, channel, arguments=arguments)
 
 
-def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) -> None:
-    """Raise RecordError for clipped samples of a name that is not a response of these channels."""
-    for name, samples in clipped.items():
-        if not isinstance(samples, ClippedSamples):
-            raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
-        if channels[channels.index(name)].is_input:
-            message = f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
-            raise RecordError(message)
-
-
-def check_names(
-    channels: Sequence[Channel], noise: Mapping[str, float], interpolation: Mapping[str, str]
+def check_stated(
+    channels: Sequence[Channel],
+    noise: Mapping[str, float],
+    interpolation: Mapping[str, str],
+    clipped: Mapping[str, object],
 ) -> None:
-    """Raise RecordError for a channel that is listed twice, and for invalid noise or interpolation."""
+    """Raise RecordError for a channel that is listed twice, and for noise, interpolation or clipped samples that are not
+    valid, or not of a channel of that kind.
+    """
     for number, name in enumerate(channels):
         if name in channels[:number]:
             raise RecordError("is listed twice", channel=name)
     for measured, sigma in noise.items():
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=measured)
-
-    check_interpolation([name for name in channels if name.is_input], interpolation)
+    inputs = [name for name in channels if name.is_input]
+    for driving, kind in interpolation.items():
+        if driving not in inputs:
+            listed = ", ".join(inputs) or "there are none"
+            wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
+        elif kind not in INTERPOLATIONS:
+            wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
+        elif kind == HELD and driving.endswith(":base"):
+            wrong = "a base does not jump from sample to sample; choose linear or band-limited"
+        else:
+            continue
+        raise RecordError(wrong, channel=driving)
+    for overloaded, samples in clipped.items():
+        if not isinstance(samples, ClippedSamples):
+            raise RecordError(f"clipped samples of {overloaded} are ClippedSamples, got {samples!r}")
+        if overloaded in inputs:
+            message = f"{overloaded} is an input, of which clipped samples cannot be bounds: an input is known at all times"
+            raise RecordError(message)
 
 
 def check_rate(rate: float, file: str | None = None) -> None:

@@ -25,8 +25,7 @@ from linkwise.records.channel import (
     Channel,
     ClippedSamples,
     SensorUncertainty,
-    check_clipped,
-    check_names,
+    check_stated,
     check_values,
     require_channel,
 )
@@ -289,7 +288,7 @@ class Record(NotebookView):
             expect(f"Record: {name}", getattr(self, name), float)
         for name in OF_CHANNELS:
             expect(f"Record: {name}", getattr(self, name), Mapping)
-        object.__setattr__(self, "channels", tuple(map(Channel.parse, self.channels)))
+        object.__setattr__(self, "channels", Channel.parse_all(self.channels))
         parsed = {channel: channel for channel in self.channels}
         for name, kind in (("start", float), ("rate", float), ("notes", tuple)):
             object.__setattr__(self, name, kind(getattr(self, name)))
@@ -301,8 +300,7 @@ class Record(NotebookView):
             for name in getattr(self, stated):
                 if (stated, name) != ("uncertainty", COMMON):
                     require_channel(name, self.channels, OF_CHANNELS[stated].label)
-        check_names(self.channels, self.noise, self.interpolation)
-        check_clipped(self.channels, self.clipped)
+        check_stated(self.channels, self.noise, self.interpolation, self.clipped)
         common = self.uncertainty.get(COMMON, SensorUncertainty())
         if common.offset or common.delay:
             raise RecordError("sensors share a gain, not an offset or a delay", channel=COMMON)
@@ -356,7 +354,7 @@ class Record(NotebookView):
         Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
-        columns = {Channel.parse(name): samples for name, samples in channels.items()}
+        columns = dict(zip(Channel.parse_all(channels), channels.values(), strict=True))
         line, values, remarks = sampled_columns(time, columns, file, lines)
         named, origin, told = tuple(columns), source or (file or ""), (*notes, *remarks)
         return cls(line.start, line.rate, named, values, noise or {}, source=origin, notes=told)
