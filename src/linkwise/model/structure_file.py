@@ -156,17 +156,13 @@ class MassTable(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """A structure with hosts, which needs neither masses nor links."""
+    """A structure; one with hosts needs neither masses nor links."""
 
     name: str = ""
     signals: dict[str, str] = {}
     host: list[HostTable] = []
     mass: list[MassTable] = []
     link: list[LinkTable] = []
-
-
-class _StructureTable(_Table, kw_only=True):
-    link: list[LinkTable]
 
 
 class _PartialTable(_Table, kw_only=True):
@@ -353,7 +349,7 @@ def parse_structure(text: str, source: str = "structure") -> Structure:
     True
     """
     tables = parse_toml(text, source, StructureError)
-    table = decode(tables, _Table if "host" in tables else _StructureTable, source, "", StructureError)
+    table = decode(tables, _Table, source, "", StructureError)
     parts = _parts(table, source)
     try:
         return Structure(table.name, *parts)

@@ -136,7 +136,7 @@ def simulate(
     for name, value in (("duration", duration), ("rate", rate)):
         expect(f"simulate(structure): {name}", value, float, NoneType)
     grid = output_times(duration, rate, times)
-    drive = Excitation.of(**excitation)
+    drive = Excitation(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
     channels = _channels(structure, drive, sensors)
     moved = with_mass_at_rest(structure)
