@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import KINDS, Channel, is_angular
+from linkwise.records.channel import KINDS, Channel, Rows, is_angular
 from linkwise.records.record import Record
 from linkwise.units import base_exponents, factor_to_si
 
@@ -89,6 +89,11 @@ class Table:
     ) -> RecordError:
         """An error of the file, of which `arguments` of `files.read_record` are the way out."""
         return RecordError(message, self.file, line, channel, arguments=arguments)
+
+    @property
+    def rows(self) -> Rows:
+        """Where the samples stand."""
+        return Rows(self.file, self.lines)
 
     @property
     def headers(self) -> tuple[str, ...]:

@@ -394,18 +394,20 @@ def require_channel(name: str, channels: Sequence[Channel], stated: str, file: s
         raise RecordError(message, file, channel=name)
 
 
-def row_error(
-    message: str,
-    row: int,
-    file: str | None,
-    lines: NDArray[np.int64] | None,
-    channel: str,
-    arguments: Sequence[str] = (),
-) -> RecordError:
-    """An error about one sample, with its line where the file has lines."""
-    line = None if lines is None else int(lines[row])
-    where = "" if line else f" (sample {row})"
-    return RecordError(f"{message}{where}", file, line, channel, arguments=arguments)
+class Rows(NamedTuple):
+    """Where samples stand: in a file, if they are from one, and on which line (N,) each, if it has lines."""
+
+    file: str | None = None
+    lines: NDArray[np.int64] | None = None
+
+    def error(self, message: str, row: int, channel: str, arguments: Sequence[str] = ()) -> RecordError:
+        """An error about one sample."""
+        line = None if self.lines is None else int(self.lines[row])
+        where = "" if line else f" (sample {row})"
+        return RecordError(f"{message}{where}", self.file, line, channel, arguments=arguments)
+
+
+NOWHERE = Rows()
 
 
 def check_stated(
@@ -472,18 +474,16 @@ def _beyond(value: float) -> str:
     return "infinite" if np.isinf(value) else f"{value:g}, more than {LARGEST:g}"
 
 
-def column_notes(
-    name: Channel, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
-) -> list[str]:
+def column_notes(name: Channel, samples: NDArray[np.generic], rows: Rows) -> list[str]:
     """Notes on one measured column (N,). Raises RecordError unless it holds real, finite numbers."""
     if samples.dtype.kind not in "iuf":
-        raise RecordError(f"must be real numbers, got {samples.dtype}", file, channel=name)
+        raise RecordError(f"must be real numbers, got {samples.dtype}", rows.file, channel=name)
     if samples.dtype.kind in "iu":
         return [f"{name}: integers were taken as values in {name.unit}; counts need a unit."]
     beyond = np.flatnonzero(np.abs(samples) > LARGEST)
     if len(beyond):
         message = f"the value is {_beyond(samples[beyond[0]])}; leave the cell of an overloaded sample empty"
-        raise row_error(message, int(beyond[0]), file, lines, name)
+        raise rows.error(message, int(beyond[0]), name)
     missing = int(np.isnan(samples).sum())
     return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []
 

@@ -24,6 +24,7 @@ from linkwise.records.channel import (
     OF_CHANNELS,
     Channel,
     ClippedSamples,
+    Rows,
     SensorUncertainty,
     check_stated,
     check_values,
@@ -355,7 +356,7 @@ class Record(NotebookView):
         """
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
         columns = dict(zip(Channel.parse_all(channels), channels.values(), strict=True))
-        line, values, remarks = sampled_columns(time, columns, file, lines)
+        line, values, remarks = sampled_columns(time, columns, Rows(file, lines))
         named, origin, told = tuple(columns), source or (file or ""), (*notes, *remarks)
         return cls(line.start, line.rate, named, values, noise or {}, source=origin, notes=told)
 
