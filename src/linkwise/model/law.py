@@ -404,24 +404,6 @@ class Law:
     def __hash__(self) -> int:
         return hash(self.text)
 
-    def __add__(self, other: Law) -> Law:
-        """The sum of two laws; a name in both is one coefficient, so its unit must be the same."""
-        if not isinstance(other, Law):
-            return NotImplemented
-        if self.rates or other.rates:
-            advice = "Write the sum and its states out in one law."
-            raise LawError("A law with states cannot be added.", self.text, None, advice)
-        for name in self.coefficients:
-            if name in other.coefficients and self.units[name] != other.units[name]:
-                raise LawError(
-                    f"The coefficient {name!r} is in {self.units[name]} in {self.text!r}, but in {other.units[name]} here.",
-                    other.text,
-                    parse_with_positions(other.text, VARIABLES).position(Symbol(name)),
-                    f"Rename one of the two before adding the laws, for instance to {name}2.",
-                )
-        total = _parse(f"{self.text} + {other.text}", (), (*self.signal_units, *other.signal_units))
-        return replace(total, angular=True) if self.angular or other.angular else total
-
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states of a link with memory, in the order of all arrays."""
