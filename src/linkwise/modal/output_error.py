@@ -65,7 +65,7 @@ class CoupledResponse:
 
     def of(self, run: MeasuredRun) -> Floats:
         """(C, N) without offsets, in a record."""
-        signals, _ = _signals(self.modes.poles, run, derivatives=False)
+        signals = np.array([run.signals(s) for s in self.modes.poles.tolist()])
         at, kinds = self._at_points[:, self.measured.sensed], self.measured.kinds
         weights = 2.0 * (self.modes.poles[:, None] ** kinds * at).T[:, :, None] * self._participation
         response = _real_sum(weights, signals)
@@ -77,7 +77,8 @@ class CoupledResponse:
     def derivatives(self, run: MeasuredRun) -> Iterator[Floats]:
         """(K, N) of each channel: by what complex modes change with, by shapes mode by mode, and by the start mode by mode."""
         poles, count = self.modes.poles, len(self.shapes)
-        signals, by_pole = _signals(poles, run, derivatives=True)
+        signals = np.array([run.signals(s) for s in poles.tolist()])
+        by_pole = [run.signals_by_pole(s, own) for s, own in zip(poles.tolist(), signals, strict=True)]
         both = np.concatenate([signals, by_pole], axis=1)
         forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
         moved, turned, entering = self._changes
@@ -123,23 +124,6 @@ class CoupledResponse:
         at_start[own + free + 1 :: 2] = vectors.T
         entering = np.concatenate([turned[:, :, self.measured.forced], at_start[:, :, None]], axis=2)
         return moved, turned, entering
-
-
-def _signals(poles: Complex, run: MeasuredRun, *, derivatives: bool) -> tuple[Complex, Complex]:
-    """(n, P + 1, N) complex modes under each force of unit participation and in a free decay, and derivatives by the pole."""
-    time = run.step * np.arange(run.count)
-    decays = np.exp(poles[:, None] * time)[:, None]
-    shape = (len(poles), len(run.forces), run.count)
-    forced = np.array([[force.recursion(pole) for force in run.forces] for pole in poles.tolist()]).reshape(
-        shape
-    )
-    signals = np.concatenate([forced, decays], axis=1)
-    if not derivatives:
-        return signals, np.empty_like(signals[:, :0])
-    by_pole = np.empty_like(forced)
-    for mode, force in np.ndindex(forced.shape[:2]):
-        by_pole[mode, force] = run.forces[force].derivative_by_pole(complex(poles[mode]), forced[mode, force])
-    return signals, np.concatenate([by_pole, time * decays], axis=1)
 
 
 def _real_sum(weights: Complex, signals: Complex) -> Floats:

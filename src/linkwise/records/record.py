@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
@@ -24,7 +24,6 @@ from linkwise.records.channel import (
     OF_CHANNELS,
     Channel,
     ClippedSamples,
-    Rows,
     SensorUncertainty,
     check_stated,
     check_values,
@@ -316,8 +315,6 @@ class Record(NotebookView):
         noise: Mapping[str, float] | None = None,
         source: str = "",
         notes: Iterable[str] = (),
-        file: str | None = None,
-        lines: NDArray[np.int64] | None = None,
     ) -> Record:
         """Build a measured record from a time column and one array per channel.
 
@@ -330,10 +327,6 @@ class Record(NotebookView):
             Samples of each channel in its SI unit, NaN where missing.
         noise, source, notes : optional
             As of `Record`.
-        file : str, optional
-            Name of the file, for errors.
-        lines : array of shape (N,), optional
-            Line of each sample in the file, for errors.
 
         Returns
         -------
@@ -356,9 +349,9 @@ class Record(NotebookView):
         """
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
         columns = dict(zip(Channel.parse_all(channels), channels.values(), strict=True))
-        line, values, remarks = sampled_columns(time, columns, Rows(file, lines))
-        named, origin, told = tuple(columns), source or (file or ""), (*notes, *remarks)
-        return cls(line.start, line.rate, named, values, noise or {}, source=origin, notes=told)
+        line, values, remarks = sampled_columns(time, columns)
+        told = (*notes, *remarks)
+        return cls(line.start, line.rate, tuple(columns), values, noise or {}, source=source, notes=told)
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
         values = (getattr(self, member.name) for member in fields(self))

@@ -419,7 +419,7 @@ def _amplification(known: Floats, grid: Floats) -> Floats:
 
 
 def sampled_columns(
-    time: ArrayLike, channels: Mapping[Channel, ArrayLike], rows: Rows, *, informative: bool = True
+    time: ArrayLike, channels: Mapping[Channel, ArrayLike], rows: Rows = NOWHERE, *, informative: bool = True
 ) -> tuple[Timeline, Floats, list[str]]:
     """The time grid, the values (N, C) and notes for the user; see `Record.from_arrays`.
 
