@@ -169,7 +169,8 @@ class _Parser:
         elif token.text == "(":
             self.enter(token, of_call=False)
             read = self.chain(depth)
-            self.leave()
+            self.take()
+            self.open.pop()
         else:
             raise self.no_operand(before, token)
         self.check_what_follows()
@@ -180,10 +181,6 @@ class _Parser:
         if len(self.open) > MAX_DEPTH:
             reason = f"Parentheses are nested deeper than {MAX_DEPTH} levels."
             raise self.error(reason, parenthesis.position, "Multiply the inner ones out.")
-
-    def leave(self) -> None:
-        self.take()
-        self.open.pop()
 
     def number(self, token: _Token) -> Expression:
         if token.text.isdigit() and token.text.startswith("0") and token.text.strip("0"):
@@ -215,7 +212,8 @@ class _Parser:
         while self.next.text == ",":
             self.take()
             arguments.append(self.chain(depth + 1))
-        self.leave()
+        self.take()
+        self.open.pop()
         least = len(FUNCTIONS[token.text].derivatives)
         if len(arguments) < least or (least == 1 and len(arguments) > 1):
             wanted = "one argument" if least == 1 else "two or more arguments"

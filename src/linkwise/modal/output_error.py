@@ -31,7 +31,7 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.modal.measured import MeasuredRun, ModalMeasurement
 from linkwise.modal.oscillators import Complex, ComplexModes, pole
-from linkwise.modal.pursuit import LinearProblem, PursuedModes, SearchEnd, least_squares
+from linkwise.modal.pursuit import LinearProblem, PursuedModes, least_squares
 from linkwise.progress import Progress, ProgressReport, part, silent
 
 _ACCELERATION = 2  # among the kinds of responses
@@ -173,7 +173,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progres
     """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
     found = _searched_in_rounds(problem, problem.start(start), part(progress, 0.0, 0.5))
-    coupled, point = _with_pairs(problem, found.theta, found.noise)
+    coupled, point = _with_pairs(problem, *found[:2])
     if coupled.pairs:
         fit = _fit(coupled, _searched_in_rounds(coupled, point, part(progress, 0.5, 1.0)))
         errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
@@ -182,7 +182,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progres
     return _fit(problem, found)
 
 
-def _fit(problem: _OutputError, found: _Found) -> ModalFit:
+def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
     """The modes that were found, in the order of their frequencies, with their errors."""
     measured, (theta, noise, converged) = problem.measured, found
     theta, scaling = problem.scaled(theta)
@@ -208,23 +208,17 @@ def _fit(problem: _OutputError, found: _Found) -> ModalFit:
     )
 
 
-class _Found(NamedTuple):
-    """The parameters and levels of noise that are most likely, and whether the search converged."""
-
-    theta: Floats
-    noise: Floats
-    converged: bool
-
-
-def _searched_in_rounds(problem: _OutputError, theta: Floats, progress: Progress) -> _Found:
-    """Searched in turn with the levels of noise."""
+def _searched_in_rounds(
+    problem: _OutputError, theta: Floats, progress: Progress
+) -> tuple[Floats, Floats, bool]:
+    """The parameters and levels of noise that are most likely, searched in turn, and whether the search converged."""
     noise, converged = problem.levels(theta), False
     for number in range(_ROUNDS):
         between = ", damping between them" if problem.pairs else ""
         progress(ProgressReport(number / _ROUNDS, f"all {problem.modes} modes{between}"))
         theta, converged = _searched(problem, theta, noise)
         noise = problem.levels(theta)
-    return _Found(theta, noise, converged)
+    return theta, noise, converged
 
 
 def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_OutputError, Floats]:
@@ -253,7 +247,7 @@ def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_O
     return (coupled, point) if enough else (problem, theta)
 
 
-def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
+def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, bool]:
     """The parameters that are most likely with given levels of noise."""
     return least_squares(
         theta,

@@ -44,13 +44,6 @@ class LinearProblem(NamedTuple):
     curvature: Floats
 
 
-class SearchEnd(NamedTuple):
-    """Where a search ended, and whether it converged there."""
-
-    point: Floats
-    converged: bool
-
-
 def least_squares(
     start: Floats,
     equations: Callable[[Floats], LinearProblem],
@@ -59,10 +52,10 @@ def least_squares(
     *,
     steps: int,
     least_gain: float,
-) -> SearchEnd:
+) -> tuple[Floats, bool]:
     """The point of the least sum of squares near `start` (p,), where no step lowers the cost or one lowers it by less than
-    a part `least_gain`. It converged if the first step there promised no more than that. `equations` linearises the
-    problem about a point, `cost` is the sum of squares there, `within` the nearest point within the bounds.
+    a part `least_gain`, and whether the search converged: if the first step there promised no more than that. `equations`
+    linearises the problem about a point, `cost` is the sum of squares there, `within` the nearest point within the bounds.
     """
     point, linear, damping = start, equations(start), _FIRST_DAMPED
     for _ in range(steps):
@@ -79,12 +72,12 @@ def least_squares(
                 break
             damping *= 10.0
             if damping > _MOST_DAMPED:
-                return SearchEnd(point, promised < least_gain * linear.cost)
+                return point, promised < least_gain * linear.cost
         gained, point = linear.cost - trial_cost, trial
         if gained < least_gain * trial_cost:
-            return SearchEnd(point, converged=True)
+            return point, True
         linear, damping = equations(point), max(0.1 * damping, _LEAST_DAMPED)
-    return SearchEnd(point, converged=False)
+    return point, False
 
 
 _RIDGE = 1e-12  # of columns of unit norm: two modes may be the same
@@ -469,7 +462,7 @@ def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = N
 
     start = within(logs)
     fixed = at(start).levels if levels is None else levels
-    search = least_squares(
+    point, _ = least_squares(
         start,
         lambda point: at(point).equations(fixed),
         lambda point: at(point).cost(fixed),
@@ -477,4 +470,4 @@ def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = N
         steps=_STEPS,
         least_gain=_LEAST_GAIN,
     )
-    return at(search.point)
+    return at(point)

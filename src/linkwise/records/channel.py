@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, LinkwiseError, RecordError, expect
 from linkwise.model.excitation import Sampled
 from linkwise.model.law import unit_dimension
@@ -525,9 +525,8 @@ def require_complete(name: str, samples: Floats, start: float, rate: float) -> N
         raise IdentificationError(
             f"channel {name}: every sample is missing, and inputs must be complete; give its values, or leave the channel out"
         )
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]])))
-    first, last = max(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda piece: piece[1] - piece[0])
-    earliest, latest = start + first / rate, start + last / rate
+    piece = max(stretches(~missing), key=lambda piece: piece.stop - piece.start)
+    earliest, latest = start + piece.start / rate, start + (piece.stop - 1) / rate
     raise IdentificationError(
         f"channel {name}: {missing.sum()} of {len(samples)} samples are missing, the first at "
         f"{start + int(np.argmax(missing)) / rate:.9g} s, and inputs must be complete; cut the record to a piece without gaps "

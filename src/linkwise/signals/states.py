@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, stretches
 from linkwise.errors import RecordError
 from linkwise.records.channel import MOTIONS, Channel
 from linkwise.records.record import Record
@@ -412,11 +412,9 @@ def _require_complete(record: Record) -> None:
         return
     column = int(np.argmax(missing.sum(axis=0)))
     first = float(record.time[int(np.argmax(missing[:, column]))])
-    edges = np.flatnonzero(np.concatenate([[True], missing.any(axis=1), [True]]))
-    longest = int(np.argmax(np.diff(edges)))
-    piece = record.time[edges[longest] : edges[longest + 1] - 1]
     advice = "no row is complete"
-    if piece.size:
+    if complete := stretches(np.asarray(~missing.any(axis=1))):
+        piece = record.time[max(complete, key=lambda piece: piece.stop - piece.start)]
         advice = f"record.between({piece[0]:g}, {piece[-1]:g}) is the longest complete piece"
     raise RecordError(
         f"{int(missing[:, column].sum())} samples are missing, the first at {first:g} s, and derivatives cannot cross a gap; "
