@@ -11,16 +11,11 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
 from linkwise.errors import OutputError
-
-fcntl: Any = None
-with suppress(ImportError):  # of Windows, which cannot lock folders
-    fcntl = import_module("fcntl")
 
 # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 RESULT = "result.json"
@@ -170,23 +165,11 @@ def _own_folder(path: Path, mark: str) -> Iterator[Path]:
 
 def _refuse_others(path: Path, mark: str) -> None:
     """Raise OutputError for a file, and for a folder that holds anything but a result marked by `mark`."""
-    while True:
-        before = _state(path)
-        with suppress(FileNotFoundError):  # another process replaces it
-            problem = _problem(path, mark)
-            if problem is None:
-                return
-            if _state(path) == before:
-                raise OutputError(problem)
-
-
-def _state(path: Path) -> tuple[int, int] | None:
-    """What changes if another folder takes the place of `path`, or its entries change; None where there is nothing."""
-    try:
-        status = path.stat()
-    except FileNotFoundError:
-        return None
-    return status.st_ino, status.st_mtime_ns
+    problem = None
+    with suppress(FileNotFoundError):  # another process replaces it
+        problem = _problem(path, mark)
+    if problem is not None:
+        raise OutputError(problem)
 
 
 def _problem(path: Path, mark: str) -> str | None:
@@ -254,27 +237,11 @@ def _fill(own: Path, place: Path, mark: str) -> None:
     if own.parent != place:
         inside = place / own.name
         shutil.copytree(own, inside)
-    with _exclusive(place):
-        for name in [mark, *sorted((_written(place, mark) or set()) - {mark})]:
-            (place / name).unlink(missing_ok=True)
-        for entry in sorted(inside.iterdir(), key=lambda entry: entry.name == mark):
-            entry.replace(place / entry.name)
-        inside.rmdir()
-
-
-@contextmanager
-def _exclusive(folder: Path) -> Iterator[None]:
-    """Hold the lock of `folder`, on systems that can lock one."""
-    if fcntl is None:
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
+    for name in [mark, *sorted((_written(place, mark) or set()) - {mark})]:
+        (place / name).unlink(missing_ok=True)
+    for entry in sorted(inside.iterdir(), key=lambda entry: entry.name == mark):
+        entry.replace(place / entry.name)
+    inside.rmdir()
 
 
 def _carry_over(old: Path, new: Path, mark: str) -> None:

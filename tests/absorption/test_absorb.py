@@ -105,7 +105,7 @@ def test_a_locked_link_keeps_the_elongation_it_starts_from() -> None:
         k=100.0, c=1.0, p=-10.0, q=1e4, k3=500.0,
     )  # fmt: skip
     sinks = find_sinks(three, ("s",))
-    excitation = Excitation.of(
+    excitation = Excitation(
         release={"x:m1": 0.01, "x:m2": 0.04, "v:m2": 2.0},
         impulses=(lw.model.Impulse("m2", 0.5, 0.1),),
         forces={"m2": "sin(t)", "m1": "2"},

@@ -158,7 +158,7 @@ def test_rates_are_those_of_the_structure(language: str, tmp_path: Path) -> None
         forces = {
             name.removeprefix("force:"): float(value) for name, value in zip(inputs[:5], u, strict=False)
         }
-        drive = lw.model.Excitation.of(forces=forces, base=base)
+        drive = lw.model.Excitation(forces=forces, base=base)
         acceleration = LinkForces(subject, drive).accelerations(
             np.zeros(1), z[None, :n], z[None, n : 2 * n], z[None, 2 * n :]
         )[0]

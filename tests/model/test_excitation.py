@@ -77,11 +77,11 @@ def test_band_limited_samples_reach_close_to_half_the_rate() -> None:
         (lambda: Sampled(0.0, 10.0, np.array(["a", "b"])), "the samples of an input must be numbers, got <U1"),
         (lambda: Impulse("m1", np.inf), "a time that is not negative, got inf N s at 0.0 s"),
         (lambda: Impulse("m1", 1.0, -1.0), "a time that is not negative, got 1.0 N s at -1.0 s"),
-        (lambda: Excitation.of(release={"x:m1": "far"}), "release['x:m1'] must be of type float, got 'far'"),  # type: ignore[dict-item]
-        (lambda: Excitation.of(release={"x:m1": np.nan}), "the release x:m1 must be finite, got nan"),
-        (lambda: Excitation.of(forces={"m1": [1.0]}),  # type: ignore[dict-item]
+        (lambda: Excitation(release={"x:m1": "far"}), "release['x:m1'] must be of type float, got 'far'"),  # type: ignore[dict-item]
+        (lambda: Excitation(release={"x:m1": np.nan}), "the release x:m1 must be finite, got nan"),
+        (lambda: Excitation(forces={"m1": [1.0]}),  # type: ignore[dict-item]
          "forces['m1'] must be of type"),
-        (lambda: Excitation.of(base=True), "base must be of type TimeFunction, Sampled, str or float, got True"),
+        (lambda: Excitation(base=True), "base must be of type TimeFunction, Sampled, str or float, got True"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> None:
@@ -92,7 +92,7 @@ def test_what_cannot_be_is_refused(make: Callable[[], object], message: str) -> 
 
 def test_what_a_user_writes_becomes_a_drive_and_survives_a_pickle() -> None:
     sampled = wave(100.0)
-    given = Excitation.of(
+    given = Excitation(
         {"v:m1": 1}, [Impulse("m1", 1.0, 2.0), Impulse("m2", 1.0)], {"m1": "sin(t)", "m2": 3}, sampled
     )
     assert [impulse.mass for impulse in given.impulses] == ["m2", "m1"]

@@ -188,15 +188,3 @@ def test_a_force_needs_the_values_of_all_coefficients_of_which_some_may_make_a_d
     assert str(caught.value) == (
         f"The coefficient 'beta' has no value.\n  {BISTABLE}\n            ^\nValues are given for: alpha, c."
     )
-
-
-def test_laws_add_unless_their_names_clash() -> None:
-    both = Law.parse("k*d") + Law.parse("-c*v")
-    assert both == Law.parse("k*d + -c*v") and both.coefficients == ("k", "c")
-    assert (Law.parse("k*d") + Law.parse("k*d")).expression == parse("2*k*d")
-    with pytest.raises(LawError) as caught:
-        _ = Law.parse("k*d") + Law.parse("c*v + k*d**3")
-    assert str(caught.value) == (
-        "The coefficient 'k' is in N/m in 'k*d', but in N/m^3 here.\n  c*v + k*d**3\n        ^\n"
-        "Rename one of the two before adding the laws, for instance to k2."
-    )

@@ -13,9 +13,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import ArgumentTypeError, RecordError
 from linkwise.model.chains import bnes_chain
 from linkwise.records.channel import Channel
-from linkwise.records.record import Record
+from linkwise.records.record import EnergyBalance, Record, SimulationTruth
 from linkwise.records.timeline import ATTENUATION, PASSBAND
-from linkwise.records.truth import EnergyBalance, SimulationTruth
 
 N = 400
 RATE = 1000.0

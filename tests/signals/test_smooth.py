@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from linkwise.errors import RecordError
-from linkwise.signals.smooth import savitzky_golay, smoothing_spline
+from linkwise.signals.states import savitzky_golay, smoothing_spline
 
 RATE = 500.0
 TIME = np.arange(1500) / RATE

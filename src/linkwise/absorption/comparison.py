@@ -140,9 +140,8 @@ def _reattached(link: Link, root: Mapping[str, str], offset: Mapping[str, float]
     if first == second:
         return None
     shift = offset.get(link.between[0], 0.0) - offset.get(link.between[1], 0.0)
-    law = link.law
-    if shift:
-        law = Law.parse(to_text(substitute(law.expression, {"d": add(Symbol("d"), Number(shift))})))
+    shifted = substitute(link.law.expression, {"d": add(Symbol("d"), Number(shift))})
+    law = Law.parse(to_text(shifted), link.states) if shift else link.law
     return replace(link, between=(first, second), law=law)
 
 

@@ -113,4 +113,4 @@ class AbsorptionOptions:
         names = {option.name for option in fields(cls)}
         own: dict[str, Any] = {name: value for name, value in keywords.items() if name in names}
         drives: dict[str, Any] = {name: value for name, value in keywords.items() if name not in names}
-        return cls(**own, excitation=Excitation.of(**drives))
+        return cls(**own, excitation=Excitation(**drives))

@@ -22,8 +22,7 @@ from linkwise.analysis.potential_wells import RestPoint, rest_points, wells
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
 from linkwise.model.link import Link, require_rest_at_zero
-from linkwise.model.structure import Structure, refuse_rig
-from linkwise.model.topology import Weights
+from linkwise.model.structure import Structure, Weights, refuse_rig
 
 _LIMIT = 4096  # default for the most start points or equilibria
 _STEPS = 200  # of Newton's method, which converges only linearly where the stiffness vanishes

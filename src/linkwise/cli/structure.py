@@ -185,8 +185,7 @@ def _link_text(name: str, law: lw.model.NamedLaw) -> str:
 def _state_lines(link: lw.Link) -> list[str]:
     lines = []
     for rate in link.law.rates:
-        unit, state = link.law.state_units[rate.name], link.states[rate.name]
-        initial = state.initial if isinstance(state, lw.model.LinkState) else 0.0
+        unit, initial = link.law.state_units[rate.name], rate.initial
         start = "unknown at the start" if initial is None else f"{initial:g} at the start"
         lines.append(f"{rate.name}' = {rate.text}; {rate.name}{f' in {unit},' if unit else ''} {start}")
     return lines

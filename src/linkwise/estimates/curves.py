@@ -20,7 +20,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Link, Structure
-from linkwise.records.truth import SimulationTruth
+from linkwise.records.record import SimulationTruth
 
 GRID = 401
 BEYOND = 0.08  # of the visited range, shown on both sides of it

@@ -26,10 +26,8 @@ from linkwise.expression import (
 from linkwise.expression.program import cached_program
 from linkwise.expression.tree import ZERO, Call, CodeStyle, Power, Product, Sum, children, to_code
 from linkwise.model.coefficient import MASS
-from linkwise.model.law import as_link_states
 from linkwise.model.link import BASE, Link
-from linkwise.model.structure import Structure, refuse_rig
-from linkwise.model.topology import Weights
+from linkwise.model.structure import Structure, Weights, refuse_rig
 
 COMMON = "common:"
 """What the names of common subexpressions begin with; no name of a law does."""
@@ -182,7 +180,7 @@ class EquationsOfMotion:
     @cached_property
     def initial(self) -> list[float]:
         """The states (D,) at which a simulation begins without a release."""
-        states = [as_link_states(link.states) for link in self.structure.links]
+        states = [link.states for link in self.structure.links]
         inside = [states[number][name].initial or 0.0 for number, name in self.structure.topology.states]
         return [0.0] * (2 * self.structure.size) + inside
 

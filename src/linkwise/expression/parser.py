@@ -1,14 +1,16 @@
-"""Text to expression tree. The text is read by Python's grammar and never evaluated."""
+"""Text to expression tree. The grammar is that of Python's arithmetic; nothing is evaluated."""
 
 from __future__ import annotations
 
-import ast
 import difflib
 import keyword
 import math
 import re
+import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 from linkwise.errors import LawError
 from linkwise.expression.tree import (
@@ -28,7 +30,7 @@ MAX_DEPTH = 50  # levels of brackets, calls, signs and powers; far below the lim
 MAX_LENGTH = 2000  # characters
 
 _TOKEN = re.compile(
-    r"(?P<space>\s+)|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|//|[-+*/(),])"
+    r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|//|[-+*/(),])|(?P<other>\S)|\Z"
 )
 _ADVICE = {
     "^": "A power is written with two stars: d**3.",
@@ -76,228 +78,195 @@ def parse_with_positions(text: str, variables: tuple[str, ...] = ()) -> Parsed:
             f"The expression has {len(text)} characters; at most {MAX_LENGTH} are supported.", text, MAX_LENGTH,
             "Split it into several links between the same two masses: their forces add.",
         )  # fmt: skip
-    _TokenChecker(text, variables).run()
-    line = "(" + re.sub(r"\s", " ", text) + ")"  # one line, same columns
-    try:
-        body = ast.parse(line, mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        offset = getattr(error, "offset", None)
-        reason = getattr(error, "msg", None) or "too complicated"
-        raise LawError(f"Invalid syntax: {reason}.", text, offset and max(offset - 2, 0), _ALLOWED) from None
-    builder = _TreeBuilder(text, line)
-    return Parsed(builder.read(body, 0), tuple(builder.positions))
+    parser = _Parser(text, variables, writable_functions())
+    return Parsed(parser.chain(0), tuple(parser.positions))
 
 
 @cache
 def parse_rule(text: str) -> Expression:
     """The tree of a rule in the table of functions, which may contain functions that a law may not."""
-    line = f"({text})"
-    return _TreeBuilder(text, line).read(ast.parse(line, mode="eval").body, 0)
+    return _Parser(text, (), FUNCTIONS).chain(0)
 
 
-class _TokenChecker:
-    """Goes over the tokens once and raises at the first one that is out of place.
+class _Token(NamedTuple):
+    """A number, a name, a sign or another character at its `position`; empty at the end of the text."""
 
-    What it accepts, Python's parser accepts too but for a few oddities, and without warnings.
-    """
+    kind: str
+    text: str
+    position: int
 
-    def __init__(self, text: str, variables: tuple[str, ...]) -> None:
-        self.text, self.variables = text, variables
-        # position of each open parenthesis, and whether it is that of a call
-        self.open: list[tuple[int, bool]] = []
-        self.kind, self.token, self.position = "", "", 0  # the last token other than white space
 
-    def run(self) -> None:
-        position = 0
-        while position < len(self.text):
-            match = _TOKEN.match(self.text, position)
-            if match is None:
-                character = self.text[position]
-                raise self.error(
-                    f"Unexpected character {character!r}.", position, _ADVICE.get(character, _ALLOWED)
-                )
-            kind, token = str(match.lastgroup), match.group()
-            if kind != "space":
-                self.check(kind, token, position)
-                self.kind, self.token, self.position = kind, token, position
-            position = match.end()
-        if self.expects_operand:
-            raise self.missing()
-        if self.open:
-            raise self.error("This parenthesis is never closed.", self.open[-1][0], "Add the missing ')'.")
+_SUM, _PRODUCT = ("+", "-"), ("*", "/")
 
-    @property
-    def expects_operand(self) -> bool:
-        return self.kind not in ("number", "name") and self.token != ")"
+
+class _Parser:
+    """Reads a text once, from left to right, and raises at the first token that is out of place."""
+
+    def __init__(self, text: str, variables: tuple[str, ...], functions: Iterable[str]) -> None:
+        self.text, self.variables, self.functions = text, variables, tuple(functions)
+        found = (_Token(match.lastgroup or "end", match[0], match.start()) for match in _TOKEN.finditer(text))
+        self.tokens = list(found)
+        self.last, self.next = _Token("", "", 0), self.tokens.pop(0)
+        self.open: list[
+            tuple[int, bool]
+        ] = []  # positions of open parentheses, and whether each is that of a call
+        self.positions: list[tuple[Expression, int]] = []
 
     def error(self, reason: str, position: int, advice: str) -> LawError:
         return LawError(reason, self.text, position, advice)
 
-    def missing(self) -> LawError:
-        if self.token == "(":
-            return self.error("These parentheses are empty.", self.position, "Add an expression.")
-        return self.error(f"Something is missing after {self.token!r}.", self.position, "Add its operand.")
+    def take(self) -> _Token:
+        """The next token."""
+        self.last, self.next = self.next, self.tokens.pop(0) if self.tokens else self.next
+        return self.last
 
-    def check(self, kind: str, token: str, position: int) -> None:
-        if kind in ("number", "name"):
-            self.check_operand(kind, token, position)
-        elif token == "(":
-            self.check_open(position)
-        elif token in (")", ","):
-            self.check_close(token, position)
-        elif token == "//":
-            raise self.error(
-                "'//' is not a supported operator.", position, "A quotient is written with one slash: d/g."
-            )
-        elif self.expects_operand and token not in ("+", "-"):
-            before = f"between {self.token!r} and {token!r}" if self.token else f"before {token!r}"
-            raise self.error(f"Something is missing {before}.", position, "Add the operand.")
+    def placed(self, expression: Expression, position: int) -> Expression:
+        self.positions.append((expression, position))
+        return expression
 
-    def check_operand(self, kind: str, token: str, position: int) -> None:
-        if not self.expects_operand:
-            raise self.error(
-                f"An operator is missing between {self.token!r} and {token!r}.", position,
-                f"A product is written with a star: {self.token}*{token}.",
-            )  # fmt: skip
-        if kind == "name" and token.startswith("_"):
-            raise self.error(
-                f"{token!r} is not a valid name.", position, "Names begin with a letter: k, alpha, c2."
-            )
-        if kind == "name" and keyword.iskeyword(token):
-            raise self.error(
-                f"{token!r} is a reserved word.", position, f"Choose another name, such as {token}_."
-            )
+    def chain(self, depth: int, signs: tuple[str, str] = _SUM) -> Expression:
+        """A sum or a product, read in a loop: it is long, not deep. `depth` counts calls, signs and powers above it."""
+        start, items = self.next.position, []
+        sign = signs[0]
+        while True:
+            place = self.next.position
+            item = self.chain(depth, _PRODUCT) if signs is _SUM else self.signed(depth)
+            if sign == signs[1]:
+                item = self.placed(power(item, -1) if sign == "/" else multiply(MINUS_ONE, item), place)
+            items.append(item)
+            if self.next.text not in signs:
+                break
+            sign = self.take().text
+        if len(items) == 1:
+            return items[0]
+        return self.placed(add(*items) if signs is _SUM else multiply(*items), start)
 
-    def check_open(self, position: int) -> None:
-        called = self.kind == "name"
-        if called and self.token not in writable_functions():
-            raise self.unknown_function()
-        if not called and not self.expects_operand:
-            raise self.error(
-                f"An operator is missing between {self.token!r} and '('.",
-                position,
-                "A product is written with a star.",
-            )
-        self.open.append((position, called))
+    def signed(self, depth: int) -> Expression:
+        """A power, or an operand with a sign before it."""
+        if depth > MAX_DEPTH:
+            reason = f"The expression is nested deeper than {MAX_DEPTH} levels."
+            raise self.error(reason, self.next.position, "Multiply the inner levels out.")
+        start = self.next.position
+        if self.next.text in _SUM:
+            negative = self.take().text == "-"
+            operand = self.signed(depth + 1)
+            return self.placed(multiply(MINUS_ONE, operand) if negative else operand, start)
+        base = self.operand(depth)
+        if self.next.text != "**":
+            return base
+        self.take()
+        return self.placed(power(base, self.signed(depth + 1)), start)
+
+    def operand(self, depth: int) -> Expression:
+        """A number, a name, a call, or a sum in parentheses."""
+        before, token = self.last, self.take()
+        if token.kind == "number":
+            read = self.placed(self.number(token), token.position)
+        elif token.kind == "name" and self.next.text == "(":
+            read = self.placed(self.function(token, depth), token.position)
+        elif token.kind == "name":
+            read = self.placed(self.name(token), token.position)
+        elif token.text == "(":
+            self.enter(token, of_call=False)
+            read = self.chain(depth)
+            self.take()
+            self.open.pop()
+        else:
+            raise self.no_operand(before, token)
+        self.check_what_follows()
+        return read
+
+    def enter(self, parenthesis: _Token, *, of_call: bool) -> None:
+        self.open.append((parenthesis.position, of_call))
         if len(self.open) > MAX_DEPTH:
-            raise self.error(
-                f"Parentheses are nested deeper than {MAX_DEPTH} levels.",
-                position,
-                "Multiply the inner ones out.",
-            )
+            reason = f"Parentheses are nested deeper than {MAX_DEPTH} levels."
+            raise self.error(reason, parenthesis.position, "Multiply the inner ones out.")
 
-    def unknown_function(self) -> LawError:
-        name = self.token
-        known = writable_functions()
+    def number(self, token: _Token) -> Expression:
+        if token.text.isdigit() and token.text.startswith("0") and token.text.strip("0"):
+            raise self.error("Invalid syntax: leading zeros of a number.", token.position, _ALLOWED)
+        if not math.isfinite(float(token.text)):
+            reason = "This number is too large for double precision."
+            raise self.error(reason, token.position, "The largest is 1.8e308.")
+        return Number(float(token.text))
+
+    def name(self, token: _Token) -> Expression:
+        name = unicodedata.normalize("NFKC", token.text)  # as in Python
+        if name.startswith("_") or not token.text.isidentifier():
+            advice = "Names begin with a letter: k, alpha, c2."
+            raise self.error(f"{token.text!r} is not a valid name.", token.position, advice)
+        if keyword.iskeyword(name):
+            advice = f"Choose another name, such as {name}_."
+            raise self.error(f"{name!r} is a reserved word.", token.position, advice)
+        if name in self.functions:
+            advice = f"Write {name}(...), or rename the coefficient."
+            raise self.error(f"{name!r} is a function, not a name.", token.position, advice)
+        return Number(math.pi) if name == "pi" else Symbol(name)
+
+    def function(self, token: _Token, depth: int) -> Expression:
+        if token.text not in self.functions:
+            self.name(token)
+            raise self.unknown_function(token)
+        self.enter(self.take(), of_call=True)
+        arguments = [self.chain(depth + 1)]
+        while self.next.text == ",":
+            self.take()
+            arguments.append(self.chain(depth + 1))
+        self.take()
+        self.open.pop()
+        least = len(FUNCTIONS[token.text].derivatives)
+        if len(arguments) < least or (least == 1 and len(arguments) > 1):
+            wanted = "one argument" if least == 1 else "two or more arguments"
+            reason = f"{token.text!r} takes {wanted}, not {len(arguments)}."
+            raise self.error(reason, token.position, "Check commas and parentheses.")
+        return call(token.text, *arguments)
+
+    def unknown_function(self, token: _Token) -> LawError:
+        name, known = token.text, self.functions
         near = difflib.get_close_matches(name.lower(), known, n=1)
         advice = f"The functions are {', '.join(known)}. For a product write {name}*(...)."
         if name in self.variables:
             advice = f"{name} is a variable: for a product write {name}*(...)."
         elif near:
             advice = f"Did you mean {near[0]}? {advice}"
-        return self.error(f"{name!r} is not a function.", self.position, advice)
+        return self.error(f"{name!r} is not a function.", token.position, advice)
 
-    def check_close(self, token: str, position: int) -> None:
-        if token == "," and not (self.open and self.open[-1][1]):
-            decimal = re.search(r"\d$", self.text[:position]) and re.match(r"\d", self.text[position + 1 :])
+    def no_operand(self, before: _Token, token: _Token) -> LawError:
+        """What is wrong with a token where an operand is expected."""
+        self.check_token(token)
+        if token.text and token.text not in "),":
+            between = (
+                f"between {before.text!r} and {token.text!r}" if before.text else f"before {token.text!r}"
+            )
+            return self.error(f"Something is missing {between}.", token.position, "Add the operand.")
+        if before.text == "(":
+            return self.error("These parentheses are empty.", before.position, "Add an expression.")
+        return self.error(f"Something is missing after {before.text!r}.", before.position, "Add its operand.")
+
+    def check_what_follows(self) -> None:
+        """Raise LawError for a token that cannot stand behind an operand."""
+        token, before = self.next, self.last.text
+        self.check_token(token)
+        if token.kind in ("number", "name") or token.text == "(":
+            product = "." if token.text == "(" else f": {before}*{token.text}."
+            reason = f"An operator is missing between {before!r} and {token.text!r}."
+            raise self.error(reason, token.position, f"A product is written with a star{product}")
+        if token.kind == "end" and self.open:
+            raise self.error("This parenthesis is never closed.", self.open[-1][0], "Add the missing ')'.")
+
+    def check_token(self, token: _Token) -> None:
+        """Raise LawError for a token that can stand nowhere, or not outside of the parentheses that are open."""
+        if token.kind == "other":
+            advice = _ADVICE.get(token.text, _ALLOWED)
+            raise self.error(f"Unexpected character {token.text!r}.", token.position, advice)
+        if token.text == "//":
+            advice = "A quotient is written with one slash: d/g."
+            raise self.error("'//' is not a supported operator.", token.position, advice)
+        if token.text == "," and not (self.open and self.open[-1][1]):
+            around = self.text[: token.position], self.text[token.position + 1 :]
+            decimal = re.search(r"\d$", around[0]) and re.match(r"\d", around[1])
             advice = "Decimals have a point: 1.5." if decimal else "Write one expression."
-            raise self.error("A comma may only separate the arguments of a function.", position, advice)
-        if token == ")" and not self.open:
-            raise self.error(
-                "This parenthesis was never opened.", position, "Remove it, or add the missing '('."
-            )
-        if self.expects_operand:
-            raise self.missing()
-        if token == ")":
-            self.open.pop()
-
-
-class _TreeBuilder:
-    """Converts Python's syntax tree to an expression tree; refuses every node that is not part of an expression."""
-
-    def __init__(self, text: str, line: str) -> None:
-        self.text, self.bytes = text, line.encode()
-        self.positions: list[tuple[Expression, int]] = []
-
-    def position(self, node: ast.expr) -> int:
-        """Position in the text: Python counts bytes, and one column is the parenthesis added in front."""
-        return len(self.bytes[: node.col_offset].decode()) - 1
-
-    def error(self, reason: str, node: ast.expr, advice: str) -> LawError:
-        return LawError(reason, self.text, self.position(node), advice)
-
-    def read(self, node: ast.expr, depth: int) -> Expression:
-        """The tree of `node`; `depth` counts calls, signs and powers above it."""
-        if depth > MAX_DEPTH:
-            raise self.error(
-                f"The expression is nested deeper than {MAX_DEPTH} levels.",
-                node,
-                "Multiply the inner levels out.",
-            )
-        match node:
-            case ast.Constant(value=value):
-                parsed = self.number(value, node)
-            case ast.Name(id=name):
-                parsed = self.name(name, node)
-            case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div()):
-                parsed = self.chain(node, depth)
-            case ast.BinOp(op=ast.Pow()):
-                parsed = power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
-            case ast.UnaryOp(op=ast.USub()):
-                parsed = multiply(MINUS_ONE, self.read(node.operand, depth + 1))
-            case ast.UnaryOp(op=ast.UAdd()):
-                parsed = self.read(node.operand, depth + 1)
-            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-                parsed = self.function(name, arguments, node, depth)
-            case _:
-                raise self.error("This is not part of an expression.", node, _ALLOWED)
-        self.positions.append((parsed, self.position(node)))
-        return parsed
-
-    def chain(self, node: ast.BinOp, depth: int) -> Expression:
-        """A chain of + and -, or of * and /, read in a loop: it is long, not deep."""
-        inverse, kinds = (ast.Sub, (ast.Add, ast.Sub)) if isinstance(node.op, ast.Add | ast.Sub) else (
-            ast.Div, (ast.Mult, ast.Div))  # fmt: skip
-        links: list[tuple[bool, ast.expr]] = []
-        left: ast.expr = node
-        while isinstance(left, ast.BinOp) and isinstance(left.op, kinds):
-            links.append((isinstance(left.op, inverse), left.right))
-            left = left.left
-        links.append((False, left))
-        items = []
-        for inverted, below in reversed(links):
-            item = self.read(below, depth)
-            if inverted:
-                item = power(item, -1) if inverse is ast.Div else multiply(MINUS_ONE, item)
-                self.positions.append((item, self.position(below)))
-            items.append(item)
-        return multiply(*items) if inverse is ast.Div else add(*items)
-
-    def number(self, value: object, node: ast.expr) -> Expression:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.error("This is not a number.", node, _ALLOWED)
-        try:
-            converted = float(value)
-        except OverflowError:
-            converted = math.inf
-        if not math.isfinite(converted):
-            raise self.error(
-                "This number is too large for double precision.", node, "The largest is 1.8e308."
-            )
-        return Number(converted)
-
-    def name(self, name: str, node: ast.expr) -> Expression:
-        if name in writable_functions():
-            raise self.error(
-                f"{name!r} is a function, not a name.", node, f"Write {name}(...), or rename the coefficient."
-            )
-        return Number(math.pi) if name == "pi" else Symbol(name)
-
-    def function(self, name: str, arguments: list[ast.expr], node: ast.expr, depth: int) -> Expression:
-        least = len(FUNCTIONS[name].derivatives)
-        if len(arguments) < least or (least == 1 and len(arguments) > 1):
-            wanted = "one argument" if least == 1 else "two or more arguments"
-            raise self.error(
-                f"{name!r} takes {wanted}, not {len(arguments)}.", node, "Check commas and parentheses."
-            )
-        return call(name, *(self.read(argument, depth + 1) for argument in arguments))
+            raise self.error("A comma may only separate the arguments of a function.", token.position, advice)
+        if token.text == ")" and not self.open:
+            advice = "Remove it, or add the missing '('."
+            raise self.error("This parenthesis was never opened.", token.position, advice)

@@ -15,8 +15,8 @@ from linkwise.errors import OutputError, RecordError, expect
 from linkwise.files.assemble import find_column, to_record
 from linkwise.files.guesses import first_mapping
 from linkwise.files.mapping import RecordMapping, read_mapping
-from linkwise.files.response_functions import record_of_responses
 from linkwise.files.table import ColumnHeader, Table
+from linkwise.files.uff import record_of_responses
 from linkwise.output import atomic_file, check_file
 from linkwise.records.record import Record
 from linkwise.units import to_si

@@ -18,7 +18,7 @@ from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
-from linkwise.records.channel import BASE, COMMON, Channel, ClippedSamples, check_rate, row_error, si_unit
+from linkwise.records.channel import BASE, COMMON, Channel, ClippedSamples, Rows, check_rate, si_unit
 from linkwise.records.record import Record
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.timeline import JITTER, resample_evenly, sampled_columns
@@ -126,7 +126,7 @@ def mapped(table: Table, channels: Mapping[str, str | int]) -> tuple[ColumnChoic
     for key, column in channels.items():
         header = ColumnHeader.parse(key)
         try:
-            channel = None if header.is_time else Channel.parse(header.name)
+            channel = None if header.is_time else header.stated_channel()
         except RecordError as error:
             raise table.error(f"in `channels`: {error.message}", "channels") from error
         name = channel or "time"
@@ -224,13 +224,13 @@ def to_record(
         time_column = None
     time = None if time_column is None else _in_si(table, time_column)
     count = len(next(iter(columns.values())))
-    (start, rate), times, lines = *_grid(table, time, mapping.rate, count), table.lines
+    (start, rate), times, rows = *_grid(table, time, mapping.rate, count), table.rows
     if mapping.resample is not None:
         rate = mapping.resample
-        start, columns, note = resample_evenly(times, columns, rate, file=table.file, lines=lines)
+        start, columns, note = resample_evenly(times, columns, rate, rows)
         notes.append(note)
-        times, lines, sides = start + np.arange(len(next(iter(columns.values())))) / rate, None, {}
-    timeline, values, remarks = sampled_columns(times, columns, table.file, lines, informative=informative)
+        times, rows, sides = start + np.arange(len(next(iter(columns.values())))) / rate, Rows(table.file), {}
+    timeline, values, remarks = sampled_columns(times, columns, rows, informative=informative)
     stated, unread = _statements(table, chosen, mapping)
     stored: dict[str, Any] = {
         kind: {name: value for name, value in of_channels.items() if name in columns}
@@ -311,14 +311,10 @@ def _refuse_overloads(table: Table, name: str, values: NDArray[Any]) -> None:
     """Raise RecordError for numbers that instruments write in place of a reading, in whatever unit."""
     overloads = np.flatnonzero((np.abs(values) > _OVERLOAD) & (np.abs(values) < _NO_NUMBER))
     if len(overloads):
-        raise row_error(
-            f"the value is {values[overloads[0]]:.3g}, which instruments write for an overload or no reading; leave such "
-            "cells empty",
-            int(overloads[0]),
-            table.file,
-            table.lines,
-            name,
+        reading = (
+            f"the value is {values[overloads[0]]:.3g}, which instruments write for an overload or no reading"
         )
+        raise table.rows.error(f"{reading}; leave such cells empty", int(overloads[0]), name)
 
 
 def _without_overloads(

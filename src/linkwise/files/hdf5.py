@@ -51,7 +51,7 @@ def read_table(path: Path) -> Table:
                 continue
             tree[f"{name}{_unit(item)}"] = None if item.shape is None else np.asarray(item[()])
             for kind in STORED.keys() & item.attrs.keys():
-                stored[kind][name] = (str if STORED[kind].is_text else float)(item.attrs[kind])
+                stored[kind][name] = STORED[kind].stored(item.attrs[kind])
             attributes[name] = stated_in(item.attrs)
         rate = file.attrs.get("rate")
         stated = {name: file.get(name) for name in file.attrs.get("channels", ())}

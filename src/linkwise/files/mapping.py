@@ -227,10 +227,11 @@ def read_mapping(path: str | Path) -> RecordMapping:
 
 def _checked_name(name: str, source: str) -> Channel:
     """The name of a channel; RecordError names the key."""
-    if ColumnHeader.parse(name).unit:
+    header = ColumnHeader.parse(name)
+    if header.unit:
         raise RecordError(f'channel."{name}": write the unit as a key of its own, as in unit = "mm"', source)
     try:
-        return Channel.parse(name)
+        return header.stated_channel()
     except RecordError as error:
         raise RecordError(f'channel."{name}": {error.message}', source) from error
 

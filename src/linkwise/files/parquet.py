@@ -28,15 +28,14 @@ _KEY = b"linkwise record"
 def read_table(path: Path) -> Table:
     """All columns of the file; see `files.read_record`."""
     content = parquet.read_table(path)
-    stated, stored = _Stated(), {}
+    stated, stored = _Stated(), dict[str, dict[str, Any]]()
     if _KEY in (content.schema.metadata or {}):
         try:
             metadata = msgspec.json.decode(content.schema.metadata[_KEY], type=dict[str, Any])
             stated = msgspec.convert(metadata, type=_Stated)
-            stored = {
-                kind: msgspec.convert(metadata.get(kind, {}), type=attribute.stored)
-                for kind, attribute in STORED.items()
-            }
+            for kind, attribute in STORED.items():
+                of_kind = dict[str, float] if attribute.stored is float else dict[str, str]
+                stored[kind] = msgspec.convert(metadata.get(kind, {}), type=of_kind)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise RecordError(f"its metadata is not that of a record: {error}", path) from error
     columns = tuple(

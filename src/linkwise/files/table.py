@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import KINDS, Channel, is_angular
+from linkwise.records.channel import KINDS, Channel, Rows, is_angular
 from linkwise.records.record import Record
 from linkwise.units import base_exponents, factor_to_si
 
@@ -91,6 +91,11 @@ class Table:
         return RecordError(message, self.file, line, channel, arguments=arguments)
 
     @property
+    def rows(self) -> Rows:
+        """Where the samples stand."""
+        return Rows(self.file, self.lines)
+
+    @property
     def headers(self) -> tuple[str, ...]:
         """The headers as written in the file."""
         return tuple(column.header for column in self.columns)
@@ -124,11 +129,14 @@ class ColumnHeader:
     @property
     def channel(self) -> Channel | None:
         """The channel of this name; None if it is not the name of a channel."""
-        parts = (part.strip() for part in self.name.split(":"))
         try:
-            return Channel.parse(":".join(parts))
+            return self.stated_channel()
         except RecordError:
             return None
+
+    def stated_channel(self) -> Channel:
+        """The same; RecordError if it is not the name of a channel."""
+        return Channel.parse(":".join(part.strip() for part in self.name.split(":")))
 
     @property
     def leaf(self) -> ColumnHeader:

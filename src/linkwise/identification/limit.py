@@ -20,7 +20,7 @@ from linkwise.likelihood.shooting.segments import Iterate, Scales
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
 from linkwise.model.link import refuse_signals
-from linkwise.model.slider_corners import LAG
+from linkwise.model.named_laws import LAG
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.record import LARGEST_RATIO, Record

@@ -11,7 +11,7 @@ from linkwise.arrays import Bools, Floats, Indices, stretches
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
 from linkwise.records.joining import sampled_every
-from linkwise.signals.smooth import smoothing_spline
+from linkwise.signals.states import smoothing_spline
 
 _MOTION = 0.2  # of the power of its noise: a channel with more moves, however short it is
 _DEVIATIONS = 5.0  # of the power of the noise of a long channel

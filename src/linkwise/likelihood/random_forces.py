@@ -22,7 +22,7 @@ from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.law import Law, LinkState
 from linkwise.model.link import BASE, GROUND, Link
-from linkwise.model.slider_corners import LAG
+from linkwise.model.named_laws import LAG
 from linkwise.model.structure import Structure
 from linkwise.records.channel import HELD
 from linkwise.records.channel_units import unit_in

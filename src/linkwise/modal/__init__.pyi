@@ -3,10 +3,10 @@
 from linkwise.identification.modal_test import HostEstimate as HostEstimate
 from linkwise.identification.modal_test import identify_host as identify_host
 from linkwise.model.host_file import read_modes as read_modes
-from linkwise.model.matrices import HostMatrices as HostMatrices
-from linkwise.model.matrices import read_host_matrices as read_host_matrices
-from linkwise.model.matrices import read_matrix as read_matrix
+from linkwise.model.reduction import HostMatrices as HostMatrices
 from linkwise.model.reduction import HostReduction as HostReduction
+from linkwise.model.reduction import read_host_matrices as read_host_matrices
+from linkwise.model.reduction import read_matrix as read_matrix
 from linkwise.model.reduction import reduce_host as reduce_host
 
 __all__: list[str]

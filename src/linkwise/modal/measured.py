@@ -10,7 +10,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.modal.oscillators import SampledForce, free_motion, free_motion_derivatives
+from linkwise.modal.oscillators import Complex, SampledForce, free_motion, pole, pole_changes
 from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
@@ -40,9 +40,28 @@ class MeasuredRun:
 
     def motion_derivatives(self, frequency: float, damping: float) -> Floats:
         """(2, P + 2, 3, N) derivatives of `motions` by the logarithms of frequency and damping."""
-        forced = np.array([force.derivatives(frequency, damping) for force in self.forces])
-        free = free_motion_derivatives(frequency, damping, self.step, self.count)
-        return np.concatenate([forced.reshape(-1, 2, 3, self.count).swapaxes(0, 1), free], axis=1)
+        s, kinds = pole(frequency, damping), np.arange(3)[:, None]
+        signals = self.signals(s)
+        by_pole = self.signals_by_pole(s, signals)
+        motions = s**kinds * signals[:, None]
+        slopes = kinds * s ** (kinds - 1) * signals[:, None] + s**kinds * by_pole[:, None]
+        free = (slopes[-1] - 2.0 / s * motions[-1]) / s**2
+        changes = []
+        for change in pole_changes(frequency, damping):
+            turned = (slopes * change).imag / s.imag - motions.imag * (change.imag / s.imag**2)
+            changes.append([*turned[:-1], (free * change).real, (free * change).imag])
+        return np.array(changes)
+
+    def signals(self, s: complex) -> Complex:
+        """(P + 1, N) complex modes with the pole `s` under each force of unit participation, and in a free decay."""
+        decay = np.exp(s * self.step * np.arange(self.count))
+        return np.array([*(force.recursion(s) for force in self.forces), decay])
+
+    def signals_by_pole(self, s: complex, signals: Complex) -> Complex:
+        """(P + 1, N) derivatives of the `signals` by the pole."""
+        forced = zip(self.forces, signals, strict=False)
+        decay = self.step * np.arange(self.count) * signals[-1]
+        return np.array([*(force.derivative_by_pole(s, z) for force, z in forced), decay])
 
     def shortened(self, count: int) -> MeasuredRun:
         """The first samples."""

@@ -54,16 +54,6 @@ class SampledForce:
         motion[2] += self.samples
         return motion
 
-    def derivatives(self, frequency: float, damping: float) -> Floats:
-        """Derivatives (2, 3, N) of the `motion` by the logarithms of frequency and damping."""
-        s = pole(frequency, damping)
-        z = self.recursion(s)
-        by_pole = self.derivative_by_pole(s, z)
-        motion = np.array([z, s * z, s * s * z])
-        slopes = np.array([by_pole, z + s * by_pole, s * (2.0 * z + s * by_pole)])
-        changes = np.array(_pole_changes(frequency, damping))[:, None, None]
-        return np.asarray((slopes * changes).imag / s.imag - motion.imag * (changes.imag / s.imag**2))
-
     def recursion(self, s: complex) -> NDArray[np.complex128]:
         """The complex mode z (N,) from rest with z' = s z + the force, by its pole s in 1/s."""
         if not self._acts:
@@ -100,23 +90,13 @@ def free_motion(frequency: float, damping: float, step: float, count: int) -> Fl
     return np.array([parts.real, parts.imag])
 
 
-def free_motion_derivatives(frequency: float, damping: float, step: float, count: int) -> Floats:
-    """Derivatives (2, 2, 3, N) of `free_motion` by the logarithms of frequency and damping."""
-    s = pole(frequency, damping)
-    time = step * np.arange(count)
-    decay = np.exp(s * time)
-    by_pole = np.array([(time - 2.0 / s) * decay / s**2, (time - 1.0 / s) * decay / s, time * decay])
-    changes = [by_pole * change for change in _pole_changes(frequency, damping)]
-    return np.array([[change.real, change.imag] for change in changes])
-
-
 def pole(frequency: float, damping: float) -> complex:
     """The pole above the real axis in 1/s of a mode, by its frequency in Hz and its damping ratio."""
     w = 2.0 * np.pi * frequency
     return complex(-damping * w, w * np.sqrt(1.0 - damping**2))
 
 
-def _pole_changes(frequency: float, damping: float) -> tuple[complex, complex]:
+def pole_changes(frequency: float, damping: float) -> tuple[complex, complex]:
     """Derivatives of the pole by the logarithms of frequency and damping."""
     w = 2.0 * np.pi * frequency
     return pole(frequency, damping), -damping * w * complex(1.0, damping / np.sqrt(1.0 - damping**2))

@@ -9,6 +9,9 @@ Damping between modes is let free, for all pairs of modes at once, where the sco
 would rise by more than the penalty of the Bayesian information criterion. Then it is known beforehand to be of the size that
 damping has which dissipates in every motion, c_rs^2 < c_rr c_ss.
 
+In each channel the response is the real part of a weighted sum of signals that all channels share: of each complex mode the
+motion under each force, and a free decay. Derivatives are sums of these and of their derivatives by the pole.
+
 References
 ----------
 H. White, Econometrica 50, 1 (1982).
@@ -18,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, pairwise, product
 from typing import NamedTuple
 
@@ -25,12 +29,109 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.modal.coupled_response import CoupledResponse
-from linkwise.modal.least_squares import LinearProblem, SearchEnd, least_squares
-from linkwise.modal.measured import ModalMeasurement
+from linkwise.modal.measured import MeasuredRun, ModalMeasurement
 from linkwise.modal.oscillators import Complex, ComplexModes, pole
-from linkwise.modal.pursuit import PursuedModes
+from linkwise.modal.pursuit import LinearProblem, PursuedModes, least_squares
 from linkwise.progress import Progress, ProgressReport, part, silent
+
+_ACCELERATION = 2  # among the kinds of responses
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledResponse:
+    """The response of `modes` with `shapes` (n, m) at the points, from displacements and velocities `first` (n, 2)."""
+
+    measured: ModalMeasurement
+    modes: ComplexModes
+    shapes: Floats
+    first: Floats
+
+    @cached_property
+    def _at_points(self) -> Complex:
+        """(n, m) complex shapes."""
+        return np.asarray(self.modes.vectors @ self.shapes)
+
+    @cached_property
+    def _at_start(self) -> Complex:
+        """(n,) complex modes at the start."""
+        q, v = self.first.T
+        vectors = self.modes.vectors
+        return np.asarray(vectors @ (self.modes.damping @ q + v) + self.modes.poles * (vectors @ q))
+
+    @cached_property
+    def _participation(self) -> Complex:
+        """(n, P + 1) how each force, and the start, enter each complex mode."""
+        return np.concatenate([self._at_points[:, self.measured.forced], self._at_start[:, None]], axis=1)
+
+    def of(self, run: MeasuredRun) -> Floats:
+        """(C, N) without offsets, in a record."""
+        signals = np.array([run.signals(s) for s in self.modes.poles.tolist()])
+        at, kinds = self._at_points[:, self.measured.sensed], self.measured.kinds
+        weights = 2.0 * (self.modes.poles[:, None] ** kinds * at).T[:, :, None] * self._participation
+        response = _real_sum(weights, signals)
+        direct = self.shapes[:, self.measured.sensed].T @ self.shapes[:, self.measured.forced]
+        forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
+        response[kinds == _ACCELERATION] += direct[kinds == _ACCELERATION] @ forces
+        return response
+
+    def derivatives(self, run: MeasuredRun) -> Iterator[Floats]:
+        """(K, N) of each channel: by what complex modes change with, by shapes mode by mode, and by the start mode by mode."""
+        poles, count = self.modes.poles, len(self.shapes)
+        signals = np.array([run.signals(s) for s in poles.tolist()])
+        by_pole = [run.signals_by_pole(s, own) for s, own in zip(poles.tolist(), signals, strict=True)]
+        both = np.concatenate([signals, by_pole], axis=1)
+        forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
+        moved, turned, entering = self._changes
+        for kind, point in zip(self.measured.kinds.tolist(), self.measured.sensed.tolist(), strict=True):
+            power = 2.0 * poles**kind
+            slope = 2.0 * kind * poles ** max(kind - 1, 0)
+            at, participation = self._at_points[:, point], self._participation
+            scaled = slope * moved * at + power * turned[:, :, point]
+            weights = scaled[:, :, None] * participation + (power * at)[:, None] * entering
+            of_poles = (power * moved * at)[:, :, None] * participation
+            rows = _real_sum(np.concatenate([weights, of_poles], axis=2), both)
+            if kind == _ACCELERATION:
+                shapes = rows[-count * (len(self.measured.points) + 2) : -2 * count]
+                of_shapes = shapes.reshape(count, len(self.measured.points), -1)
+                for number, force in enumerate(self.measured.forced.tolist()):
+                    of_shapes[:, point] += self.shapes[:, force, None] * forces[number]
+                    of_shapes[:, force] += self.shapes[:, point, None] * forces[number]
+            yield rows
+
+    @cached_property
+    def _changes(self) -> tuple[Complex, Complex, Complex]:
+        """Derivatives of poles (K, n), complex shapes (K, n, m) and the participation (K, n, P + 1) by all parameters."""
+        modes, (n, m) = self.modes, self.shapes.shape
+        poles, vectors = modes.poles, modes.vectors
+        of_poles, of_vectors = modes.changes
+        own, free = len(of_poles), n * m
+        moved = np.zeros((own + free + 2 * n, n), dtype=complex)
+        moved[:own] = of_poles
+        turned = np.zeros((len(moved), n, m), dtype=complex)
+        turned[:own] = of_vectors @ self.shapes
+        for mode in range(n):
+            for point in range(m):
+                turned[own + mode * m + point, :, point] = vectors[:, mode]
+        q, v = self.first.T
+        at_start = np.zeros((len(moved), n), dtype=complex)
+        at_start[:own] = (
+            of_vectors @ (modes.damping @ q + v)
+            + (modes.damping_changes @ q) @ vectors.T
+            + of_poles * (vectors @ q)
+            + poles * (of_vectors @ q)
+        )
+        at_start[own + free :: 2] = (vectors @ modes.damping + poles[:, None] * vectors).T
+        at_start[own + free + 1 :: 2] = vectors.T
+        entering = np.concatenate([turned[:, :, self.measured.forced], at_start[:, :, None]], axis=2)
+        return moved, turned, entering
+
+
+def _real_sum(weights: Complex, signals: Complex) -> Floats:
+    """(K, N) real parts of the sums of signals (n, p, N) with weights (K, n, p)."""
+    by_row = weights.reshape(len(weights), -1)
+    flat = signals.reshape(by_row.shape[1], -1)
+    return np.asarray(by_row.real @ flat.real - by_row.imag @ flat.imag)
+
 
 _STEPS = 60
 _CONVERGED = 1e-6  # of the cost: a step that gains less ends the search
@@ -72,7 +173,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progres
     """The most likely modes, searched from a start; with damping between pairs of them where that of one stands out."""
     problem = _OutputError(measured, len(start.frequencies))
     found = _searched_in_rounds(problem, problem.start(start), part(progress, 0.0, 0.5))
-    coupled, point = _with_pairs(problem, found.theta, found.noise)
+    coupled, point = _with_pairs(problem, *found[:2])
     if coupled.pairs:
         fit = _fit(coupled, _searched_in_rounds(coupled, point, part(progress, 0.5, 1.0)))
         errors = np.sqrt(fit.covariance.diagonal()) * fit.block_ratios
@@ -81,7 +182,7 @@ def modal_fit(measured: ModalMeasurement, start: PursuedModes, progress: Progres
     return _fit(problem, found)
 
 
-def _fit(problem: _OutputError, found: _Found) -> ModalFit:
+def _fit(problem: _OutputError, found: tuple[Floats, Floats, bool]) -> ModalFit:
     """The modes that were found, in the order of their frequencies, with their errors."""
     measured, (theta, noise, converged) = problem.measured, found
     theta, scaling = problem.scaled(theta)
@@ -107,23 +208,17 @@ def _fit(problem: _OutputError, found: _Found) -> ModalFit:
     )
 
 
-class _Found(NamedTuple):
-    """The parameters and levels of noise that are most likely, and whether the search converged."""
-
-    theta: Floats
-    noise: Floats
-    converged: bool
-
-
-def _searched_in_rounds(problem: _OutputError, theta: Floats, progress: Progress) -> _Found:
-    """Searched in turn with the levels of noise."""
+def _searched_in_rounds(
+    problem: _OutputError, theta: Floats, progress: Progress
+) -> tuple[Floats, Floats, bool]:
+    """The parameters and levels of noise that are most likely, searched in turn, and whether the search converged."""
     noise, converged = problem.levels(theta), False
     for number in range(_ROUNDS):
         between = ", damping between them" if problem.pairs else ""
         progress(ProgressReport(number / _ROUNDS, f"all {problem.modes} modes{between}"))
         theta, converged = _searched(problem, theta, noise)
         noise = problem.levels(theta)
-    return _Found(theta, noise, converged)
+    return theta, noise, converged
 
 
 def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_OutputError, Floats]:
@@ -152,7 +247,7 @@ def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_O
     return (coupled, point) if enough else (problem, theta)
 
 
-def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> SearchEnd:
+def _searched(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[Floats, bool]:
     """The parameters that are most likely with given levels of noise."""
     return least_squares(
         theta,

@@ -9,11 +9,17 @@ Residues, free motions and offsets follow from frequencies and damping by linear
 Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973)). Derivatives of what is left are those of the columns for fixed
 weights, projected off the columns: exact in the slope, and in the curvature to the order of what is left (L. Kaufman, BIT
 15, 49 (1975)).
+
+Both searches for modes take Levenberg-Marquardt steps on the normal equations of a few unknowns (`least_squares`).
+
+References
+----------
+J. J. Moré, Lecture Notes in Mathematics 630, 105 (1978).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -24,9 +30,55 @@ import scipy
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
-from linkwise.modal.least_squares import LinearProblem, least_squares
 from linkwise.modal.measured import MeasuredRun, ModalMeasurement
 from linkwise.progress import Progress, ProgressReport
+
+_FIRST_DAMPED, _LEAST_DAMPED, _MOST_DAMPED = 1e-4, 1e-9, 1e12  # of steps, as a part of the curvature
+
+
+class LinearProblem(NamedTuple):
+    """A sum of squares about a point: its `cost`, and half its slope downwards (p,) and its curvature (p, p)."""
+
+    cost: float
+    slope: Floats
+    curvature: Floats
+
+
+def least_squares(
+    start: Floats,
+    equations: Callable[[Floats], LinearProblem],
+    cost: Callable[[Floats], float],
+    within: Callable[[Floats], Floats],
+    *,
+    steps: int,
+    least_gain: float,
+) -> tuple[Floats, bool]:
+    """The point of the least sum of squares near `start` (p,), where no step lowers the cost or one lowers it by less than
+    a part `least_gain`, and whether the search converged: if the first step there promised no more than that. `equations`
+    linearises the problem about a point, `cost` is the sum of squares there, `within` the nearest point within the bounds.
+    """
+    point, linear, damping = start, equations(start), _FIRST_DAMPED
+    for _ in range(steps):
+        promised: float | None = None
+        scale = np.sqrt(np.maximum(linear.curvature.diagonal(), np.finfo(float).tiny))
+        matrix = linear.curvature / np.outer(scale, scale)
+        while True:
+            step = np.linalg.solve(matrix + damping * np.eye(len(point)), linear.slope / scale) / scale
+            trial = within(point + step)
+            if promised is None:  # what points out of the bounds gains nothing
+                promised = float(linear.slope @ (trial - point))
+            trial_cost = cost(trial)
+            if trial_cost < linear.cost:
+                break
+            damping *= 10.0
+            if damping > _MOST_DAMPED:
+                return point, promised < least_gain * linear.cost
+        gained, point = linear.cost - trial_cost, trial
+        if gained < least_gain * trial_cost:
+            return point, True
+        linear, damping = equations(point), max(0.1 * damping, _LEAST_DAMPED)
+    return point, False
+
 
 _RIDGE = 1e-12  # of columns of unit norm: two modes may be the same
 
@@ -410,7 +462,7 @@ def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = N
 
     start = within(logs)
     fixed = at(start).levels if levels is None else levels
-    search = least_squares(
+    point, _ = least_squares(
         start,
         lambda point: at(point).equations(fixed),
         lambda point: at(point).cost(fixed),
@@ -418,4 +470,4 @@ def _refined(measured: ModalMeasurement, logs: Floats, levels: Floats | None = N
         steps=_STEPS,
         least_gain=_LEAST_GAIN,
     )
-    return at(search.point)
+    return at(point)

@@ -12,16 +12,15 @@ from linkwise.model.law import LinkState as LinkState
 from linkwise.model.law import Partials as Partials
 from linkwise.model.law import StateRate as StateRate
 from linkwise.model.named_laws import NAMED_LAWS as NAMED_LAWS
-from linkwise.model.named_laws import LawText as LawText
 from linkwise.model.named_laws import NamedLaw as NamedLaw
 from linkwise.model.named_laws import named_law as named_law
 from linkwise.model.parameters import Parameter as Parameter
 from linkwise.model.structure import BASE as BASE
 from linkwise.model.structure import GROUND as GROUND
+from linkwise.model.structure import LinkShape as LinkShape
+from linkwise.model.structure import Topology as Topology
 from linkwise.model.structure_file import PartialStructure as PartialStructure
 from linkwise.model.structure_file import format_structure as format_structure
 from linkwise.model.structure_file import read_partial_structure as read_partial_structure
-from linkwise.model.topology import LinkShape as LinkShape
-from linkwise.model.topology import Topology as Topology
 
 __all__: list[str]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -14,30 +14,27 @@ from linkwise.errors import LawError, StructureError, expect
 from linkwise.model.coefficient import Name
 from linkwise.model.law import Law
 from linkwise.model.link import GROUND, Link, Mass
-from linkwise.model.link_file import LinkTable, link_of
 from linkwise.model.named_laws import is_law_name, named_law
 from linkwise.model.rotations import rotations_of
 from linkwise.model.structure import Structure
-from linkwise.model.structure_file import MassTable, mass_of, require_named
+from linkwise.model.structure_file import LinkTable, MassTable, link_of, mass_of, require_named
 
 SPRING_LAW = "k*d + c*v"
 SINK_LAW = "alpha*d + beta*d**3 + c*v"
 
 LARGEST = 100_000  # masses: what a structure file and a computer's memory still take without delay
 
-PerCell = float | Sequence[float]  # one number for all cells, or one for each
-
 
 def bnes_chain(
     n: int,
     *,
-    primary_mass: PerCell = 1.0,
-    sink_mass: PerCell = 0.01,
-    k: PerCell = 30000.0,
-    c: PerCell = 1.0,
-    sink_c: PerCell = 0.02,
-    alpha: PerCell = -100.0,
-    beta: PerCell = 1e6,
+    primary_mass: float = 1.0,
+    sink_mass: float = 0.01,
+    k: float = 30000.0,
+    c: float = 1.0,
+    sink_c: float = 0.02,
+    alpha: float = -100.0,
+    beta: float = 1e6,
 ) -> Structure:
     """The chain of bistable nonlinear energy sinks of the paper (its Eq. 1 and Table 1).
 
@@ -48,11 +45,11 @@ def bnes_chain(
     ----------
     n : int
         Number of masses, even: n/2 cells of a primary mass and its sink.
-    primary_mass, sink_mass : float or sequence of n/2 floats
+    primary_mass, sink_mass : float
         Masses in kg.
-    k, c : float or sequence of n/2 floats
+    k, c : float
         Stiffness in N/m and damping in N s/m of the springs.
-    sink_c, alpha, beta : float or sequence of n/2 floats
+    sink_c, alpha, beta : float
         Damping in N s/m, linear stiffness in N/m and cubic stiffness in N/m^3 of the sinks.
 
     Returns
@@ -63,7 +60,7 @@ def bnes_chain(
     Raises
     ------
     StructureError
-        If n is odd, below 2 or too large, or a sequence does not have n/2 numbers.
+        If n is odd, below 2 or too large, or a mass is not positive.
 
     Examples
     --------
@@ -79,36 +76,19 @@ def bnes_chain(
     if n < 2 or n % 2:
         message = f"the number of masses must be even and at least 2, since each cell has a primary mass and a sink; got {n}"
         raise StructureError(message)
-    given = {
-        "primary_mass": primary_mass, "sink_mass": sink_mass, "k": k, "c": c, "sink_c": sink_c, "alpha": alpha, "beta": beta,
-    }  # fmt: skip
-    cells = {name: _per_cell(name, value, int(n) // 2) for name, value in given.items()}
-    spring, sink = Law.parse(SPRING_LAW), Law.parse(SINK_LAW)
+    spring, of_spring = Law.parse(SPRING_LAW), {"k": k, "c": c}
+    sink, of_sink = Law.parse(SINK_LAW), {"alpha": alpha, "beta": beta, "c": sink_c}
     masses: list[Mass] = []
     links: list[Link] = []
-    for cell in range(int(n) // 2):
-        numbers = {name: values[cell] for name, values in cells.items()}
-        primary, attached = f"m{2 * cell + 1}", f"m{2 * cell + 2}"
-        below = f"m{2 * cell - 1}" if cell else GROUND
-        masses += [Mass(primary, numbers["primary_mass"]), Mass(attached, numbers["sink_mass"])]
-        of_sink = {"alpha": numbers["alpha"], "beta": numbers["beta"], "c": numbers["sink_c"]}
+    for cell in range(1, int(n) // 2 + 1):
+        primary, attached = f"m{2 * cell - 1}", f"m{2 * cell}"
+        below = f"m{2 * cell - 3}" if cell > 1 else GROUND
+        masses += [Mass(primary, primary_mass), Mass(attached, sink_mass)]
         links += [
-            Link(f"spring{cell + 1}", (primary, below), spring, {"k": numbers["k"], "c": numbers["c"]}),
-            Link(f"nes{cell + 1}", (attached, primary), sink, of_sink),
+            Link(f"spring{cell}", (primary, below), spring, of_spring),
+            Link(f"nes{cell}", (attached, primary), sink, of_sink),
         ]
     return Structure(f"bistable chain of {n} masses", tuple(masses), tuple(links))
-
-
-def _per_cell(name: str, given: PerCell, cells: int) -> list[float]:
-    """`given` as one number for each cell."""
-    try:
-        numbers = np.asarray(given, dtype=float)
-        if numbers.shape not in ((), (cells,)):
-            raise ValueError
-        return list(np.broadcast_to(numbers, cells).tolist())
-    except (TypeError, ValueError):
-        wanted = f"expected one number, or one for each of {cells} cells"
-        raise StructureError(f"{wanted}, got {given!r}", name) from None
 
 
 _LINK = re.compile(r"\s*(?P<first>[^:]+?)\s+-\s+(?P<second>[^:]+?)\s*:\s*(?P<law>.+?)\s*", re.DOTALL)

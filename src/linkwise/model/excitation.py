@@ -402,91 +402,63 @@ class Excitation:
     ----------
     release : mapping of str to float, optional
         Initial displacements ``"x:MASS"`` in m and velocities ``"v:MASS"`` in m/s; 0 where not given.
-    impulses : tuple of Impulse, optional
+    impulses : iterable of Impulse, optional
         Impulses on masses.
-    forces : mapping of str to TimeFunction or Sampled, optional
-        Force in N on each mass.
-    base : TimeFunction or Sampled, optional
+    forces : mapping of str to TimeFunction, Sampled, str or float, optional
+        Force in N on each mass; a text or a number becomes a `TimeFunction`.
+    base : TimeFunction, Sampled, str or float, optional
         Displacement of the base in m.
-    signals : mapping of str to TimeFunction or Sampled, optional
+    signals : mapping of str to TimeFunction, Sampled, str or float, optional
         Each signal that laws name, in its SI unit.
+
+    Raises
+    ------
+    SimulationError
+        If a release is not a finite number.
+    TypeError
+        If an input has another type.
+    LawError
+        If a text is not a valid expression of t.
 
     Examples
     --------
     >>> import linkwise as lw
-    >>> excitation = lw.model.Excitation.of(release={"v:m1": 1.0}, forces={"m1": "2*sin(30*t)"})
+    >>> excitation = lw.model.Excitation(release={"v:m1": 1.0}, forces={"m1": "2*sin(30*t)"})
     >>> excitation.forces["m1"]
     TimeFunction(text='2*sin(30*t)')
     """
 
-    release: Mapping[str, float] = field(default_factory=dict)
-    impulses: tuple[Impulse, ...] = ()
-    forces: Mapping[str, InputSignal] = field(default_factory=dict)
-    base: InputSignal | None = None
-    signals: Mapping[str, InputSignal] = field(default_factory=dict)
+    release: Mapping[str, float]
+    impulses: tuple[Impulse, ...]
+    forces: Mapping[str, InputSignal]
+    base: InputSignal | None
+    signals: Mapping[str, InputSignal]
 
-    def __post_init__(self) -> None:
-        for name in ("release", "forces", "signals"):
-            expect(f"Excitation: {name}", getattr(self, name), Mapping)
-        for number, impulse in enumerate(self.impulses):
-            expect(f"Excitation: impulses[{number}]", impulse, Impulse)
-        for name, value in self.release.items():
-            expect(f"release[{name!r}]", value, float)
-            if not abs(value) <= float_info.max:
-                raise SimulationError(f"the release {name} must be finite, got {value!r}")
-        for place, signal in self.drives.items():
-            expect(f"Excitation: {place}", signal, TimeFunction, Sampled)
-        vars(self).update(
-            release=MappingProxyType({name: float(value) for name, value in self.release.items()}),
-            impulses=tuple(sorted(self.impulses, key=lambda impulse: impulse.time)),
-            forces=MappingProxyType(dict(self.forces)),
-            signals=MappingProxyType(dict(self.signals)),
-        )
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         release: Mapping[str, float] | None = None,
         impulses: Iterable[Impulse] = (),
         forces: Mapping[str, InputSignal | str | float] | None = None,
         base: InputSignal | str | float | None = None,
         signals: Mapping[str, InputSignal | str | float] | None = None,
-    ) -> Excitation:
-        """Build an excitation in which inputs may be texts or numbers, which become `TimeFunction`.
-
-        Parameters
-        ----------
-        release : mapping of str to float, optional
-            Initial values, as of `Excitation`.
-        impulses : iterable of Impulse
-            Blows, as of `Excitation`.
-        forces : mapping of str to TimeFunction, Sampled, str or float, optional
-            Force in N on each mass.
-        base : TimeFunction, Sampled, str or float, optional
-            Displacement of the base in m.
-        signals : mapping of str to TimeFunction, Sampled, str or float, optional
-            Each signal that laws name, in its SI unit.
-
-        Returns
-        -------
-        Excitation
-            The excitation.
-
-        Raises
-        ------
-        SimulationError
-            If an input has another type, or a release is not a finite number.
-        LawError
-            If a text is not a valid expression of t.
-        """
+    ) -> None:
         for name, given in (("release", release), ("forces", forces), ("signals", signals)):
             expect(name, given, Mapping, NoneType)
-        return cls(
-            release or {},
-            tuple(impulses),
-            {mass: _drive(f"forces[{mass!r}]", given) for mass, given in (forces or {}).items()},
-            None if base is None else _drive("base", base),
-            {name: _drive(f"signals[{name!r}]", given) for name, given in (signals or {}).items()},
+        blows = tuple(impulses)
+        for number, impulse in enumerate(blows):
+            expect(f"Excitation: impulses[{number}]", impulse, Impulse)
+        for name, value in (release or {}).items():
+            expect(f"release[{name!r}]", value, float)
+            if not abs(value) <= float_info.max:
+                raise SimulationError(f"the release {name} must be finite, got {value!r}")
+        drives = {key: _drive(f"forces[{key!r}]", given) for key, given in (forces or {}).items()}
+        inputs = {key: _drive(f"signals[{key!r}]", given) for key, given in (signals or {}).items()}
+        vars(self).update(
+            release=MappingProxyType({name: float(value) for name, value in (release or {}).items()}),
+            impulses=tuple(sorted(blows, key=lambda impulse: impulse.time)),
+            forces=MappingProxyType(drives),
+            base=None if base is None else _drive("base", base),
+            signals=MappingProxyType(inputs),
         )
 
     def __reduce__(self) -> tuple[type[Excitation], tuple[object, ...]]:

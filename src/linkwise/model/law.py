@@ -158,6 +158,8 @@ class StateRate:
         The parsed rate, in the unit of the state per s.
     unit : str
         The unit stated for the state; empty where none is.
+    initial : float or None
+        Its value at the start of a simulation in SI units; None where it is unknown.
 
     Examples
     --------
@@ -172,6 +174,7 @@ class StateRate:
     text: str
     expression: Expression
     unit: str = ""
+    initial: float | None = 0.0
 
 
 def check_symbol(name: object, kind: str) -> None:
@@ -382,7 +385,7 @@ class Law:
         >>> valve.signals, dict(valve.units)
         (('u',), {'c0': 'N s/m', 'cu': 's^2 A/m^2'})
         """
-        rates = {name: (state.rate, state.unit) for name, state in as_link_states(states or {}).items()}
+        given = as_link_states(states or {})
         for name, unit in signals.items():
             check_symbol(name, "signal")
             if str(unit_dimension(unit)) != unit and factor_to_si(unit, "?") != 1.0:
@@ -390,9 +393,9 @@ class Law:
                     f"signal {name}: numbers in laws are SI, and {unit!r} is no SI unit; a record may have the signal in it, "
                     f"as signal:{name}[{unit}]"
                 )
-            if name in rates:
+            if name in given:
                 raise StructureError(f"{name!r} is a state and a signal; rename one of the two")
-        law = _parse(text, tuple((name, *rate) for name, rate in rates.items()), tuple(signals.items()))
+        law = _parse(text, tuple(given.items()), tuple(signals.items()))
         return replace(law, declared=tuple(units.items())) if units else law
 
     def __str__(self) -> str:
@@ -400,24 +403,6 @@ class Law:
 
     def __hash__(self) -> int:
         return hash(self.text)
-
-    def __add__(self, other: Law) -> Law:
-        """The sum of two laws; a name in both is one coefficient, so its unit must be the same."""
-        if not isinstance(other, Law):
-            return NotImplemented
-        if self.rates or other.rates:
-            advice = "Write the sum and its states out in one law."
-            raise LawError("A law with states cannot be added.", self.text, None, advice)
-        for name in self.coefficients:
-            if name in other.coefficients and self.units[name] != other.units[name]:
-                raise LawError(
-                    f"The coefficient {name!r} is in {self.units[name]} in {self.text!r}, but in {other.units[name]} here.",
-                    other.text,
-                    parse_with_positions(other.text, VARIABLES).position(Symbol(name)),
-                    f"Rename one of the two before adding the laws, for instance to {name}2.",
-                )
-        total = _parse(f"{self.text} + {other.text}", (), (*self.signal_units, *other.signal_units))
-        return replace(total, angular=True) if self.angular or other.angular else total
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -651,11 +636,14 @@ class Law:
 
 @lru_cache(maxsize=1024)
 def _parse(
-    text: str, rates: tuple[tuple[str, str, str], ...], signals: tuple[tuple[str, str], ...] = ()
+    text: str, states: tuple[tuple[str, LinkState], ...], signals: tuple[tuple[str, str], ...] = ()
 ) -> Law:
-    variables = (*VARIABLES, *(name for name, *_ in (*rates, *signals)))
+    variables = (*VARIABLES, *(name for name, _ in (*states, *signals)))
     expression = checked_expression(text, variables)
-    parsed = tuple(StateRate(name, text, checked_expression(text, variables), u) for name, text, u in rates)
+    parsed = tuple(
+        StateRate(name, state.rate, checked_expression(state.rate, variables), state.unit, state.initial)
+        for name, state in states
+    )
     trees = (expression, *(rate.expression for rate in parsed))
     names = dict.fromkeys(name for tree in trees for name in symbols(tree))
     coefficients = tuple(name for name in names if name not in variables)

@@ -6,7 +6,7 @@ the force in N on the first end with reversed sign (METHODS section 1): m_first 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import StructureError, expect, located
 from linkwise.model.coefficient import Coefficient, as_coefficient
-from linkwise.model.law import Law, LinkState, as_link_states
+from linkwise.model.law import Law, LinkState
 
 ANGLE, LENGTH = "rad", "m"
 """Units of displacements: of what turns about an axis, and of what moves along a line."""
@@ -116,8 +116,7 @@ class Link:
         structure file: ``"30 kN/m"``, ``"unknown"``, or ``"=nes1.alpha"`` for one that is equal to another.
     states : mapping of str to LinkState or str, optional
         The states of a link with memory, such as ``{"z": "(v - abs(v)*z)/x0"}``: the rate of each, or a `LinkState` with its
-        initial value and unit too. By default those that `law` was parsed with. Where `dataclasses.replace` changes the law
-        alone, to one that neither has nor names the states of the link, the link takes those of the new law.
+        initial value and unit too. By default those that `law` was parsed with.
 
     Raises
     ------
@@ -139,7 +138,6 @@ class Link:
     between: tuple[str, str]
     law: Law
     coefficients: Mapping[str, Coefficient] = field(hash=False)
-    states: Mapping[str, LinkState | str] = field(hash=False)
 
     def __init__(
         self,
@@ -155,8 +153,11 @@ class Link:
         expect(f"{where}: coefficients", coefficients, Mapping)
         expect(f"{where}: states", states, Mapping)
         parsed = Law.parse(law) if isinstance(law, str) else law
-        vars(self).update(name=name, between=between, law=parsed, coefficients=coefficients, states=states)
-        self._bind_states(where)
+        if states:
+            with located(where):
+                own = Law.parse(parsed.text, states, signals=dict(parsed.signal_units))
+            parsed = replace(own, angular=parsed.angular)
+        vars(self).update(name=name, between=between, law=parsed, coefficients=coefficients)
         expect(f"{where}: between", self.between, tuple, list)  # a name would be taken letter by letter
         object.__setattr__(self, "between", tuple(self.between))
         if len(self.between) != 2:
@@ -186,31 +187,17 @@ class Link:
 
     def __repr__(self) -> str:
         coefficients = {name: _shown(coefficient) for name, coefficient in self.coefficients.items()}
-        rates = {name: state.rate for name, state in as_link_states(self.states).items()}
+        rates = {rate.name: rate.text for rate in self.law.rates}
         memory = f", {rates!r}" if rates else ""
         return f"Link({self.name!r}, {self.between!r}, {self.law.text!r}, {coefficients!r}{memory})"
 
     def __reduce__(self) -> tuple[type[Link], tuple[object, ...]]:
-        return Link, (self.name, self.between, self.law, dict(self.coefficients), dict(self.states))
+        return Link, (self.name, self.between, self.law, dict(self.coefficients))
 
-    def _bind_states(self, where: str) -> None:
-        """Make the states those of the law, in which their names are coefficients until then."""
-        own = {rate.name: LinkState(rate.text, unit=rate.unit) for rate in self.law.rates}
-        given = self.states or own
-        if isinstance(given, _OwnStates) and _are_of_another_law(given, self.law):
-            if given.link != self.name:
-                raise StructureError(
-                    f'the states {_list(given)} are those of the link "{given.link}", and the law {self.law.text} does not '
-                    "take them: leave `states` out, or name them in the law",
-                    where,
-                )
-            given = own
-        with located(where):
-            states = as_link_states(given)
-        if states:
-            law = Law.parse(self.law.text, states, signals=dict(self.law.signal_units))
-            vars(self).update(law=replace(law, angular=True) if self.law.angular else law)
-        vars(self).update(states=_OwnStates(self.name, states))
+    @property
+    def states(self) -> dict[str, LinkState]:
+        """The states of a link with memory, by name."""
+        return {rate.name: LinkState(rate.text, rate.initial, rate.unit) for rate in self.law.rates}
 
     @property
     def rate_texts(self) -> tuple[str, ...]:
@@ -240,7 +227,7 @@ class Link:
         StructureError
             If it is unknown.
         """
-        initial = as_link_states(self.states)[name].initial
+        initial = self.states[name].initial
         if initial is None:
             message = f"the initial value of state {name} is unknown; give it a number, or release state:{self.name}.{name}"
             raise StructureError(message, f'link "{self.name}"')
@@ -344,34 +331,6 @@ def _full(values: ArrayLike, d: ArrayLike, v: ArrayLike) -> Floats:
 
 def _list(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
-
-
-class _OwnStates(Mapping[str, LinkState]):
-    """The states of a `link`, by whose name one that has another law instead is told from another link."""
-
-    __slots__ = ("_states", "link")
-
-    def __init__(self, link: str, states: Mapping[str, LinkState]) -> None:
-        self.link, self._states = link, dict(states)
-
-    def __getitem__(self, name: str) -> LinkState:
-        return self._states[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._states)
-
-    def __len__(self) -> int:
-        return len(self._states)
-
-    def __repr__(self) -> str:
-        return repr(self._states)
-
-
-def _are_of_another_law(states: Mapping[str, LinkState], law: Law) -> bool:
-    """Whether the states are those of a link whose law was replaced by one that does not have or name them."""
-    if law.rates:
-        return {rate.name: rate.text for rate in law.rates} != {n: state.rate for n, state in states.items()}
-    return not set(states) & set(law.coefficients)
 
 
 def check_name(name: object, kind: str) -> None:

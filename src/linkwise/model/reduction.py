@@ -4,21 +4,31 @@ Modes that are left out still give way under a force at a point: by K^-1 less th
 residual attachment modes have this flexibility: what is left of the static response to a unit force at each point, made
 modes by the eigenvalues of the matrices in their span. Without them a link would be felt too stiff by a point that is too
 stiff (R. H. MacNeal, Comput. Struct. 1, 581 (1971); S. Rubin, AIAA J. 13, 995 (1975)).
+
+Mass, stiffness and damping come from files. A matrix is named "FILE:NAME", or "FILE" where the file holds one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.host import Host, HostMode, Pair
+from linkwise.model.link import ANGLE
+from linkwise.model.matrix_files import FileMatrix
+from linkwise.model.matrix_files import read_matrices as matrices_of_file
+from linkwise.model.rotations import require_direction, row_weights, turns_throughout, with_units
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,62 +177,14 @@ def reduce_host(
     >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
     (4, 5, True)
     """
-    damping = proportional_damping(modal_damping, rayleigh)
-    rows = {point: {row: 1.0} for point, row in points.items()}
-    ratios = modal_damping if damping is None else damping
-    return reduce_matrices(name, mass, stiffness, rows, keep=keep, damping=ratios, residual=residual)
-
-
-def reduce_matrices(
-    name: str,
-    mass: Matrix,
-    stiffness: Matrix,
-    points: Mapping[str, Mapping[int, float]],
-    *,
-    keep: int,
-    damping: float | tuple[float, float] | Matrix,
-    residual: bool,
-) -> HostReduction:
-    """The same with `points` by the weights of rows, counted from 1, and `damping` as the ratio of every mode, factors of a
-    matrix a M + b K, or a damping matrix (n, n).
-    """
-    mass, stiffness = real_square(mass, "the mass matrix"), real_square(stiffness, "the stiffness matrix")
-    given = not isinstance(damping, (int, float, tuple))
-    of_damping = real_square(damping, "the damping matrix") if given else None
-    at_points = _checked(mass, stiffness, of_damping, points, keep)
-    massless = int(np.count_nonzero(mass.diagonal() == 0.0))
-    keep = min(keep, max(mass.shape[0] - massless - 1, 1))
-    squares, shapes = _lowest(mass, stiffness, keep)
-    following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
-    squares, shapes = squares[:keep], shapes[:, :keep]
-    retained = len(squares)
-    if residual:
-        more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
-        squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
-    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
-    coupling, between = 0.0, dict[Pair, Coefficient]()
-    if of_damping is not None:
-        zeta, coupling, between = _of_damping_matrix(frequencies, shapes.T @ (of_damping @ shapes))
-    elif isinstance(damping, tuple):
-        omega = 2.0 * np.pi * frequencies
-        if (omega == 0.0).any() and damping[0] != 0.0:
-            message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
-            raise StructureError(message)
-        zeta = 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega)
-    else:
-        zeta = np.full(len(frequencies), damping)
-    local = at_points.T @ shapes
-    modes = tuple(
-        HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
-        for frequency, ratio, *column in np.column_stack([frequencies, zeta, local.T]).tolist()
-    )
-    square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
-    exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
-    approximate = (local / (squares - square)) @ local.T
-    error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
-    band = float(np.sqrt(square) / (2.0 * np.pi))
-    host = Host(name, modes, damping=between)
-    return HostReduction(host, retained, band, error, coupling, massless=massless)
+    names = tuple(str(row) for row in range(1, stiffness.shape[0] + 1))
+    how: dict[str, Any] = {
+        "keep": keep,
+        "modal_damping": modal_damping,
+        "rayleigh": rayleigh,
+        "residual": residual,
+    }
+    return HostMatrices(mass, stiffness, None, names).reduce(name, points, **how)
 
 
 def _apart(omega: float, modes: Floats) -> float:
@@ -230,15 +192,6 @@ def _apart(omega: float, modes: Floats) -> float:
     trials = omega * np.append(1.0, _BELOW)
     distances = np.abs(trials[:, None] / modes[modes > 0.0] - 1.0).min(axis=1, initial=np.inf)
     return float(trials[0 if distances[0] > _NEAR else np.argmax(distances)])
-
-
-def proportional_damping(
-    modal_damping: float, rayleigh: tuple[float, float] | None
-) -> float | tuple[float, float] | None:
-    """The one of both that is given, or None; StructureError where both are."""
-    if rayleigh is not None and modal_damping:
-        raise StructureError("give modal damping or Rayleigh damping, not both")
-    return rayleigh if rayleigh is not None else modal_damping or None
 
 
 def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_array:
@@ -263,33 +216,15 @@ def real_square(matrix: Matrix, what: str, where: str = "") -> scipy.sparse.csc_
     return by_columns
 
 
-def _checked(
-    mass: scipy.sparse.csc_array,
-    stiffness: scipy.sparse.csc_array,
-    damping: scipy.sparse.csc_array | None,
-    points: Mapping[str, Mapping[int, float]],
-    keep: int,
-) -> Floats:
-    """(n, p) the points as combinations of rows; StructureError for what cannot be reduced."""
-    size = mass.shape[0]
-    others = {"stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+def _check_matrices(matrices: HostMatrices) -> None:
+    """Raise StructureError for what cannot be reduced."""
+    mass, stiffness, size = matrices.mass, matrices.stiffness, matrices.mass.shape[0]
+    others = {"stiffness": stiffness} | ({} if matrices.damping is None else {"damping": matrices.damping})
     for quantity, matrix in others.items():
         if mass.shape != matrix.shape:
             raise StructureError(
                 f"the mass matrix has {size} rows and the {quantity} matrix {matrix.shape[0]}; they belong to different models"
             )
-    if not points:
-        advice = "name a row of the matrices, such as tip = 1205"
-        raise StructureError(f"a host needs at least one point: {advice}")
-    at_points = np.zeros((size, len(points)))
-    for column, (point, weights) in enumerate(points.items()):
-        for row, weight in weights.items():
-            if not 1 <= row <= size:
-                rows = f"the matrices have rows 1 to {size}, counted from 1"
-                raise StructureError(f'the point "{point}" is row {row}, but {rows}')
-            at_points[row - 1, column] = weight
-    if keep < 1:
-        raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
     for quantity, matrix in {"mass": mass, **others}.items():
         largest = float(np.abs(matrix.data).max(initial=0.0))
         skew = scipy.sparse.coo_array(matrix - matrix.T)
@@ -307,19 +242,16 @@ def _checked(
             "the mass matrix must be positive semidefinite, and has a negative mass or none: check that mass and stiffness "
             "are not swapped"
         )
-    loose = np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))
-    if len(loose):
-        raise StructureError(
-            f"row {loose[0] + 1} of the matrices has neither mass nor stiffness: leave this degree of freedom out, or "
-            "constrain it"
-        )
+    for loose in np.flatnonzero((of_mass == 0.0) & (of_stiffness <= 0.0))[:1]:
+        named = f"row {matrices.names[loose]}" if matrices.names[loose].isdecimal() else matrices.names[loose]
+        message = f"{named} has neither mass nor stiffness: leave this degree of freedom out, or constrain it"
+        raise StructureError(message)
     fastest = _fastest(mass, stiffness)
     if 0.0 < fastest < _SLOWEST:
         raise StructureError(
             f"with these matrices nothing moves faster than about {np.sqrt(fastest) / (2.0 * np.pi):.2g} Hz: mass and "
             "stiffness may be swapped, the mass matrix being the first of the two, or in units that are not of one system"
         )
-    return at_points
 
 
 def _fastest(mass: scipy.sparse.csc_array, stiffness: scipy.sparse.csc_array) -> float:
@@ -398,6 +330,23 @@ def _residual_modes(
     return np.asarray(reduced[0]), np.asarray(static @ basis @ reduced[1])
 
 
+def _modal_damping(
+    frequencies: Floats, shapes: Floats, damping: float | tuple[float, float] | scipy.sparse.csc_array
+) -> tuple[Floats, float, dict[Pair, Coefficient]]:
+    """What `_of_damping_matrix` gives, of modes with these frequencies (k,) and shapes (n, k): by the ratio of every mode,
+    by factors of a matrix a M + b K, or by a damping matrix (n, n).
+    """
+    if isinstance(damping, int | float):
+        return np.full(len(frequencies), damping), 0.0, {}
+    if not isinstance(damping, tuple):
+        return _of_damping_matrix(frequencies, shapes.T @ (damping @ shapes))
+    omega = 2.0 * np.pi * frequencies
+    if (omega == 0.0).any() and damping[0] != 0.0:
+        message = "Rayleigh damping of a free structure damps its rigid motion; give modal damping, or a damping matrix"
+        raise StructureError(message)
+    return 0.5 * (damping[0] / np.where(omega > 0.0, omega, 1.0) + damping[1] * omega), 0.0, {}
+
+
 def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, float, dict[Pair, Coefficient]]:
     """Damping ratios (k,), the largest coupling, and the other entries of a damping matrix (k, k) of mass-normalised modes."""
     omega, own = 2.0 * np.pi * frequencies, modal.diagonal()
@@ -419,3 +368,330 @@ def _of_damping_matrix(frequencies: Floats, modal: Floats) -> tuple[Floats, floa
     }
     ratios = np.maximum(own, 0.0) / (2.0 * np.where(rigid, np.inf, omega))
     return np.asarray(ratios), float(coupling.max(initial=0.0)), entries
+
+
+# in MAT and NPZ files, and those of Nastran; not KGG, which no boundary condition constrains
+_USUAL = {"mass": ("M", "mass", "MAAX", "MAA"), "stiffness": ("K", "stiffness", "KAAX", "KAA")}
+_CONSTRAINED = 1e36  # stiffness that Abaqus adds where a boundary condition holds a degree of freedom
+
+
+@dataclass(frozen=True, eq=False)
+class HostMatrices:
+    """Matrices of a finite-element model, with the names of its degrees of freedom.
+
+    Attributes
+    ----------
+    mass, stiffness : scipy.sparse.csc_array
+        The matrices, of shape (n, n), without the degrees of freedom that the file holds fixed.
+    damping : scipy.sparse.csc_array or None
+        The matrix of viscous damping, if it was asked for.
+    names : tuple of str
+        The degree of freedom of each row: node and direction, such as ``"12z"`` or ``"12rx"``, or, where the files do not say
+        them, the number of the row in the files, counted from 1.
+
+    Raises
+    ------
+    StructureError
+        If there is not one name for each row.
+
+    See Also
+    --------
+    reduce_host : A host from matrices.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from scipy.sparse import eye_array
+    >>> matrices = lw.modal.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
+    >>> round(matrices.reduce("post", {"tip": "7y"}, keep=1).host.modes[0].frequency.value, 3)
+    1.592
+    """
+
+    mass: scipy.sparse.csc_array
+    stiffness: scipy.sparse.csc_array
+    damping: scipy.sparse.csc_array | None
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for quantity in ("mass", "stiffness", "damping"):
+            if (matrix := getattr(self, quantity)) is not None:
+                object.__setattr__(self, quantity, real_square(matrix, f"the {quantity} matrix"))
+        if len(set(self.names)) != len(self.names) or len(self.names) != self.stiffness.shape[0]:
+            raise StructureError(
+                f"{len(set(self.names))} different names are given for {self.stiffness.shape[0]} degrees of freedom; give "
+                "each row its own"
+            )
+
+    @property
+    def total_mass(self) -> float | None:
+        """Mass in kg that moves when all nodes move alike, in the direction in which it is largest.
+
+        Degrees of freedom that are held fixed have none. None where the files do not name directions.
+        """
+        masses = []
+        for direction in ("x", "y", "z"):
+            moving = np.array([re.fullmatch(rf"-?\d+{direction}", name) is not None for name in self.names])
+            if moving.any():
+                masses.append(float(moving @ (self.mass @ moving.astype(float))))
+        return max(masses, default=None)
+
+    def reduce(
+        self,
+        name: str,
+        points: Mapping[str, int | str],
+        *,
+        keep: int = 10,
+        modal_damping: float = 0.0,
+        rayleigh: tuple[float, float] | None = None,
+        residual: bool = True,
+    ) -> HostReduction:
+        """Reduce the matrices to a host, as `reduce_host` does.
+
+        Parameters
+        ----------
+        name : str
+            Name of the host.
+        points : mapping of str to int or str
+            For each point the name of its degree of freedom, the number of a row, or a sum of such with factors: a direction
+            oblique to the axes is ``"0.6*12x + 0.8*12z"``, with the cosines of its angles. A sum of rotations, such as
+            ``"21ry"``, is a rotation in rad.
+        keep : int, optional
+            Number of the lowest modes that are kept, at most.
+        modal_damping : float, optional
+            Damping of every mode as a part of the critical one, where there is no damping matrix.
+        rayleigh : tuple of float, optional
+            Factors a in 1/s and b in s of a damping matrix a M + b K, instead.
+        residual : bool, optional
+            Whether residual attachment modes stand for the modes that are left out.
+
+        Returns
+        -------
+        HostReduction
+            The host and the error of the reduction.
+
+        Raises
+        ------
+        StructureError
+            If there is no such degree of freedom or it is held fixed, damping is given twice, or `reduce_host` would refuse
+            the matrices.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> from scipy.sparse import eye_array
+        >>> matrices = lw.modal.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
+        >>> matrices.reduce("post", {"tip": "7y"}, keep=1).kept
+        1
+        """
+        if rayleigh is not None and modal_damping:
+            raise StructureError("give modal damping or Rayleigh damping, not both")
+        if self.damping is not None and (rayleigh is not None or modal_damping):
+            raise StructureError("give a damping matrix, or modal or Rayleigh damping, not both")
+        if not points:
+            advice = "name a row of the matrices, such as tip = 1205"
+            raise StructureError(f"a host needs at least one point: {advice}")
+        if keep < 1:
+            raise StructureError(f"the number of kept modes must be at least 1, got {keep}")
+        _check_matrices(self)
+        mass, stiffness = self.mass, self.stiffness
+        at_points = np.zeros((len(self.names), len(points)))
+        for column, (point, given) in enumerate(points.items()):
+            for row, weight in self._weights(point, str(given)).items():
+                at_points[row, column] = weight
+        massless = int(np.count_nonzero(mass.diagonal() == 0.0))
+        keep = min(keep, max(len(self.names) - massless - 1, 1))
+        squares, shapes = _lowest(mass, stiffness, keep)
+        following = float(squares[keep]) if len(squares) > keep else 4.0 * float(squares[-1])
+        squares, shapes = squares[:keep], shapes[:, :keep]
+        kept = len(squares)
+        if residual:
+            more, attached = _residual_modes(mass, stiffness, squares, shapes, at_points, following)
+            squares, shapes = np.append(squares, more), np.concatenate([shapes, attached], axis=1)
+        frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+        damping = (
+            rayleigh if rayleigh is not None else self.damping if self.damping is not None else modal_damping
+        )
+        ratios, coupling, between = _modal_damping(frequencies, shapes, damping)
+        local = at_points.T @ shapes
+        modes = tuple(
+            HostMode(frequency, ratio, dict(zip(points, column, strict=True)))
+            for frequency, ratio, *column in np.column_stack([frequencies, ratios, local.T]).tolist()
+        )
+        square = _apart(0.5 * np.sqrt(following), np.sqrt(np.maximum(squares, 0.0))) ** 2
+        exact = at_points.T @ _factor(stiffness - square * mass).solve(at_points)
+        approximate = (local / (squares - square)) @ local.T
+        error = float(np.linalg.norm(approximate - exact) / np.linalg.norm(exact))
+        turning = {point: ANGLE for point, given in points.items() if turns_throughout(str(given))}
+        host, band = (
+            with_units(Host(name, modes, damping=between), turning),
+            float(np.sqrt(square) / (2.0 * np.pi)),
+        )
+        return HostReduction(host, kept, band, error, coupling, self.total_mass, massless)
+
+    def _weights(self, point: str, given: str) -> dict[int, float]:
+        """Factors of rows, counted from 0, of which a point is the sum."""
+        numbers = {name: number for number, name in enumerate(self.names)}
+        weights = {given: 1.0} if given in numbers else row_weights(given)
+        missing = next((name for name in weights if name not in numbers), None)
+        if missing is not None:
+            first, last = self.names[0], self.names[-1]
+            if first.isdecimal() and last.isdecimal():
+                fixed = "; rows that are held fixed are left out" if int(last) > len(self.names) else ""
+                named = f"the matrices have rows {first} to {last}, counted from 1{fixed}"
+            else:
+                near = get_close_matches(missing, self.names, n=3) or self.names[:3]
+                named = "its file names points by node and direction, and has none of this name that is not held fixed; "
+                named += f"nearest are {', '.join(near)}"
+            raise StructureError(f'the point "{point}" is {given}, but {named}')
+        require_direction(point, weights)
+        return {numbers[name]: weight for name, weight in weights.items()}
+
+
+def read_host_matrices(
+    mass: str, stiffness: str, damping: str | None = None, *, folder: str | Path = "."
+) -> HostMatrices:
+    """Read the matrices of a finite-element model, with their rows in one order.
+
+    Parameters
+    ----------
+    mass, stiffness : str
+        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix: MAT, NPZ, MatrixMarket and Abaqus files (MTX), or
+        Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4), for which linkwise[nastran] is installed. Of a file that
+        holds several, ``"FILE"`` is the one with a usual name: M, mass, MAAX or MAA, and K, stiffness, KAAX or KAA.
+    damping : str, optional
+        The matrix of viscous damping.
+    folder : str or Path, optional
+        The folder from which relative names count.
+
+    Returns
+    -------
+    HostMatrices
+        The matrices. Where the files name nodes and directions, a degree of freedom that one of them lacks is 0 there; those
+        that Abaqus holds fixed, by a stiffness of 1e36, are left out.
+
+    Raises
+    ------
+    StructureError
+        If a file cannot be read or holds no such matrix, or the matrices belong to different models.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "mass.mtx").write_text("7,1, 7,1, 0.5\\n7,2, 7,2, 0.5\\n")
+    ...     _ = (Path(folder) / "stiff.mtx").write_text("7,1, 7,1, 1e36\\n7,2, 7,2, 200.0\\n")
+    ...     lw.modal.read_host_matrices("mass.mtx", "stiff.mtx", folder=folder).names
+    ('7y',)
+    """
+    sources = {"mass": mass, "stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+    read = {quantity: _read(source, folder, _USUAL.get(quantity, ())) for quantity, source in sources.items()}
+    places = [(_file_and_name(source)[0], read[quantity][0]) for quantity, source in sources.items()]
+    if places[0] == places[1]:
+        raise StructureError(
+            f"{places[0][1]} is taken for the mass and for the stiffness; name both matrices, or a file for each, the "
+            "mass first",
+            mass,
+        )
+    in_files = {quantity: matrix for quantity, (_, matrix) in read.items()}
+    named = [quantity for quantity, matrix in in_files.items() if matrix.names]
+    if named and len(named) < len(in_files):
+        unnamed = next(quantity for quantity in in_files if quantity not in named)
+        raise StructureError(
+            f"{sources[named[0]]} names nodes and directions and {sources[unnamed]} does not; take all matrices from files "
+            "of one kind"
+        )
+    if named:
+        names = list({name: None for matrix in in_files.values() for name in matrix.names})
+        matrices = {quantity: _spread(matrix, names) for quantity, matrix in in_files.items()}
+    else:
+        matrices = {quantity: matrix.matrix for quantity, matrix in in_files.items()}
+        names = [str(row) for row in range(1, matrices["stiffness"].shape[0] + 1)]
+        for quantity, matrix in matrices.items():
+            if matrix.shape != matrices["stiffness"].shape:
+                raise StructureError(
+                    f"the {quantity} matrix has {matrix.shape[0]} rows and the stiffness matrix {len(names)}; they belong to "
+                    "different models",
+                    " and ".join(dict.fromkeys([sources[quantity], sources["stiffness"]])),
+                )
+    free = np.flatnonzero(matrices["stiffness"].diagonal() < _CONSTRAINED)
+    if len(free) == 0:
+        raise StructureError("every degree of freedom is held fixed", sources["stiffness"])
+    if len(free) < len(names):
+        matrices = {name: scipy.sparse.csc_array(matrix[free][:, free]) for name, matrix in matrices.items()}
+    own = matrices["mass"], matrices["stiffness"], matrices.get("damping")
+    return HostMatrices(*own, tuple(names[row] for row in free))
+
+
+def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
+    """Read a matrix of a finite-element model.
+
+    Parameters
+    ----------
+    named : str
+        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix; of the kinds of files of `read_host_matrices`.
+    folder : str or Path, optional
+        The folder from which a relative name counts.
+
+    Returns
+    -------
+    scipy.sparse.csc_array
+        The matrix.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read, or holds no such matrix.
+
+    See Also
+    --------
+    read_host_matrices : Matrices of one model, with the names of their rows.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savez(Path(folder) / "beam.npz", M=np.eye(3))
+    ...     lw.modal.read_matrix("beam.npz:M", folder).shape
+    (3, 3)
+    """
+    return _read(named, folder)[1].matrix
+
+
+def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[str, FileMatrix]:
+    """Name and matrix, as `read_matrix` gives it, with the names of its rows; without a name, a `usual` one."""
+    file, name = _file_and_name(named)
+    path = Path(folder) / file
+    source = str(path)
+    matrices = matrices_of_file(path)
+    if not matrices:
+        raise StructureError("holds no matrices", source)
+    if name is None:
+        name = next((usual_name for usual_name in usual if usual_name in matrices), None)
+    if name is None and len(matrices) == 1:
+        name = next(iter(matrices))
+    if name not in matrices:
+        problem = f"holds no matrix {name!r}{near_miss(name, matrices)}" if name else "holds several matrices"
+        raise StructureError(f"{problem}; choose from {', '.join(matrices)}, as in {file}:NAME", source)
+    chosen = matrices[str(name)]
+    return str(name), FileMatrix(real_square(chosen.matrix, str(name), source), chosen.names)
+
+
+def _file_and_name(named: str) -> tuple[str, str | None]:
+    """The file and the name in it; a colon in second place is that of a drive."""
+    file, colon, name = named.rpartition(":")
+    return (file, name) if colon and len(file) > 1 else (named, None)
+
+
+def _spread(chosen: FileMatrix, names: list[str]) -> scipy.sparse.csc_array:
+    """The matrix (n, n) with rows in the order of `names`; 0 for those that it lacks."""
+    numbers = {name: number for number, name in enumerate(names)}
+    places = np.array([numbers[name] for name in chosen.names])
+    entries = scipy.sparse.coo_array(chosen.matrix)
+    rows, columns = entries.coords
+    spread = (entries.data, (places[rows], places[columns]))
+    return scipy.sparse.csc_array(spread, shape=(len(names), len(names)))

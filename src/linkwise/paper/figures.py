@@ -42,7 +42,7 @@ def chain_motion(masses: int, *, sinks: bool = True) -> OrbitEnvelope:
     """The paper's run of the chain of so many masses, with its sinks or without the masses that they are."""
     structure = bnes_chain(masses)
     if not sinks:
-        drive = Excitation.of(release=start(masses))
+        drive = Excitation(release=start(masses))
         structure = without_sinks(structure, find_sinks(structure), drive, "removed").structure
     return orbit_envelope(structure, start(masses), duration=DURATION, rate=RATE)
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, LinkwiseError, RecordError, expect
 from linkwise.model.excitation import Sampled
 from linkwise.model.law import unit_dimension
@@ -134,6 +134,27 @@ class Channel(str):
             return channel
         raise RecordError(f"{name!r} is not a channel: {wrong}")
 
+    @classmethod
+    def parse_all(cls, names: Iterable[str]) -> tuple[Channel, ...]:
+        """Read the names of channels.
+
+        Parameters
+        ----------
+        names : iterable of str
+            The names, as of `parse`.
+
+        Returns
+        -------
+        tuple of Channel
+            The channels.
+
+        Raises
+        ------
+        RecordError
+            If one is not the name of a channel.
+        """
+        return tuple(map(cls.parse, names))
+
     @property
     def is_motion(self) -> bool:
         """Whether it shows a displacement, a velocity or an acceleration."""
@@ -188,21 +209,6 @@ class Channel(str):
 HELD, LINEAR, BAND_LIMITED = INTERPOLATIONS = ("held", "linear", "band-limited")
 ORDER_OF = {HELD: 0, LINEAR: 1, BAND_LIMITED: 5}
 _ENOUGH = 64  # samples from which a windowed sinc interpolates accurately
-
-
-def check_interpolation(inputs: Sequence[str], interpolation: Mapping[str, str]) -> None:
-    """Raise RecordError for an interpolation that is unknown, or of a channel that is no input."""
-    for name, kind in interpolation.items():
-        if name not in inputs:
-            listed = ", ".join(inputs) or "there are none"
-            wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
-        elif kind not in INTERPOLATIONS:
-            wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
-        elif kind == HELD and name.endswith(":base"):
-            wrong = "a base does not jump from sample to sample; choose linear or band-limited"
-        else:
-            continue
-        raise RecordError(wrong, channel=name)
 
 
 def interpolated(start: float, rate: float, values: Floats, kind: str = BAND_LIMITED) -> Sampled:
@@ -355,7 +361,7 @@ def unit_behind(quantity: str) -> str:
 class ChannelAttribute:
     """An attribute of channels, under the name of its field in `Record`.
 
-    `label` is what messages call it. `stored` is the type that files store it as, a mapping by channel of numbers or texts;
+    `label` is what messages call it. `stored` is the type that files store it as, a number or a text for each channel;
     None for one that formats write in a way of their own. `absent` stands for no value in formats that hold one for every
     channel. One `of_samples` belongs to those of a record, not to its sensors.
     """
@@ -365,19 +371,10 @@ class ChannelAttribute:
     absent: float | str = ""
     of_samples: bool = False
 
-    @property
-    def is_text(self) -> bool:
-        """Whether its values are texts, not numbers."""
-        return isinstance(self.absent, str)
-
-    def is_absent(self, value: float | str) -> bool:
-        """Whether a value is `absent`, or NaN."""
-        return value == self.absent or (isinstance(value, float) and math.isnan(value))
-
 
 OF_CHANNELS = {
-    "noise": ChannelAttribute("noise", stored=dict[str, float], absent=math.nan),
-    "interpolation": ChannelAttribute("interpolation", stored=dict[str, str], absent=BAND_LIMITED),
+    "noise": ChannelAttribute("noise", stored=float, absent=math.nan),
+    "interpolation": ChannelAttribute("interpolation", stored=str, absent=BAND_LIMITED),
     "units": ChannelAttribute("unit"),  # of a column, which holds it in its header
     "uncertainty": ChannelAttribute("uncertainty"),  # see files/mapping.py
     "clipped": ChannelAttribute("clipped samples", of_samples=True),
@@ -397,42 +394,55 @@ def require_channel(name: str, channels: Sequence[Channel], stated: str, file: s
         raise RecordError(message, file, channel=name)
 
 
-def row_error(
-    message: str,
-    row: int,
-    file: str | None,
-    lines: NDArray[np.int64] | None,
-    channel: str,
-    arguments: Sequence[str] = (),
-) -> RecordError:
-    """An error about one sample, with its line where the file has lines."""
-    line = None if lines is None else int(lines[row])
-    where = "" if line else f" (sample {row})"
-    return RecordError(f"{message}{where}", file, line, channel, arguments=arguments)
+class Rows(NamedTuple):
+    """Where samples stand: in a file, if they are from one, and on which line (N,) each, if it has lines."""
+
+    file: str | None = None
+    lines: NDArray[np.int64] | None = None
+
+    def error(self, message: str, row: int, channel: str, arguments: Sequence[str] = ()) -> RecordError:
+        """An error about one sample."""
+        line = None if self.lines is None else int(self.lines[row])
+        where = "" if line else f" (sample {row})"
+        return RecordError(f"{message}{where}", self.file, line, channel, arguments=arguments)
 
 
-def check_clipped(channels: Sequence[Channel], clipped: Mapping[str, object]) -> None:
-    """Raise RecordError for clipped samples of a name that is not a response of these channels."""
-    for name, samples in clipped.items():
-        if not isinstance(samples, ClippedSamples):
-            raise RecordError(f"clipped samples of {name} are ClippedSamples, got {samples!r}")
-        if channels[channels.index(name)].is_input:
-            message = f"{name} is an input, of which clipped samples cannot be bounds: an input is known at all times"
-            raise RecordError(message)
+NOWHERE = Rows()
 
 
-def check_names(
-    channels: Sequence[Channel], noise: Mapping[str, float], interpolation: Mapping[str, str]
+def check_stated(
+    channels: Sequence[Channel],
+    noise: Mapping[str, float],
+    interpolation: Mapping[str, str],
+    clipped: Mapping[str, object],
 ) -> None:
-    """Raise RecordError for a channel that is listed twice, and for invalid noise or interpolation."""
+    """Raise RecordError for a channel that is listed twice, and for noise, interpolation or clipped samples that are not
+    valid, or not of a channel of that kind.
+    """
     for number, name in enumerate(channels):
         if name in channels[:number]:
             raise RecordError("is listed twice", channel=name)
     for measured, sigma in noise.items():
         if not (np.isfinite(sigma) and sigma >= 0.0):
             raise RecordError(f"noise must be a non-negative number, got {sigma!r}", channel=measured)
-
-    check_interpolation([name for name in channels if name.is_input], interpolation)
+    inputs = [name for name in channels if name.is_input]
+    for driving, kind in interpolation.items():
+        if driving not in inputs:
+            listed = ", ".join(inputs) or "there are none"
+            wrong = f"an interpolation is given for a channel that is not an input of the record; inputs: {listed}"
+        elif kind not in INTERPOLATIONS:
+            wrong = f"unknown interpolation {kind!r}; choose from {', '.join(INTERPOLATIONS)}"
+        elif kind == HELD and driving.endswith(":base"):
+            wrong = "a base does not jump from sample to sample; choose linear or band-limited"
+        else:
+            continue
+        raise RecordError(wrong, channel=driving)
+    for overloaded, samples in clipped.items():
+        if not isinstance(samples, ClippedSamples):
+            raise RecordError(f"clipped samples of {overloaded} are ClippedSamples, got {samples!r}")
+        if overloaded in inputs:
+            message = f"{overloaded} is an input, of which clipped samples cannot be bounds: an input is known at all times"
+            raise RecordError(message)
 
 
 def check_rate(rate: float, file: str | None = None) -> None:
@@ -464,18 +474,16 @@ def _beyond(value: float) -> str:
     return "infinite" if np.isinf(value) else f"{value:g}, more than {LARGEST:g}"
 
 
-def column_notes(
-    name: Channel, samples: NDArray[np.generic], file: str | None, lines: NDArray[np.int64] | None
-) -> list[str]:
+def column_notes(name: Channel, samples: NDArray[np.generic], rows: Rows) -> list[str]:
     """Notes on one measured column (N,). Raises RecordError unless it holds real, finite numbers."""
     if samples.dtype.kind not in "iuf":
-        raise RecordError(f"must be real numbers, got {samples.dtype}", file, channel=name)
+        raise RecordError(f"must be real numbers, got {samples.dtype}", rows.file, channel=name)
     if samples.dtype.kind in "iu":
         return [f"{name}: integers were taken as values in {name.unit}; counts need a unit."]
     beyond = np.flatnonzero(np.abs(samples) > LARGEST)
     if len(beyond):
         message = f"the value is {_beyond(samples[beyond[0]])}; leave the cell of an overloaded sample empty"
-        raise row_error(message, int(beyond[0]), file, lines, name)
+        raise rows.error(message, int(beyond[0]), name)
     missing = int(np.isnan(samples).sum())
     return [f"{name}: {missing} of {len(samples)} samples are missing."] if missing else []
 
@@ -517,9 +525,8 @@ def require_complete(name: str, samples: Floats, start: float, rate: float) -> N
         raise IdentificationError(
             f"channel {name}: every sample is missing, and inputs must be complete; give its values, or leave the channel out"
         )
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]])))
-    first, last = max(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda piece: piece[1] - piece[0])
-    earliest, latest = start + first / rate, start + last / rate
+    piece = max(stretches(~missing), key=lambda piece: piece.stop - piece.start)
+    earliest, latest = start + piece.start / rate, start + (piece.stop - 1) / rate
     raise IdentificationError(
         f"channel {name}: {missing.sum()} of {len(samples)} samples are missing, the first at "
         f"{start + int(np.argmax(missing)) / rate:.9g} s, and inputs must be complete; cut the record to a piece without gaps "

@@ -1,4 +1,7 @@
-"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator."""
+"""The record: evenly sampled channels, measured or simulated, in SI units; the input of every estimator.
+
+Behind a simulated record stands the truth: noise-free motion, energies and predictability.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
@@ -22,13 +25,171 @@ from linkwise.records.channel import (
     Channel,
     ClippedSamples,
     SensorUncertainty,
-    check_clipped,
-    check_names,
+    check_stated,
     check_values,
     require_channel,
 )
 from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns
-from linkwise.records.truth import SimulationTruth
+
+if TYPE_CHECKING:
+    from linkwise.model.structure import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyBalance:
+    """Energies in J of a simulated structure, counted from the start of the simulation.
+
+    Attributes
+    ----------
+    supplied : array of shape (N,)
+        Energy at the start, and all work done on the structure since.
+    kinetic : array of shape (N,)
+        Kinetic energy of the masses.
+    potential : array of shape (N, L)
+        Energy stored in each of the L links.
+    dissipated : array of shape (N, L)
+        Energy dissipated by each link since the start. What the states of a link store counts until they give it back.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> balance = record.simulated.energy
+    >>> bool(abs(balance.residual).max() < 1e-12 * balance.supplied[0])
+    True
+    """
+
+    supplied: Floats
+    kinetic: Floats
+    potential: Floats
+    dissipated: Floats
+
+    @property
+    def work(self) -> Floats:
+        """Work done on each link since the start, stored or dissipated, in J, shape (N, L)."""
+        stored: Floats = self.potential - self.potential[:1]
+        return stored + self.dissipated - self.dissipated[:1]
+
+    @property
+    def residual(self) -> Floats:
+        """Energy stored and dissipated less energy supplied, in J, shape (N,): the error of the integration."""
+        accounted: Floats = self.kinetic + self.potential.sum(axis=1) + self.dissipated.sum(axis=1)
+        return accounted - self.supplied
+
+    def rows(self, which: slice) -> EnergyBalance:
+        """The balance at some of the samples; energies still count from the start of the simulation.
+
+        Parameters
+        ----------
+        which : slice
+            The samples, by index.
+
+        Returns
+        -------
+        EnergyBalance
+            Their energies in J.
+        """
+        return EnergyBalance(*(energies[which] for energies in vars(self).values()))
+
+
+class MotionDiagnostics(Protocol):
+    """Results of a simulation that cost more than the motion itself: computed on first use.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> diagnostics = record.simulated.diagnostics
+    >>> diagnostics.energy.kinetic.shape, diagnostics.horizon
+    ((501,), None)
+    """
+
+    @property
+    def energy(self) -> EnergyBalance:
+        """The energy balance at every sample of the simulation."""
+
+    @property
+    def horizon(self) -> float | None:
+        """Time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationTruth:
+    """The noise-free motion behind a simulated record, sample by sample.
+
+    Attributes
+    ----------
+    structure : Structure
+        The structure that was simulated.
+    displacement, velocity : array of shape (N, n)
+        Motion in m and m/s of the n masses, in the order of the structure, relative to the ground.
+    base : array of shape (N,) or None
+        Displacement of the base in m; None without a moving base.
+    diagnostics : MotionDiagnostics
+        Energies and predictability horizon of the whole simulation, computed on first use.
+    noise : mapping of str to float
+        Standard deviation of the noise added to each channel, in its SI unit.
+    samples : range or None
+        Indices of the samples of the simulation that are left in this record; None for all.
+    states : mapping of str to array of shape (N,)
+        States of links with memory by full name, such as ``"joint.z"``, in SI units.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> record = lw.simulate(lw.bnes_chain(2), release={"v:m1": 1.0}, duration=0.5, rate=1000.0)
+    >>> record.simulated.velocity.shape
+    (501, 2)
+    """
+
+    structure: Structure
+    displacement: Floats
+    velocity: Floats
+    base: Floats | None
+    diagnostics: MotionDiagnostics
+    noise: Mapping[str, float] = field(default_factory=dict)
+    samples: range | None = None
+    states: Mapping[str, Floats] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<SimulationTruth of {self.structure.name}: {len(self.displacement)} samples>"
+
+    @cached_property
+    def energy(self) -> EnergyBalance:
+        """The energy balance at these samples; the first access costs about as much as the simulation."""
+        energy = self.diagnostics.energy
+        if self.samples is None:
+            return energy
+        return energy.rows(slice(self.samples.start, self.samples.stop, self.samples.step))
+
+    @property
+    def horizon(self) -> float | None:
+        """Time in s past which a double-precision orbit cannot be trusted; None where it can throughout."""
+        return self.diagnostics.horizon
+
+    def rows(self, which: slice) -> SimulationTruth:
+        """The truth at some of the samples.
+
+        Parameters
+        ----------
+        which : slice
+            The samples, by index.
+
+        Returns
+        -------
+        SimulationTruth
+            The motion at these samples.
+        """
+        all_samples = range(len(self.displacement)) if self.samples is None else self.samples
+        return replace(
+            self,
+            displacement=self.displacement[which],
+            velocity=self.velocity[which],
+            base=None if self.base is None else self.base[which],
+            samples=all_samples[which],
+            states={name: values[which] for name, values in self.states.items()},
+        )
+
 
 LARGEST_RATIO = 1000.0  # dB, either way: the powers of nothing that is measured are further apart
 
@@ -127,7 +288,7 @@ class Record(NotebookView):
             expect(f"Record: {name}", getattr(self, name), float)
         for name in OF_CHANNELS:
             expect(f"Record: {name}", getattr(self, name), Mapping)
-        object.__setattr__(self, "channels", tuple(map(Channel.parse, self.channels)))
+        object.__setattr__(self, "channels", Channel.parse_all(self.channels))
         parsed = {channel: channel for channel in self.channels}
         for name, kind in (("start", float), ("rate", float), ("notes", tuple)):
             object.__setattr__(self, name, kind(getattr(self, name)))
@@ -139,8 +300,7 @@ class Record(NotebookView):
             for name in getattr(self, stated):
                 if (stated, name) != ("uncertainty", COMMON):
                     require_channel(name, self.channels, OF_CHANNELS[stated].label)
-        check_names(self.channels, self.noise, self.interpolation)
-        check_clipped(self.channels, self.clipped)
+        check_stated(self.channels, self.noise, self.interpolation, self.clipped)
         common = self.uncertainty.get(COMMON, SensorUncertainty())
         if common.offset or common.delay:
             raise RecordError("sensors share a gain, not an offset or a delay", channel=COMMON)
@@ -155,8 +315,6 @@ class Record(NotebookView):
         noise: Mapping[str, float] | None = None,
         source: str = "",
         notes: Iterable[str] = (),
-        file: str | None = None,
-        lines: NDArray[np.int64] | None = None,
     ) -> Record:
         """Build a measured record from a time column and one array per channel.
 
@@ -169,10 +327,6 @@ class Record(NotebookView):
             Samples of each channel in its SI unit, NaN where missing.
         noise, source, notes : optional
             As of `Record`.
-        file : str, optional
-            Name of the file, for errors.
-        lines : array of shape (N,), optional
-            Line of each sample in the file, for errors.
 
         Returns
         -------
@@ -194,10 +348,10 @@ class Record(NotebookView):
         Record of 200 samples at 100 Hz, 0 to 1.99 s: x:m1
         """
         expect("Record.from_arrays(time, channels): channels", channels, Mapping)
-        columns = {Channel.parse(name): samples for name, samples in channels.items()}
-        line, values, remarks = sampled_columns(time, columns, file, lines)
-        named, origin, told = tuple(columns), source or (file or ""), (*notes, *remarks)
-        return cls(line.start, line.rate, named, values, noise or {}, source=origin, notes=told)
+        columns = dict(zip(Channel.parse_all(channels), channels.values(), strict=True))
+        line, values, remarks = sampled_columns(time, columns)
+        told = (*notes, *remarks)
+        return cls(line.start, line.rate, tuple(columns), values, noise or {}, source=source, notes=told)
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
         values = (getattr(self, member.name) for member in fields(self))

@@ -16,11 +16,12 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.records.channel import (
     BAND_LIMITED,
+    NOWHERE,
     Channel,
+    Rows,
     check_rate,
     check_responses,
     column_notes,
-    row_error,
 )
 
 MIN_SAMPLES = 32  # fewer do not hold one period of a vibration together with its noise
@@ -43,9 +44,7 @@ class Timeline:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def fit(
-        cls, time: NDArray[np.generic], *, file: str | None = None, lines: NDArray[np.int64] | None = None
-    ) -> Timeline:
+    def fit(cls, time: NDArray[np.generic], rows: Rows = NOWHERE) -> Timeline:
         """The grid of the times `time` (N,) in s.
 
         Rounding in printing or to single precision is accepted, and so are gaps of whole steps. The rate is the roundest
@@ -53,13 +52,13 @@ class Timeline:
         RecordError with the line for missing, repeated, decreasing and uneven times.
         """
         times = np.asarray(time, dtype=np.float64)
-        column = _TimeColumn(times, file, lines)
+        column = _TimeColumn(times, rows)
         column.check_increasing()
         steps = np.diff(times)
         median = float(np.median(steps))
         # of neighbours without a gap, averaged so that their rounding cancels
         step = float(np.mean(steps[np.abs(steps - median) < 0.5 * median]))
-        check_rate(float(1.0 / np.clip(step, 1e-300, 1e300)), file)
+        check_rate(float(1.0 / np.clip(step, 1e-300, 1e300)), rows.file)
         multiples = np.maximum(np.rint(steps / step), 1.0)
         index = np.concatenate([[0], np.cumsum(multiples)]).astype(np.int64)
         step = float(np.dot(index - index.mean(), times - times.mean()) / np.sum((index - index.mean()) ** 2))
@@ -76,21 +75,20 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class _TimeColumn:
-    """Times (N,) in s as read, and the line of each in its file."""
+    """Times (N,) in s as read, and where they stand."""
 
     times: Floats
-    file: str | None
-    lines: NDArray[np.int64] | None
+    rows: Rows
 
     def error(self, row: int, message: str, *arguments: str) -> RecordError:
         """An error about one row; `arguments` are those of `read_record` that would resolve it."""
-        return row_error(message, row, self.file, self.lines, "time", arguments)
+        return self.rows.error(message, row, "time", arguments)
 
     def check_increasing(self) -> None:
         """Raise RecordError for too few times, and for times that are missing, repeated or decreasing."""
         if len(self.times) < MIN_SAMPLES:
             message = f"{len(self.times)} samples are too few; a record needs at least {MIN_SAMPLES}"
-            raise RecordError(message, self.file)
+            raise RecordError(message, self.rows.file)
         missing = np.flatnonzero(~np.isfinite(self.times))
         if len(missing):
             message = "the time is missing; fill it in or, if no row is missing, give the sampling rate instead (`rate`)"
@@ -326,12 +324,7 @@ _TRIALS = 32  # sequences of noise that tell by how much, to an eighth of it
 
 
 def resample_evenly(
-    time: Floats,
-    columns: Mapping[Channel, Floats],
-    rate: float,
-    *,
-    file: str | None = None,
-    lines: NDArray[np.int64] | None = None,
+    time: Floats, columns: Mapping[Channel, Floats], rate: float, rows: Rows = NOWHERE
 ) -> tuple[float, dict[Channel, Floats], str]:
     """A start in s, columns at start + k/`rate` within the span of `time` (N,) in s, and a sentence on how they were made.
 
@@ -342,7 +335,7 @@ def resample_evenly(
     above `FINEST` times it, and for any above that of even times.
     """
     times = np.asarray(time, dtype=np.float64)
-    _TimeColumn(times, file, lines).check_increasing()
+    _TimeColumn(times, rows).check_increasing()
     mean = (len(times) - 1) / (times[-1] - times[0])
     even = bool(np.all(np.abs(np.diff(times) * mean - 1.0) < EVEN))
     wrong = ""
@@ -364,13 +357,13 @@ def resample_evenly(
             f"most {FINEST * mean:.6g} Hz"
         )
     if wrong:
-        raise RecordError(wrong, file, arguments=("resample",))
+        raise RecordError(wrong, rows.file, arguments=("resample",))
     steps = (times - times[0]) * rate
     places = np.rint(steps).astype(np.int64)
     on_grid = bool(np.all(np.abs(steps - places) < EVEN)) and bool(np.all(np.diff(places) > 0))
     count = int(places[-1]) + 1 if on_grid else int(np.floor(steps[-1] + 1e-6)) + 1
     grid = np.minimum(times[0] + np.arange(count) / rate, times[-1])
-    columns = {name: _checked(times, values, name, file) for name, values in columns.items()}
+    columns = {name: _checked(times, values, name, rows.file) for name, values in columns.items()}
     splined = [name for name in columns if not on_grid or name.is_input]
     resampled = {name: np.full(count, np.nan) for name in columns}
     for name, values in columns.items():
@@ -426,12 +419,7 @@ def _amplification(known: Floats, grid: Floats) -> Floats:
 
 
 def sampled_columns(
-    time: ArrayLike,
-    channels: Mapping[Channel, ArrayLike],
-    file: str | None,
-    lines: NDArray[np.int64] | None,
-    *,
-    informative: bool = True,
+    time: ArrayLike, channels: Mapping[Channel, ArrayLike], rows: Rows = NOWHERE, *, informative: bool = True
 ) -> tuple[Timeline, Floats, list[str]]:
     """The time grid, the values (N, C) and notes for the user; see `Record.from_arrays`.
 
@@ -440,8 +428,8 @@ def sampled_columns(
     times = np.asarray(time)
     if times.ndim != 1 or times.dtype.kind not in "iuf":
         message = f"time must be a one-dimensional array of numbers, got {times.dtype} of shape {times.shape}"
-        raise RecordError(message, file)
-    timeline = Timeline.fit(times, file=file, lines=lines)
+        raise RecordError(message, rows.file)
+    timeline = Timeline.fit(times, rows)
     notes = list(timeline.notes)
     values = np.full((timeline.count, len(channels)), np.nan)
     for column, (name, array) in enumerate(channels.items()):
@@ -450,14 +438,14 @@ def sampled_columns(
             raise RecordError(
                 f"has shape {samples.shape}, but time has shape {times.shape}; one sample of each channel belongs to each "
                 "time: give a channel that was sampled more slowly NaN where it has no sample",
-                file,
+                rows.file,
                 channel=name,
             )
         if samples.dtype.kind not in "biuf":
-            raise RecordError(f"the samples must be numbers, got {samples.dtype}", file, channel=name)
-        notes += column_notes(name, samples, file, lines)
+            raise RecordError(f"the samples must be numbers, got {samples.dtype}", rows.file, channel=name)
+        notes += column_notes(name, samples, rows)
         values[timeline.index, column] = samples
     values.setflags(write=False)
     if informative:
-        check_responses(tuple(channels), values, file)
+        check_responses(tuple(channels), values, rows.file)
     return timeline, values, notes

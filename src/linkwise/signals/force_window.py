@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, stretches
 from linkwise.errors import RecordError
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -42,7 +42,7 @@ class ForceWindow:
     @property
     def description(self) -> str:
         """What was done, in a sentence."""
-        hits = int(np.sum(np.diff(self.inside.astype(int), prepend=0) == 1))
+        hits = len(stretches(self.inside))
         count = "one hit" if hits == 1 else f"{hits} hits"
         return f"{self.channel} was taken as 0 outside of {count}, where it shows noise of {self.noise:.3g} N (force window)."
 
@@ -84,11 +84,10 @@ def force_window(
 
 def _widened(loud: Bools, margin: int | None) -> Bools:
     """(N,) the pulses of the samples that are `loud`, with their flanks."""
-    edges = np.flatnonzero(np.diff(loud.astype(int), prepend=0, append=0))
     inside = np.zeros_like(loud)
-    for start, stop in edges.reshape(-1, 2).tolist():
-        flank = 2 + round(_FLANK * (stop - start)) if margin is None else margin
-        inside[max(start - flank, 0) : stop + flank] = True
+    for pulse in stretches(loud):
+        flank = 2 + round(_FLANK * (pulse.stop - pulse.start)) if margin is None else margin
+        inside[max(pulse.start - flank, 0) : pulse.stop + flank] = True
     return inside
 
 

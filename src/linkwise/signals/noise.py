@@ -68,17 +68,15 @@ def has_outliers(samples: Floats, sigma: Floats) -> bool:
     fourth differences. Channels without noise, and those whose differences contain as much motion as noise, are not
     tested.
     """
-    differences = np.diff(samples, _ORDER, axis=0)
-    squares = differences[:, sigma > 0.0] ** 2 / (_POWER * sigma[sigma > 0.0] ** 2)
-    finite = np.isfinite(squares)
-    count = finite.sum(axis=0)
-    if not count.size:
-        return False
-    squares[~finite] = 0.0
-    power = squares.sum(axis=0) / np.maximum(count, 1)
-    fourth = (squares**2).sum(axis=0) / np.maximum(count, 1)
-    testable = (count >= _FEWEST_FOR_KURTOSIS) & (power < _OUTLIER_MOTION) & (power > 1.0 / _OUTLIER_MOTION)
-    return bool(np.any(testable & (fourth / np.where(power > 0.0, power, 1.0) ** 2 - 3.0 > _EXCESS)))
+    for column, deviation in zip(samples.T, sigma, strict=True):
+        differences = np.diff(column, _ORDER)
+        differences = differences[np.isfinite(differences)]
+        if len(differences) < _FEWEST_FOR_KURTOSIS or not deviation > 0.0:
+            continue
+        motion = float(np.mean(differences**2)) / (_POWER * deviation**2)
+        if 1.0 / _OUTLIER_MOTION < motion < _OUTLIER_MOTION and _is_heavy_tailed(differences):
+            return True
+    return False
 
 
 def outliers_exceed_noise(residuals: Floats) -> bool:
@@ -92,9 +90,13 @@ def outliers_exceed_noise(residuals: Floats) -> bool:
         few = len(series) < _FEWEST_FOR_KURTOSIS
         if few or (np.median(np.abs(series)) / _NORMAL_MEDIAN) ** 2 > _TYPICAL:
             return False
-        kurtosis = np.mean(series**4) / np.mean(series**2) ** 2
-        heavy_tailed = heavy_tailed or bool(kurtosis - 3.0 > _EXCESS)
+        heavy_tailed = heavy_tailed or _is_heavy_tailed(series)
     return heavy_tailed
+
+
+def _is_heavy_tailed(series: Floats) -> bool:
+    """Whether a series (N,) about 0 has a kurtosis that no normal one has."""
+    return bool(np.mean(series**4) / np.mean(series**2) ** 2 - 3.0 > _EXCESS)
 
 
 # order of the differences taken before the window, which keep slow motion from leaking into high bins

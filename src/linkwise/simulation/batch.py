@@ -21,7 +21,7 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.records.truth import EnergyBalance
+from linkwise.records.record import EnergyBalance
 from linkwise.simulation.energy import energy_balance
 from linkwise.simulation.integrator.formulas import SCALE, BatchIntegrator, ParameterLayout, compiled_system
 from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunLog, RunOptions, RunSchedule, integrate, room

@@ -25,7 +25,7 @@ from linkwise.expression import Program, symbols
 from linkwise.model.excitation import Excitation
 from linkwise.model.law import Law, dissipated_power
 from linkwise.model.structure import Structure
-from linkwise.records.truth import EnergyBalance
+from linkwise.records.record import EnergyBalance
 from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate
 
 

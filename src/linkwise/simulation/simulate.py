@@ -22,8 +22,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, silent
 from linkwise.records.channel import KINDS, MOTIONS, Channel
 from linkwise.records.channel_units import in_units_of, places_of
-from linkwise.records.record import Record
-from linkwise.records.truth import EnergyBalance, SimulationTruth
+from linkwise.records.record import EnergyBalance, Record, SimulationTruth
 from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.run import RunSchedule, check_excitation, check_place, output_times
@@ -137,7 +136,7 @@ def simulate(
     for name, value in (("duration", duration), ("rate", rate)):
         expect(f"simulate(structure): {name}", value, float, NoneType)
     grid = output_times(duration, rate, times)
-    drive = Excitation.of(**excitation)
+    drive = Excitation(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
     channels = _channels(structure, drive, sensors)
     moved = with_mass_at_rest(structure)

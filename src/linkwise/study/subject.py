@@ -282,7 +282,7 @@ class Subject:
 
     def _check_time_function(self, key: str, **excitation: Any) -> None:
         try:
-            Excitation.of(**excitation)
+            Excitation(**excitation)
         except LinkwiseError as error:
             raise StudyError(f"not a function of time: {error}", key) from None
 

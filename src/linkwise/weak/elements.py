@@ -31,8 +31,7 @@ from linkwise.expression import (
 )
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import Link
-from linkwise.model.structure import Structure
-from linkwise.model.topology import Weights
+from linkwise.model.structure import Structure, Weights
 
 _RATE = Law.parse("v")
 

@@ -52,7 +52,7 @@ LAWS = [
 @pytest.mark.parametrize(("law", "values"), LAWS, ids=[law for law, _ in LAWS])
 def test_every_law_moves_as_scipy_moves_it(law: str, values: dict[str, Any]) -> None:
     structure = oscillator(law, mass=0.7, **values)
-    excitation = Excitation.of({"v:m1": 0.8, "x:m1": 0.01}, forces={"m1": "2*cos(5*t)"})
+    excitation = Excitation({"v:m1": 0.8, "x:m1": 0.01}, forces={"m1": "2*cos(5*t)"})
     drive: dict[str, Any] = {"release": excitation.release, "forces": excitation.forces}
     record = simulate(structure, duration=0.5, rate=50.0, **drive)
     expected = by_scipy(structure, excitation, record.time)
@@ -70,7 +70,7 @@ def test_a_chain_with_a_moving_base_and_sampled_forces_moves_as_scipy_moves_it()
     force = Sampled(-0.1, 40.0, rng.standard_normal(100))
     drive: dict[str, Any] = {"release": {"x:m2": 0.1}, "forces": {"m2": force}, "base": "0.1*sin(6*t)**2"}
     record = simulate(frame, duration=0.3, rate=30.0, **drive)
-    expected = by_scipy(frame, Excitation.of(**drive), record.time)
+    expected = by_scipy(frame, Excitation(**drive), record.time)
     # 1e-9: what DOP853 reaches, as above
     assert present(record.simulated).displacement == pytest.approx(expected[:, :3], abs=1e-9)
 
@@ -160,7 +160,7 @@ def test_dry_friction_slides_exactly_and_where_it_sticks_it_is_refused_with_advi
 def test_a_short_pulse_on_a_resting_structure_is_not_stepped_over(pulse: str) -> None:
     structure = oscillator("k*d", k=100.0)
     record = simulate(structure, forces={"m1": pulse}, duration=3.0, rate=1000.0)
-    excitation = Excitation.of(forces={"m1": pulse})
+    excitation = Excitation(forces={"m1": pulse})
     momentum = np.trapezoid(excitation.forces["m1"].value(t := np.linspace(0.9, 1.1, 200_001)), t)
     fastest = np.abs(present(record.simulated).velocity[:, 0]).max()
     assert fastest == pytest.approx(momentum, rel=0.02)  # less what the spring does meanwhile

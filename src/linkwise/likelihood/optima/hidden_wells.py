@@ -235,7 +235,7 @@ def _centred(structure: Structure, number: int) -> Structure:
     skew = _SKEW
     while skew in link.law.coefficients:
         skew += "_"
-    law = Law.parse(f"{link.law.text} + {skew}*d**2", units=_units(link.law, skew))
+    law = Law.parse(f"{link.law.text} + {skew}*d**2", link.states, units=_units(link.law, skew))
     coefficients = {
         name: Coefficient.unknown() if name in link.law.linear else coefficient
         for name, coefficient in link.coefficients.items()

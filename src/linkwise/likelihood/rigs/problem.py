@@ -27,13 +27,13 @@ from linkwise.errors import IdentificationError
 from linkwise.expression import Program, differentiate
 from linkwise.likelihood.starts.memory import MemorySearch, Start
 from linkwise.model.law import Law
+from linkwise.model.named_laws import smooth_rates
 from linkwise.model.parameters import Parameter
-from linkwise.model.slider_corners import smooth_rates
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise, noise_sigma
-from linkwise.signals.smooth import SmoothingSpline, smoothing_spline
+from linkwise.signals.states import SmoothingSpline, smoothing_spline
 from linkwise.weak.displacements import bridged
 
 

@@ -30,8 +30,7 @@ from linkwise.likelihood.shooting.loss import ClippedReadings
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Sampled
-from linkwise.model.structure import Structure
-from linkwise.model.topology import FIRST_POINT
+from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import (
     BAND_LIMITED,
     COMMON,

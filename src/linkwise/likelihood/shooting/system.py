@@ -20,7 +20,7 @@ from linkwise.expression import Expression, Operation, Program, differentiate
 from linkwise.likelihood.starts.linear_part import is_linear
 from linkwise.model.coefficient import MASS, SHAPE, Name
 from linkwise.model.law import VARIABLES, Law
-from linkwise.model.slider_corners import slider_parts, smooth_rates
+from linkwise.model.named_laws import slider_parts, smooth_rates
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 

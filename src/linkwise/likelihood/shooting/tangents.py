@@ -26,7 +26,7 @@ from linkwise.likelihood.shooting.flow import (
 )
 from linkwise.likelihood.shooting.segments import Sensors
 from linkwise.likelihood.shooting.system import NumericSystem, System
-from linkwise.model.topology import FIRST_POINT
+from linkwise.model.structure import FIRST_POINT
 
 Single = NDArray[np.float32]
 

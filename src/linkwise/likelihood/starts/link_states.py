@@ -13,7 +13,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.expression import Number, Program, differentiate, symbols
 from linkwise.expression.program import cached_program
 from linkwise.model.law import Law
-from linkwise.model.slider_corners import slider_parts
+from linkwise.model.named_laws import slider_parts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.registry import lazy_module

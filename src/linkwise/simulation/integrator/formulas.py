@@ -46,7 +46,7 @@ from linkwise.expression import (
     walk,
 )
 from linkwise.model.law import VARIABLES, dissipated_power
-from linkwise.model.topology import LinkShape, Weights
+from linkwise.model.structure import LinkShape, Weights
 
 SCALE = 2.0**-40  # m, a power of two so that scaling causes no rounding
 
