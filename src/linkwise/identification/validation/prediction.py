@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError, RecordError, SimulationError, expect
@@ -29,12 +28,13 @@ from linkwise.model.link import refuse_memory
 from linkwise.model.structure import BASE, Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress, ProgressReport
 from linkwise.records.channel import BAND_LIMITED, LARGEST, ORDER_OF, Channel, require_complete
+from linkwise.records.channel_units import places_of
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
 
-_RELATIVE_STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
-_AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there
+_RELATIVE_ERROR = 1e-6  # of the size of a channel, to which a state is fitted
+_EXACT = np.zeros(0), np.zeros((0, 0))  # values and covariance of a structure without uncertain coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     refuse_rig(structure, "validation")
     refuse_memory(structure.links, "free runs")
     refuse_hosts(structure, "free runs")
-    given = record.select([*record.inputs, *_responses(structure, record)])
+    given = usable(record, structure)
     frame = framed(given, structure)
     record, channels = frame.record, frame.record.responses
     if not 2 <= settling < len(record):
@@ -135,8 +135,10 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
                 f"has no sample among the first {settling}, which determine the state, or none after them"
             )
             raise RecordError(message, channel=name)
-    state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)
-    run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
+    size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
+    predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
+    state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
+    run = _run(structure, record, state)
     motion = replace(run, start=record.start).select(channels)
     residual = record.select(channels).values - motion.values
     channels = given.responses
@@ -147,94 +149,45 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     return FreeRun(motion=motion, residual=left, rmse=errors, settling=settling)
 
 
-def _responses(structure: Structure, record: Record) -> tuple[Channel, ...]:
-    channels = tuple(channel for channel in record.responses if channel.place in structure.mass_names)
-    if not channels:
+def usable(record: Record, structure: Structure) -> Record:
+    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
+    masses = structure.places
+    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
+    if not responses:
         raise RecordError(
-            f"no response of {', '.join(structure.mass_names)} is in the record, which holds {', '.join(record.channels)}; "
-            "there is nothing to compare a run with"
+            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
+            "there is nothing to compare a prediction with"
         )
-    return channels
-
-
-def _inputs(record: Record, samples: int) -> dict[Channel, Sampled]:
-    """The inputs of the first so many samples by channel, on a clock that starts at 0."""
-    inputs = {}
     for name in record.inputs:
-        if name.place == BASE and name.kind != "x":
-            continue
-        values = record.channel(name)
-        require_complete(name, values, record.start, record.rate)
-        order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
-        inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
-    return inputs
+        if name.is_force and name.place not in masses:
+            raise RecordError(
+                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
+                f"are {', '.join(masses)}",
+                channel=name,
+            )
+        require_complete(name, record.channel(name), record.start, record.rate)
+    return record.select([*record.inputs, *responses])
 
 
-def _run(
-    structure: Structure,
-    channels: tuple[str, ...],
-    state: Floats,
-    inputs: Mapping[Channel, Sampled],
-    rate: float,
-    samples: int,
-) -> Record:
+def _run(structure: Structure, record: Record, state: Floats) -> Record:
+    """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
+    inputs: dict[Channel, Sampled] = {}
+    for name in record.inputs:
+        if name.place != BASE or name.kind == "x":
+            order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
+            inputs[name] = Sampled(0.0, record.rate, record.channel(name), order=order)
     released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
     released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
     return simulate(
         structure,
-        duration=(samples - 1) / rate,
-        rate=rate,
-        sensors=channels,
+        duration=(len(record) - 1) / record.rate,
+        rate=record.rate,
+        sensors=record.responses,
         release=dict(zip(released, state.tolist(), strict=True)),
         forces={channel.place: signal for channel, signal in inputs.items() if channel.is_force},
         signals={name: inputs[Channel("signal", name)] for name in structure.signals},
         base=inputs.get(Channel("x", BASE)),
     )
-
-
-def _initial_state(
-    structure: Structure, measured: Record, inputs: Mapping[Channel, Sampled], settling: int
-) -> Floats:
-    """(2 n,) displacements in m and velocities in m/s at the first sample."""
-    first = measured.values[:settling]
-    size = np.sqrt(np.nanmean(first**2, axis=0))
-    weights = np.where(np.isfinite(first), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    guess, scale = _rough_state(structure, measured[:settling])
-
-    def residual(relative: Floats) -> Floats:
-        run = _run(structure, measured.channels, guess + scale * relative, inputs, measured.rate, settling)
-        return np.asarray((weights * (run.select(measured.channels).values - np.nan_to_num(first))).ravel())
-
-    def slope(relative: Floats) -> Floats:
-        unmoved = residual(relative)
-        steps = _RELATIVE_STEP * np.eye(len(guess))
-        return np.stack([(residual(relative + step) - unmoved) / _RELATIVE_STEP for step in steps], axis=1)
-
-    found = scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
-    return np.asarray(guess + scale * found)
-
-
-def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats]:
-    """A rough state (2 n,) at the first of a few samples, from a parabola through each displacement, and its size (2 n,)."""
-    count = structure.size
-    guess, size = np.zeros(2 * count), np.zeros(2 * count)
-    for i, name in enumerate(structure.mass_names):
-        for kind, place in (("x", i), ("v", count + i)):
-            if f"{kind}:{name}" not in measured.channels:
-                continue
-            values = measured.channel(f"{kind}:{name}")
-            at = np.flatnonzero(np.isfinite(values))[:8]
-            if len(at) < 3:
-                continue
-            fitted = np.polynomial.polynomial.polyfit(at / measured.rate, values[at], 2)
-            guess[place], size[place] = fitted[0], float(np.sqrt(np.nanmean(values**2)))
-            if kind == "x" and f"v:{name}" not in measured.channels:
-                guess[count + i] = fitted[1]
-                size[count + i] = float(np.sqrt(np.nanmean(np.gradient(values, measured.step) ** 2)))
-    for half in (slice(0, count), slice(count, None)):
-        known = size[half][size[half] > 0.0]
-        size[half] = np.where(size[half] > 0.0, size[half], known.mean() if len(known) else 1.0)
-    return guess, size
 
 
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
@@ -335,7 +288,7 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     names = [parameter.name for parameter in structure.parameters]
     valued = structure.with_values(dict(zip(names, map(float, predictor.values), strict=True)))
     progress(ProgressReport(0.2, "free run"))
-    run = _run(valued, channels, state, _inputs(record, samples), record.rate, samples)
+    run = _run(valued, record, state)
     truth = run.simulated
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
@@ -344,7 +297,9 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     predicted[:burn] = np.nan
     return Prediction(
         predicted,
-        *predictor.variances_along(np.array(states), root, start.state_by_coefficients[0]),
+        *replace(predictor, record=record).variances_along(
+            np.array(states), root, start.state_by_coefficients[0]
+        ),
         *_along(record, structure, truth.displacement, truth.velocity),
     )
 

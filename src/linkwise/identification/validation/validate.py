@@ -35,6 +35,7 @@ from linkwise.identification.validation.prediction import (
     predict,
     rig_channels,
     rig_prediction,
+    usable,
 )
 from linkwise.identification.validation.result import (
     ChannelPrediction,
@@ -46,8 +47,8 @@ from linkwise.identification.validation.result import (
 from linkwise.identification.validation.windows import WindowPredictor
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import COMMON, SensorUncertainty, require_complete
-from linkwise.records.channel_units import in_units_of, places_of, unit_in
+from linkwise.records.channel import COMMON, SensorUncertainty
+from linkwise.records.channel_units import in_units_of, unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 from linkwise.signals.force_window import with_force_windows
@@ -284,7 +285,7 @@ def validate(
     law_error = _law_error(given.model_error if model_error is None else model_error)
     record, exchanged = without_exchanges(in_units_of(record, structure), given.exchanged)
     record = with_force_windows(record)
-    scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
+    scored = rig_channels(record, structure) if structure.on_rig else usable(record, structure)
     unscored = _unscored(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
@@ -358,26 +359,6 @@ def _on_rig(
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variance)
     return samples, prediction, (prediction.predicted, variance), noise
-
-
-def _usable(record: Record, structure: Structure) -> Record:
-    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
-    masses = structure.places
-    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
-    if not responses:
-        raise RecordError(
-            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
-            "there is nothing to compare a prediction with"
-        )
-    for name in record.inputs:
-        if name.is_force and name.place not in masses:
-            raise RecordError(
-                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
-                f"are {', '.join(masses)}",
-                channel=name,
-            )
-        require_complete(name, record.channel(name), record.start, record.rate)
-    return record.select([*record.inputs, *responses])
 
 
 def _unscored(record: Record, scored: Record) -> tuple[str, ...]:

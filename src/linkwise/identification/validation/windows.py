@@ -6,8 +6,9 @@ as the state of a mass without a sensor; its uncertainty is then part of that of
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.flow import POINTS, Inputs, Trajectories, flow
 from linkwise.likelihood.shooting.segmentation import forces_at_points, sensor_arrays
 from linkwise.likelihood.shooting.segments import A, F, S, Sensors, V, X
-from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
 from linkwise.likelihood.starts.states import start_states
 from linkwise.model.structure import BASE, Structure
@@ -71,14 +72,11 @@ class WindowPredictor:
     @np.errstate(over="ignore", invalid="ignore")  # a motion that runs away leaves states that are not finite
     def __call__(self, firsts: Indices, burn: int, samples: int) -> WindowPrediction:
         """The windows that begin at samples `firsts` (K,), with states from their first `burn` samples."""
-        system = System.of(self.structure)
-        setup = _Setup.of(self.record, self.structure, system, self.values, self.sigma)
-        count = system.dimension
+        count = self._system.dimension
         size = max(1, _NUMBERS // (samples * count * (count + len(self.values) + 1)))
         parts = [firsts[first : first + size] for first in range(0, len(firsts), size)]
-        refine = setup.refinement(firsts, samples)
-        lengths = burn, samples, refine
-        pieces = [_predicted(setup, part, lengths, self.root, self.law_error) for part in parts]
+        refine = self._refinement(self._guess, firsts, samples)
+        pieces = [self._predicted(part, burn, samples, refine) for part in parts]
         return WindowPrediction(
             *(np.concatenate([piece[i] for piece in pieces], axis=-1) for i in range(6)),
             *(np.concatenate([piece[i] for piece in pieces], axis=0) for i in (6, 7)),
@@ -86,19 +84,18 @@ class WindowPredictor:
 
     @np.errstate(over="ignore", invalid="ignore")
     def variances_along(self, states: Floats, root: Floats, follow: Floats) -> tuple[Floats, Floats, Floats]:
-        """Variances (N, C) of what a run with these `states` (2 n + S, N) shows, by its start, the coefficients and the laws.
+        """Variances (N, C) of what a run with these `states` (2 n + S, N) of the whole record shows, by its start, the
+        coefficients and the laws.
 
         `root` (2 n + S, 2 n + S) is that of the covariance of the first state, which follows the coefficients by `follow` (2 n
         + S, p). Departures of the run are carried from window to window, and the windows are integrated side by side.
         """
         count = states.shape[1]
-        record, system = self.record[:count], System.of(self.structure)
-        setup = replace(_Setup.of(record, self.structure, system, self.values, self.sigma), guess=states)
         samples = max(_FEWEST, round(np.sqrt(count)))
         firsts = np.arange(0, count, samples)
-        refine = setup.refinement(firsts, samples)
+        refine = self._refinement(states, firsts, samples)
         masses = len(self.structure.mass_names) if self.law_error else 0
-        prior, unit = setup.prior[:, None], theta_unit(setup.theta)[:, None]
+        prior, unit = self._prior[:, None], self._unit[:, None]
         moved = np.hstack([root, follow @ self.root]) / prior
         fixed = np.hstack([np.zeros((len(unit), len(root))), self.root / unit])
         by_laws = np.zeros((len(root), masses))  # departures of the state
@@ -106,11 +103,10 @@ class WindowPredictor:
         parts = []
         for first in range(0, len(firsts), size):
             some = firsts[first : first + size]
-            nodes, inputs = states[:, some], setup.inputs(some, samples, refine)
-            orbit = setup.run(nodes, inputs, samples, refine)
-            slopes, ends = setup.slopes(orbit, inputs, refine)
-            run = samples, refine, self.law_error
-            changes = list(_changed_by_laws(setup, nodes, inputs, orbit, run, range(masses)))
+            nodes, inputs = states[:, some], self._inputs(some, samples, refine)
+            orbit = self._run(nodes, inputs, samples, refine)
+            slopes, ends = self._slopes(orbit, inputs, refine)
+            changes = list(self._changed_by_laws(nodes, inputs, orbit, samples, refine))
             for k in range(len(some)):
                 of_laws = [shown[..., k].ravel() for shown, _ in changes]
                 total = np.vstack([moved, fixed])
@@ -121,42 +117,47 @@ class WindowPredictor:
                 parts.append([np.sum(part**2, axis=1) for part in shown])
                 by_laws = ends[k, :, : len(prior)] @ by_laws
                 for number, (_, end) in enumerate(changes):
-                    by_laws[:, number] += end[:, k] / setup.prior
+                    by_laws[:, number] += end[:, k] / self._prior
                 moved = np.clip(ends[k] @ total, -_FARTHEST, _FARTHEST)
         joined = map(np.concatenate, zip(*parts, strict=True))
         by_start, by_theta, by_force = (part.reshape(-1, len(self.sigma))[:count] for part in joined)
         return by_start, by_theta, by_force
 
+    @cached_property
+    def _system(self) -> System:
+        return System.of(self.structure)
 
-@dataclass(frozen=True, eq=False)
-class _Setup:
-    """What all windows share: `guess` (2 n + S, N) rough states at all samples, `prior` (2 n + S,) their deviations."""
+    @cached_property
+    def _mechanics(self) -> NumericSystem:
+        return self._system.at(self.values)
 
-    record: Record
-    structure: Structure
-    system: System
-    theta: Floats
-    sensors: Sensors
-    sigma: Floats
-    guess: Floats
-    prior: Floats
+    @cached_property
+    def _sensors(self) -> Sensors:
+        return sensor_arrays(self.record.responses, self.structure, (), ())
 
-    @classmethod
-    def of(cls, record: Record, structure: Structure, system: System, theta: Floats, sigma: Floats) -> _Setup:
-        names = [parameter.name for parameter in structure.parameters]
-        valued = structure.with_values(dict(zip(names, map(float, theta), strict=True)))
-        responses = record.select(record.responses)
-        noise: dict[str, float] = dict(zip(responses.channels, map(float, sigma), strict=True))
-        rough = start_states(record, valued, noise, samples=5)
-        guess = np.concatenate([rough.x, rough.v, rough.memory])
-        size = np.sqrt(np.mean(guess**2, axis=1))
-        largest = [part.max(initial=0.0) for part in np.split(size, [structure.size, 2 * structure.size])]
-        unmeasured = np.repeat(largest, [structure.size, structure.size, len(rough.memory)])
-        prior = _PRIOR * np.where(size > 0.0, size, np.where(unmeasured > 0.0, unmeasured, 1.0))
-        sensors = sensor_arrays(record.responses, structure, (), ())
-        return cls(record, structure, system, theta, sensors, sigma, guess, prior)
+    @cached_property
+    def _unit(self) -> Floats:
+        """(p,) units of parameters, their size."""
+        return np.where(self.values != 0.0, np.abs(self.values), 1.0)
 
-    def inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
+    @cached_property
+    def _guess(self) -> Floats:
+        """(2 n + S, N) rough states at all samples."""
+        names = [parameter.name for parameter in self.structure.parameters]
+        valued = self.structure.with_values(dict(zip(names, map(float, self.values), strict=True)))
+        noise: dict[str, float] = dict(zip(self.record.responses, map(float, self.sigma), strict=True))
+        rough = start_states(self.record, valued, noise, samples=5)
+        return np.concatenate([rough.x, rough.v, rough.memory])
+
+    @cached_property
+    def _prior(self) -> Floats:
+        """(2 n + S,) deviations of the prior of a state."""
+        size, masses = np.sqrt(np.mean(self._guess**2, axis=1)), self.structure.size
+        kinds = np.split(size, [masses, 2 * masses])
+        unmeasured = np.concatenate([np.full(len(kind), kind.max(initial=0.0)) for kind in kinds])
+        return _PRIOR * np.where(size > 0.0, size, np.where(unmeasured > 0.0, unmeasured, 1.0))
+
+    def _inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
         """Inputs at the points of all steps of some windows."""
         steps = np.arange(samples * refine)[:, None, None]
         index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
@@ -179,17 +180,16 @@ class _Setup:
         signals = {name: _at(record, f"signal:{name}", index) for name in structure.signals}
         return Inputs(force, base, points=at_points, signals=signals)
 
-    def run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
+    def _run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
         """The motion from states (2 n + S, K)."""
         step = np.full(nodes.shape[-1], self.record.step / refine)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return flow(self.system.at(self.theta), nodes, step, samples * refine, inputs)
+        return flow(self._mechanics, nodes, step, samples * refine, inputs)
 
-    def shown(self, orbit: Trajectories, refine: int) -> Floats:
+    def _shown(self, orbit: Trajectories, refine: int) -> Floats:
         """(M, C, K) what the sensors show along an orbit."""
         every = slice(None, len(orbit.middle_links), refine)
-        mechanics = self.system.at(self.theta)
-        orbit = self.sensors.at(mechanics).orbit_with_points(orbit)
+        sensors = self._sensors.at(self._mechanics)
+        orbit = sensors.orbit_with_points(orbit)
         links, memory = orbit.links[every], orbit.memory[every]
         motion = {
             X: orbit.states[every, 0],
@@ -198,45 +198,47 @@ class _Setup:
             F: np.zeros_like(links[:, 0]),
             S: memory,
         }
-        if (self.sensors.kind == F).any():
-            with np.errstate(over="ignore", invalid="ignore"):
-                mechanics.force(links[:, 0], links[:, 1], memory, motion[F], np.empty_like(memory))
-        pairs = zip(self.sensors.kind, self.sensors.mass, strict=True)
-        return np.stack([motion[int(kind)][:, mass] for kind, mass in pairs], axis=1)
+        if (sensors.kind == F).any():
+            self._mechanics.force(links[:, 0], links[:, 1], memory, motion[F], np.empty_like(memory))
+        return np.stack([motion[kind][:, mass] for kind, mass in self._shown_places], axis=1)
 
-    def end(self, orbit: Trajectories, refine: int) -> Floats:
+    @property
+    def _shown_places(self) -> list[tuple[int, int]]:
+        """The kind and the number of what each sensor shows."""
+        return list(zip(self._sensors.kind.tolist(), self._sensors.mass.tolist(), strict=True))
+
+    def _end(self, orbit: Trajectories, refine: int) -> Floats:
         """(2 n + S, K) states at the end of an orbit."""
         x, u = orbit.states[-1]
         return np.concatenate([x, u * (refine * self.record.rate), orbit.memory[-1]])
 
-    def slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> tuple[Floats, Floats]:
+    def _slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> tuple[Floats, Floats]:
         """(K, M C, 2 n + S + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit, and
         (K, 2 n + S, 2 n + S + p) those of the state at the end, in units of the prior.
         """
         step = np.full(orbit.states.shape[-1], self.record.step / refine)
-        unit, mechanics = theta_unit(self.theta), self.system.at(self.theta)
-        sensors = self.sensors.at(mechanics)
+        unit, mechanics = self._unit, self._mechanics
+        sensors = self._sensors.at(mechanics)
         rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2, F: 1.0 / step[0] ** 2, S: 1.0}
         rows = []
-        tangent_samples = tangents(mechanics, orbit, step, self.prior, unit, inputs=inputs)
+        tangent_samples = tangents(mechanics, orbit, step, self._prior, unit, inputs=inputs)
         for number, tangent in enumerate(tangent_samples):
             if tangent.acceleration is None or number % refine:
                 continue
             motion = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, unit))
-            for kind, mass in zip(self.sensors.kind, self.sensors.mass, strict=True):
-                rows.append(motion[int(kind)][mass].T * rates[int(kind)])
+            rows += [motion[kind][mass].T * rates[kind] for kind, mass in self._shown_places]
         end = np.concatenate([tangent.state[0], tangent.state[1] / step, tangent.memory])
-        ends = end.transpose(2, 0, 1) / self.prior[:, None]
+        ends = end.transpose(2, 0, 1) / self._prior[:, None]
         return np.stack(rows, axis=1).astype(float), ends.astype(float)
 
-    def refinement(self, firsts: Indices, samples: int) -> int:
-        """Steps per sample that keep the error of the flow well below the noise."""
+    def _refinement(self, states: Floats, firsts: Indices, samples: int) -> int:
+        """Steps per sample that keep the error of the flow from `states` (2 n + S, N) well below the noise."""
         some = firsts[:: max(1, len(firsts) // _TESTED)]
         most = min(samples, 64)
 
         def shown(refine: int) -> Floats:
-            orbit = self.run(self.guess[..., some], self.inputs(some, most, refine), most, refine)
-            return self.shown(orbit, refine)
+            orbit = self._run(states[..., some], self._inputs(some, most, refine), most, refine)
+            return self._shown(orbit, refine)
 
         refine, coarse = 1, shown(1)
         while refine < _MAX_REFINEMENT:
@@ -247,10 +249,111 @@ class _Setup:
             refine, coarse = 2 * refine, fine
         return refine
 
+    def _predicted(self, firsts: Indices, burn: int, samples: int, refine: int) -> tuple[Floats, ...]:
+        """The fields of `WindowPrediction` for some windows."""
+        K, C, m = len(firsts), len(self.sigma), len(self._prior)
+        inputs = self._inputs(firsts, samples, refine)
+        nodes = self._guess[..., firsts].copy()
+        values = self.record.select(self.record.responses).values
+        observed = values[firsts + np.arange(burn)[:, None]].transpose(0, 2, 1)  # (burn, C, K)
+        fitted = min(_FIRST, burn)
+        while True:
+            part = inputs.first(fitted * refine)
+            most = _ITERATIONS if fitted == burn else _ROUGH_ITERATIONS
+            nodes = self._fitted_states(nodes, part, observed[:fitted], refine, most)
+            if fitted == burn:
+                break
+            fitted = min(_GROWTH * fitted, burn)
+        orbit = self._run(nodes, inputs, samples, refine)
+        slopes, _ = self._slopes(orbit, inputs, refine)
+        weight = np.isfinite(observed).transpose(2, 0, 1) / self.sigma
+        head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
+        information = head[..., :m].transpose(0, 2, 1) @ head[..., :m] + np.eye(m)
+        follow = -np.linalg.solve(information, head[..., :m].transpose(0, 2, 1) @ head[..., m:])
+        state_root = np.linalg.inv(np.linalg.cholesky(information)).transpose(0, 2, 1)
+        by_state = np.sum((slopes[..., :m] @ state_root) ** 2, axis=2)
+        total = slopes[..., m:] + slopes[..., :m] @ follow
+        by_theta = np.sum((total @ (self.root / self._unit[:, None])) ** 2, axis=2)
+        shape = (K, samples, C)
+        changes = self._changed_by_laws(nodes, inputs, orbit, samples, refine)
+        motion = orbit.states[: len(orbit.middle_links) : refine].copy()
+        motion[:, 1] *= refine * self.record.rate
+        return (
+            self._shown(orbit, refine),
+            by_state.reshape(shape).transpose(1, 2, 0),
+            by_theta.reshape(shape).transpose(1, 2, 0),
+            sum((change**2 for change, _ in changes), np.zeros((samples, C, K))),
+            motion,
+            nodes,
+            self._prior[:, None] * state_root,
+            self._prior[:, None] * follow / self._unit,
+        )
 
-def theta_unit(theta: Floats) -> Floats:
-    """(p,) units of parameters, their size."""
-    return np.where(theta != 0.0, np.abs(theta), 1.0)
+    def _changed_by_laws(
+        self, nodes: Floats, inputs: Inputs, orbit: Trajectories, samples: int, refine: int
+    ) -> Iterator[tuple[Floats, Floats]]:
+        """What forces of the links that are off by a part of themselves change, mass after mass: (M, C, K) of what is shown,
+        and (2 n + S, K) of the state at the end.
+        """
+        if self.law_error == 0.0:
+            return
+        shown, end = self._shown(orbit, refine), self._end(orbit, refine)
+        ends, middles = orbit.accelerations, orbit.middle_accelerations
+        at = POINTS[None, :, None, None]
+        first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
+        acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)
+        applied = np.zeros_like(acceleration) if inputs.force is None else inputs.force
+        for mass, size in enumerate(self._mechanics.masses):
+            force = applied.copy()
+            force[:, :, mass] += self.law_error * (size * acceleration[:, :, mass] - applied[:, :, mass])
+            changed = self._run(nodes, replace(inputs, force=force), samples, refine)
+            yield self._shown(changed, refine) - shown, self._end(changed, refine) - end
+
+    def _fitted_states(
+        self, nodes: Floats, inputs: Inputs, observed: Floats, refine: int, most: int
+    ) -> Floats:
+        """(2 n + S, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
+        samples, C, K = observed.shape
+        m, prior = len(self._prior), self._prior
+        present = np.isfinite(observed)
+        data = np.where(present, observed, 0.0)
+        weight = present.transpose(2, 0, 1) / self.sigma
+        damping = np.full(K, 1e-3)
+
+        def misfit(states: Floats) -> tuple[Trajectories, Floats, Floats]:
+            orbit = self._run(states, inputs, samples, refine)
+            left = np.where(present, data - self._shown(orbit, refine), 0.0) / self.sigma[:, None]
+            away = (states - nodes) / prior[:, None]
+            cost = np.sum(left**2, axis=(0, 1)) + np.sum(away**2, axis=0)
+            return orbit, left, np.where(np.isfinite(cost), cost, np.inf)
+
+        states = nodes.copy()
+        orbit, left, cost = misfit(states)
+        better = np.ones(K, dtype=bool)
+        for _ in range(most):
+            if better.any():
+                slopes = self._slopes(orbit, inputs, refine)[0][..., :m]
+                rows = slopes * weight.reshape(K, samples * C, 1)
+                normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
+                right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
+                right -= ((states - nodes) / prior[:, None]).T
+                valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+                normal[~valid], right[~valid] = np.eye(m), 0.0
+            diagonal = np.einsum("kii->ki", normal)
+            damped = normal.copy()
+            damped[:, range(m), range(m)] += damping[:, None] * diagonal
+            step = np.linalg.solve(damped, right[..., None])[..., 0]
+            trial = states + (prior * step).T
+            new_orbit, new_left, new_cost = misfit(trial)
+            better = new_cost < cost
+            states = np.where(better, trial, states)
+            damping = np.where(better, damping / 10.0, damping * 10.0)
+            size = np.einsum("ki,kij,kj->k", step, normal, step)  # squared, in standard errors
+            if np.all((size < _SETTLED) | ~valid):
+                break
+            orbit = orbit.replaced(new_orbit, better)
+            left, cost = np.where(better, new_left, left), np.where(better, new_cost, cost)
+        return states
 
 
 def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
@@ -263,132 +366,3 @@ def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
     time = index / record.rate
     inside = np.minimum(time, signal.end)
     return np.where(time <= signal.end, signal.derivative(inside), 0.0) if order else signal.value(inside)
-
-
-def _predicted(
-    setup: _Setup, firsts: Indices, lengths: tuple[int, int, int], root: Floats, law_error: float
-) -> tuple[Floats, ...]:
-    """The fields of `WindowPrediction` for some windows; `lengths` are burn, samples, refine."""
-    burn, samples, refine = lengths
-    K, m = len(firsts), len(setup.prior)
-    inputs = setup.inputs(firsts, samples, refine)
-    nodes = setup.guess[..., firsts].copy()
-    observed = _observed(setup, firsts, burn)
-    fitted = min(_FIRST, burn)
-    while True:
-        part = inputs.first(fitted * refine)
-        most = _ITERATIONS if fitted == burn else _ROUGH_ITERATIONS
-        nodes = _fitted_states(setup, nodes, part, observed[:fitted], (refine, most))
-        if fitted == burn:
-            break
-        fitted = min(_GROWTH * fitted, burn)
-    orbit = setup.run(nodes, inputs, samples, refine)
-    slopes, _ = setup.slopes(orbit, inputs, refine)
-    C = len(setup.sigma)
-    weight = np.isfinite(observed).transpose(2, 0, 1) / setup.sigma
-    head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
-    information = head[..., :m].transpose(0, 2, 1) @ head[..., :m] + np.eye(m)
-    follow = -np.linalg.solve(information, head[..., :m].transpose(0, 2, 1) @ head[..., m:])
-    state_root = np.linalg.inv(np.linalg.cholesky(information)).transpose(0, 2, 1)
-    by_state = np.sum((slopes[..., :m] @ state_root) ** 2, axis=2)
-    unit_root = root / theta_unit(setup.theta)[:, None]
-    total = slopes[..., m:] + slopes[..., :m] @ follow
-    by_theta = np.sum((total @ unit_root) ** 2, axis=2)
-    shape = (K, samples, C)
-    changes = _changed_by_laws(setup, nodes, inputs, orbit, (samples, refine, law_error))
-    motion = orbit.states[: len(orbit.middle_links) : refine].copy()
-    motion[:, 1] *= refine * setup.record.rate
-    return (
-        setup.shown(orbit, refine),
-        by_state.reshape(shape).transpose(1, 2, 0),
-        by_theta.reshape(shape).transpose(1, 2, 0),
-        sum((change**2 for change, _ in changes), np.zeros((samples, C, K))),
-        motion,
-        nodes,
-        setup.prior[:, None] * state_root,
-        setup.prior[:, None] * follow / theta_unit(setup.theta),
-    )
-
-
-def _changed_by_laws(
-    setup: _Setup,
-    nodes: Floats,
-    inputs: Inputs,
-    orbit: Trajectories,
-    size: tuple[int, int, float],
-    masses: Iterable[int] | None = None,
-) -> Iterator[tuple[Floats, Floats]]:
-    """What forces of the links that are off by a part of themselves change, mass after mass: (M, C, K) of what is shown, and
-    (2 n + S, K) of the state at the end.
-    """
-    samples, refine, law_error = size
-    if law_error == 0.0:
-        return
-    shown, end = setup.shown(orbit, refine), setup.end(orbit, refine)
-    ends, middles = orbit.accelerations, orbit.middle_accelerations
-    at = POINTS[None, :, None, None]
-    first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
-    acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)
-    mass_values = setup.system.at(setup.theta).masses
-    applied = np.zeros_like(acceleration) if inputs.force is None else inputs.force
-    for mass in range(len(mass_values)) if masses is None else masses:
-        force = applied.copy()
-        force[:, :, mass] += law_error * (mass_values[mass] * acceleration[:, :, mass] - applied[:, :, mass])
-        changed = setup.run(nodes, replace(inputs, force=force), samples, refine)
-        yield setup.shown(changed, refine) - shown, setup.end(changed, refine) - end
-
-
-def _observed(setup: _Setup, firsts: Indices, burn: int) -> Floats:
-    """(burn, C, K) samples of the responses, NaN where they are missing."""
-    values = setup.record.select(setup.record.responses).values
-    index = firsts + np.arange(burn)[:, None]
-    return np.asarray(values[index].transpose(0, 2, 1))
-
-
-def _fitted_states(
-    setup: _Setup, nodes: Floats, inputs: Inputs, observed: Floats, effort: tuple[int, int]
-) -> Floats:
-    """(2 n + S, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
-    refine, most = effort
-    samples, C, K = observed.shape
-    m, prior = len(setup.prior), setup.prior
-    present = np.isfinite(observed)
-    data = np.where(present, observed, 0.0)
-    centre = nodes.copy()
-    damping = np.full(K, 1e-3)
-
-    def misfit(states: Floats) -> tuple[Trajectories, Floats, Floats]:
-        orbit = setup.run(states, inputs, samples, refine)
-        left = np.where(present, data - setup.shown(orbit, refine), 0.0) / setup.sigma[:, None]
-        away = (states - centre) / prior[:, None]
-        cost = np.sum(left**2, axis=(0, 1)) + np.sum(away**2, axis=0)
-        return orbit, left, np.where(np.isfinite(cost), cost, np.inf)
-
-    states = centre.copy()
-    orbit, left, cost = misfit(states)
-    better = np.ones(K, dtype=bool)
-    for _ in range(most):
-        if better.any():
-            slopes = setup.slopes(orbit, inputs, refine)[0][..., :m]
-            weight = present.transpose(2, 0, 1) / setup.sigma
-            rows = slopes * weight.reshape(K, samples * C, 1)
-            normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
-            right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
-            right -= ((states - centre) / prior[:, None]).T
-            valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-            normal[~valid], right[~valid] = np.eye(m), 0.0
-        diagonal = np.einsum("kii->ki", normal)
-        damped = normal.copy()
-        damped[:, range(m), range(m)] += damping[:, None] * diagonal
-        step = np.linalg.solve(damped, right[..., None])[..., 0]
-        trial = states + (prior * step).T
-        new_orbit, new_left, new_cost = misfit(trial)
-        better = new_cost < cost
-        states = np.where(better, trial, states)
-        damping = np.where(better, damping / 10.0, damping * 10.0)
-        size = np.einsum("ki,kij,kj->k", step, normal, step)  # squared, in standard errors
-        if np.all((size < _SETTLED) | ~valid):
-            break
-        orbit = orbit.replaced(new_orbit, better)
-        left, cost = np.where(better, new_left, left), np.where(better, new_cost, cost)
-    return states
