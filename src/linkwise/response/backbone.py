@@ -16,7 +16,6 @@ from linkwise.display import JudgedView, align_columns
 from linkwise.errors import SimulationError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.expression import Number
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel import Channel
@@ -25,15 +24,9 @@ from linkwise.records.record import Record
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
 from linkwise.response.options import Answer, AskedStructure, shown_channels
-from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, require_smooth, run_time_parameters
+from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, free_phase, run_time_parameters
 from linkwise.simulation.energy import potential_energy
-from linkwise.simulation.integrator.formulas import (
-    BASE_INPUT,
-    PhaseIntegrator,
-    SystemShape,
-    compiled_system,
-    phase_integrator,
-)
+from linkwise.simulation.integrator.formulas import PhaseIntegrator
 from linkwise.verdict import Verdict
 
 _SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a mode should be linear
@@ -65,14 +58,9 @@ class FreeMotion:
     def of(cls, structure: Structure) -> FreeMotion:
         """Those of a structure without its damping. Raises StructureError for laws with memory or kinks."""
         refuse_memory(structure.links, "backbones")
-        masses, links = structure.shape_key
-        elastic = [
-            shape._replace(law=link.law.elastic) for shape, link in zip(links, structure.links, strict=True)
-        ]
-        inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
-        shape = SystemShape(masses, tuple(elastic), inputs)
-        require_smooth(structure, compiled_system(shape))
-        return cls(structure, phase_integrator(shape))
+        links = zip(structure.shape_key[1], structure.links, strict=True)
+        elastic = (shape._replace(law=link.law.elastic) for shape, link in links)
+        return cls(structure, free_phase(structure, tuple(elastic)))
 
     @cached_property
     def parameters(self) -> Floats:

@@ -19,10 +19,9 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Call, walk
 from linkwise.model.law import partials_program
-from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
-from linkwise.response.options import FORCE, Drive
-from linkwise.response.shooting import SAMPLES, frequency_size
+from linkwise.response.options import FORCE
+from linkwise.response.shooting import SAMPLES, PeriodicEquations, frequency_size
 
 _OVERSAMPLED = 8  # samples for each harmonic
 _GROWING = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7)  # of the size of the excitation
@@ -55,18 +54,13 @@ def _basis(harmonics: int, samples: int, first: float = 0.0) -> tuple[Floats, Fl
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicBalance:
-    """The equations of a motion with so many harmonics of a structure driven at one `size`.
+class HarmonicBalance(PeriodicEquations):
+    """The same by a balance of so many harmonics.
 
     Unknowns are the coefficients of 1, cos, sin, cos 2, ... of the n displacements, then of the S states, and omega.
     """
 
-    structure: Structure
-    drive: Drive
-    size: float
-    bounds: tuple[float, float]
     harmonics: int
-    turns: int = 1
     _known: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -128,7 +122,7 @@ class HarmonicBalance:
         phases, basis, slopes, weights = self._grid
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
         x, v, states = self._moved(unknowns, basis, slopes)
-        base, speed = self.drive.base(self.size, omega, phases)
+        base, speed = self.base(omega, phases)
         order = self.drive.order
         d, rate = structure.elongations(x, base), structure.elongations(v, speed)
         on_base = structure.base_incidence
@@ -191,17 +185,9 @@ class HarmonicBalance:
         motion = np.hstack(self._moved(unknowns, basis, slopes))
         return np.concatenate([motion, motion[:1]])
 
-    def of(self, structure: Structure) -> HarmonicBalance:
-        """Those of another structure of the same shape."""
-        return replace(self, structure=structure)
-
     def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
         """What the balance lacks, and the motion."""
         return self(unknowns)[0], self.motion(unknowns, samples)
-
-    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
-        """Displacement in m and velocity in m/s of the base at `phases`."""
-        return self.drive.base(self.size, omega, phases)
 
     def at_rest(self, x: Floats, omega: float) -> Floats:
         """The unknowns of rest at displacements (n,) in m."""
@@ -234,7 +220,7 @@ class HarmonicBalance:
         phases, basis, slopes = _basis(self.harmonics, _STABILITY, 0.5)
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
         x, v, states = self._moved(unknowns, basis, slopes)
-        base, speed = self.drive.base(self.size, omega, phases)
+        base, speed = self.base(omega, phases)
         size = 2 * count + self._states
         change = np.zeros((_STABILITY, size, size))
         change[:, np.arange(count), count + np.arange(count)] = 1.0

@@ -13,22 +13,15 @@ from linkwise.analysis.rest_positions import equilibria
 from linkwise.arrays import Floats, Indices
 from linkwise.display import JudgedView, align_columns
 from linkwise.errors import SimulationError, StructureError, expect
-from linkwise.expression import Number
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.response.options import shown_channels
-from linkwise.response.shooting import channel_rows, require_smooth, run_time_parameters
+from linkwise.response.shooting import channel_rows, free_phase
 from linkwise.simulation.energy import kinetic_energy, potential_energy
-from linkwise.simulation.integrator.formulas import (
-    BASE_INPUT,
-    PhaseIntegrator,
-    SystemShape,
-    compiled_system,
-    phase_integrator,
-)
+from linkwise.simulation.integrator.formulas import PhaseIntegrator
 from linkwise.verdict import Verdict
 
 _TURNS = 10  # periods of the slowest mode between two looks at the energy
@@ -221,11 +214,7 @@ class _FreeMotion:
         points = equilibria(structure)
         if not points.stable:
             raise StructureError("no stable equilibrium was found, so motion has nowhere to end")
-        inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
-        shape = SystemShape(*structure.shape_key, inputs)
-        require_smooth(structure, compiled_system(shape))
-        integrator = phase_integrator(shape)
-        integrator.set_parameters(run_time_parameters(structure, integrator.layout))
+        integrator = free_phase(structure, structure.shape_key[1])
         slowest = modes(structure, points.stable[0].x).frequencies
         omega = 2.0 * np.pi * float(slowest[slowest > 0.0].min())
         barrier = min((point.energy for point in points if not point.stable), default=np.inf)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +15,13 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Number
 from linkwise.model.structure import Structure
+from linkwise.model.topology import LinkShape
 from linkwise.records.channel import Channel
 from linkwise.response.continuation import Point
 from linkwise.response.options import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
     SCALE,
-    CompiledSystem,
     ParameterLayout,
     PhaseIntegrator,
     SystemShape,
@@ -55,8 +57,11 @@ def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
     return None if compiled_system(shape).kinks else phase_integrator(shape)
 
 
-def require_smooth(structure: Structure, motion: CompiledSystem) -> None:
-    """Raise StructureError for laws with kinks."""
+def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseIntegrator:
+    """The compiled equations of free motion with links of these shapes. Raises StructureError for laws with kinks."""
+    inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
+    shape = SystemShape(structure.size, links, inputs)
+    motion = compiled_system(shape)
     if motion.kinks:
         number = motion.link_of(0)
         link = structure.links[0 if number is None else number]
@@ -65,6 +70,9 @@ def require_smooth(structure: Structure, motion: CompiledSystem) -> None:
             "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
             f'link "{link.name}"',
         )
+    integrator = phase_integrator(shape)
+    integrator.set_parameters(run_time_parameters(structure, integrator.layout))
+    return integrator
 
 
 def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
@@ -77,31 +85,62 @@ def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Shooting:
-    """The equations of periodic motion of a structure driven at one `size`, with a period of so many `turns`.
-
-    Unknowns are the start (N,), displacements in m, velocities in m/s and states of links at phase 0, and omega in rad/s;
-    `bounds` are those of omega.
+class PeriodicEquations(ABC):
+    """The equations of periodic motion of a structure driven at one `size`, by whatever method, with a period of so many
+    `turns` of the excitation; unknowns end with omega in rad/s, of which `bounds` are the lowest and the highest.
     """
 
     structure: Structure
     drive: Drive
     size: float
     bounds: tuple[float, float]
-    integrator: PhaseIntegrator
-    turns: int = 1
-    parameters: Floats = field(init=False)
+    turns: int = field(default=1, kw_only=True)
 
-    def __post_init__(self) -> None:
+    def of(self, structure: Structure) -> Self:
+        """Those of another structure of the same shape."""
+        return replace(self, structure=structure)
+
+    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
+        """Displacement in m and velocity in m/s of the base at `phases`."""
+        return self.drive.base(self.size, omega, phases)
+
+    @abstractmethod
+    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
+        """The residual (n,) and its Jacobian (n, n + 1); NaN where there is none."""
+
+    @abstractmethod
+    def sizes(self, unknowns: Floats) -> Floats:
+        """The sizes (n + 1,) in which lengths along the curve are measured near these unknowns."""
+
+    @abstractmethod
+    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
+        """(turns*samples + 1, N) the motion over a period, its end included."""
+
+    @abstractmethod
+    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
+        """The residual (n,), and the motion."""
+
+    @abstractmethod
+    def multipliers(self, point: Point) -> NDArray[np.complex128]:
+        """The Floquet multipliers (N,) of a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shooting(PeriodicEquations):
+    """The same by shooting: unknowns are the start (N,), displacements in m, velocities in m/s and states of links at phase 0,
+    and omega.
+    """
+
+    integrator: PhaseIntegrator
+
+    @cached_property
+    def parameters(self) -> Floats:
+        """The run-time parameters."""
         layout = self.integrator.layout
         parameters = run_time_parameters(self.structure, layout)
         names = input_symbols(self.drive.expression)
         parameters[layout.inputs[0].start + names.index("size")] = self.size
-        object.__setattr__(self, "parameters", parameters)
-
-    def of(self, structure: Structure) -> Shooting:
-        """Those of another structure of the same shape."""
-        return replace(self, structure=structure)
+        return parameters
 
     def with_turns(self, turns: int) -> Shooting:
         """The same with another period."""
@@ -153,10 +192,6 @@ class Shooting:
         """(turns, N) the states after each of a number of turns from a start (N,)."""
         self.integrator.set_parameters(self.parameters)
         return self.integrator.motion(start, omega, np.asarray(2.0 * np.pi * np.arange(turns + 1)))[1:]
-
-    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
-        """Displacement in m and velocity in m/s of the base at `phases`."""
-        return self.drive.base(self.size, omega, phases)
 
 
 def frequency_size(omega: float, bounds: tuple[float, float]) -> float:

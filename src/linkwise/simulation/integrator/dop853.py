@@ -6,7 +6,7 @@ Brent's method on the interpolant of the step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any, final
 
@@ -172,61 +172,48 @@ class DormandPrince:
         log: list[float] | None = None,
     ) -> Propagation:
         times = np.asarray(times, dtype=float)
-        states, reached, steps, outcome = np.empty((len(times), len(self._state))), 0, 0, Outcome.DONE
+        states, reached, steps = np.empty((len(times), len(self._state))), 0, 0
         solver = self._solver(float(times[-1]), longest_step)
         while solver is not None and solver.status == "running":
             if most_steps and steps == most_steps:
-                outcome = Outcome.STEP_LIMIT
-                break
-            solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
-                outcome = Outcome.NOT_FINITE
-                break
+                return Propagation(states[:reached], steps, Outcome.STEP_LIMIT)
+            if not self._stepped(solver):
+                return Propagation(states[:reached], steps, Outcome.NOT_FINITE)
             steps += 1
             cut = solver.status != "running"  # at the last of the times
             self._step = max(solver.step_size, self._step if cut else 0.0)
-            dense = solver.dense_output() if len(self._offsets) else None
-            kink = None if dense is None else self._first_kink(solver.t_old, solver.t, dense)
-            self._time, self._state = solver.t, solver.y
+            watched = len(self._offsets)
+            dense = solver.dense_output() if watched or times[reached] <= solver.t else None
+            kink = self._first_kink(solver.t_old, solver.t, dense) if watched else None
             if dense is not None and kink is not None:
                 self._time, self._state = kink, dense(kink)
             if log is not None:
                 log.append(self._time)
             passed = int(np.searchsorted(times, self._time, side="right"))
-            if passed > reached:
-                dense = dense or solver.dense_output()
+            if dense is not None and passed > reached:
                 states[reached:passed] = dense(times[reached:passed]).T
                 states[reached:passed][times[reached:passed] == self._time] = self._state
                 reached = passed
             if kink is not None:
-                outcome = Outcome.KINK
-                break
+                return Propagation(states[:reached], steps, Outcome.KINK)
         if solver is None:
-            states[:], reached = self._state, len(times)
-        return Propagation(states[:reached], steps, outcome)
+            states[:] = self._state
+        return Propagation(states, steps, Outcome.DONE)
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
         self._step = self._step or _FIRST * longest
         solver = self._solver(self._time + longest, np.inf)
-        if solver is None:
-            return self.state, self._time
-        solver.step()
-        if solver.status == "failed":
+        if solver is None or not self._stepped(solver):
             return self.state, self._time
         time = solver.t_old + fraction * (solver.t - solver.t_old)
-        self._time, self._state = solver.t, solver.y
         return solver.dense_output()(time), time
 
     def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
         self._time, self._state = float(time), np.array(state, dtype=float)
         solver = self._solver(np.inf, np.inf)
         for _ in range(_SEARCH):
-            if solver is None or solver.status != "running":
+            if solver is None or solver.status != "running" or not self._stepped(solver):
                 break
-            solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
-                break
-            self._time, self._state = solver.t, solver.y
         return self._time, self.state
 
     def _solver(self, end: float, longest: float) -> DOP853 | None:
@@ -238,23 +225,37 @@ class DormandPrince:
         options = {"max_step": longest, "first_step": first, "rtol": _TOLERANCE, "atol": absolute}
         return DOP853(self._rates.flat, self._time, self._state, end, **options)
 
-    def _watched(self, time: float, dense: Any) -> Floats:
-        """Values of the watched kinks on the interpolant, each with its offset."""
-        offsets = self._kinks.parameters[self._offsets, 0]
-        return np.asarray(self._kinks(time, dense(time))[:, 0] + offsets)
+    def _stepped(self, solver: DOP853) -> bool:
+        """Whether a step leads to a finite state, which is taken."""
+        finite = _stepped(solver)
+        if finite:
+            self._time, self._state = solver.t, solver.y
+        return finite
 
     def _first_kink(self, start: float, end: float, dense: Any) -> float | None:
         """The first time in a step at which a kink changes its sign."""
-        last, before = start, self._watched(start, dense)
-        for look in start + _LOOKS * (end - start):
-            after = self._watched(look, dense)
-            crossed = np.flatnonzero(before * after < 0.0)
-            if crossed.size:
-                found = partial(brentq, a=last, b=look, xtol=1e-300, rtol=1e-15)
-                roots = [found(lambda t, one=one: self._watched(t, dense)[one]) for one in crossed.tolist()]
-                return float(min(roots))
-            last, before = look, after
-        return None
+        offsets = self._kinks.parameters[self._offsets]
+        crossings = _crossings(lambda t: self._kinks(t, dense(t)) + offsets, start, end)
+        return min((time for time, _, _ in crossings), default=None)
+
+
+def _stepped(solver: DOP853) -> bool:
+    """Whether a step leads to a finite state."""
+    solver.step()
+    return solver.status != "failed" and bool(np.isfinite(solver.y).all())
+
+
+def _crossings(
+    function: Callable[[float], Floats], start: float, end: float
+) -> Iterator[tuple[float, int, int]]:
+    """When and where values (k, lanes) of a function of time change their signs in a step."""
+    last, before = start, function(start)
+    for look in start + _LOOKS * (end - start):
+        after = function(look)
+        for row, lane in np.argwhere(before * after < 0.0).tolist():
+            beyond = partial(lambda t, row, lane: float(function(t)[row, lane]), row=row, lane=lane)
+            yield float(brentq(beyond, last, look, xtol=1e-300, rtol=1e-15)), row, lane
+        last, before = look, after
 
 
 def _absolute(state: Floats, rates: Floats, masses: int) -> Floats:
@@ -321,13 +322,13 @@ class DormandPrinceBatch:
         solver = DOP853(self._rates.flat, self._time, start, times[-1], **errors)
         reached = 0
         for _ in range(most_steps):
-            if solver.status != "running":
-                break
-            solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
+            if solver.status != "running" or not _stepped(solver):
                 break
             dense = solver.dense_output()
-            self._record(solver.t_old, solver.t, dense)
+            if self.crossings:
+                levels = partial(lambda t, dense: self._levels(t, dense(t)), dense=dense)
+                for time, level, lane in _crossings(levels, solver.t_old, solver.t):
+                    self.crossings[level].append((lane, time))
             passed = int(np.searchsorted(times, solver.t, side="right"))
             states[reached:passed] = dense(times[reached:passed]).T.reshape(-1, *shape)
             reached = passed
@@ -339,22 +340,6 @@ class DormandPrinceBatch:
         if not failed.any():
             failed[np.argmax(np.abs(self._state[: self._motion_size]).max(axis=0))] = True
         return states, failed
-
-    def _record(self, start: float, end: float, dense: Any) -> None:
-        """The crossings of the levels within a step."""
-        if not self.crossings:
-            return
-        last, before = start, self._levels(start, dense(start))
-        for look in start + _LOOKS * (end - start):
-            after = self._levels(look, dense(look))
-            for level, lane in np.argwhere(before * after < 0.0).tolist():
-
-                def beyond(t: float, at: tuple[int, int] = (level, lane)) -> float:
-                    return float(self._levels(t, dense(t))[at])
-
-                time = brentq(beyond, last, look, xtol=1e-300, rtol=1e-13)
-                self.crossings[level].append((lane, float(time)))
-            last, before = look, after
 
 
 @final

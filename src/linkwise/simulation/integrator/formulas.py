@@ -577,5 +577,5 @@ def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
             "periodic motion of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
             "wheels (Linux), or conda install heyoka.py"
         )
-    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.periods:HeyokaPhase")
+    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
     return kind(shape)
