@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
@@ -54,6 +55,16 @@ class ValidatedAnswer:
     exchanged: tuple[Cause, ...] = ()
     grade: Grade = Grade.EXPLAINED
     warning: str = ""
+
+    @property
+    def uncertain(self) -> tuple[Structure, Floats, Floats]:
+        """The structure with its uncertain coefficients as unknowns, their values (p,) in that order, and their covariance."""
+        posterior = self.posterior
+        if posterior is None or not posterior.names:
+            return self.structure, np.zeros(0), np.zeros((0, 0))
+        free = uncertain(posterior)
+        order = [posterior.names.index(parameter.name) for parameter in free.parameters]
+        return free, posterior.values[order], posterior.beside_terms_kept[np.ix_(order, order)]
 
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ValidatedAnswer:
