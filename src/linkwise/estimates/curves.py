@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
+from linkwise.errors import RecordError, StructureError
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate, true_motion
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Link, Structure
 from linkwise.records.truth import SimulationTruth
@@ -128,14 +128,10 @@ def _samples(estimate: Estimate, name: str, simulated: SimulationTruth | None) -
     index = [link.name for link in (simulated or estimate).structure.links].index(name)
     states, motion = link.zero_states, estimate.motion
     if simulated is not None:
-        truth, base = simulated.structure, simulated.base
-        rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)
-        d = truth.elongations(simulated.displacement, base)[:, index]
-        v = truth.elongations(simulated.velocity, rate)[:, index]
-        true_states = {key: simulated.states[f"{name}.{key}"] for key in truth.link(name).law.states}
-        signals = truth.link(name).law.signals
-        true_states |= {key: estimate.record.channel(f"signal:{key}") for key in signals}
-        force = truth.link(name).force(d, v, true_states)
+        true, (d, v) = simulated.structure.links[index], true_motion(estimate.record, index)
+        true_states = {key: simulated.states[f"{name}.{key}"] for key in true.law.states}
+        true_states |= {key: estimate.record.channel(f"signal:{key}") for key in true.law.signals}
+        force = true.force(d, v, true_states)
         known = {state: true_states.get(state, at_rest) for state, at_rest in states.items()}
         identified = link.force(d, v, known)
     elif motion.force is not None:
@@ -251,6 +247,19 @@ def fitted_channels(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
     names = [f"f:{link.name}" for link in motion.structure.links]
     forces = zip(names, motion.measured_force.T, motion.identified_force.T, strict=True)
     return {name: (a[: len(record)], b[: len(record)]) for name, a, b in forces if name in record.channels}
+
+
+def force_error(true: Floats, identified: Floats, link: str) -> float:
+    """The mean square of the difference of two forces (N,) over the variance of the true one, in %: the paper's Eq. 8.
+
+    Raises RecordError where that does not vary.
+    """
+    variance = float(np.var(true))
+    if variance == 0.0:
+        raise RecordError(
+            f'the true force of link "{link}" does not vary over the record, so no relative error exists'
+        )
+    return float(100.0 * np.mean((true - identified) ** 2) / variance)
 
 
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks

@@ -4,16 +4,15 @@ supply energy to the motion by more than their uncertainty, which no spring or d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate, LinkMotion
+from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
 from linkwise.model.named_laws import named_law_of
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Link, Structure
-from linkwise.registry import Registry
 
 _SIGNIFICANT = 3.0  # standard errors of the mean power: by chance once in 740 links that dissipate nothing
 _ROUNDING = 1e-12  # of the largest power
@@ -86,19 +85,9 @@ def bound_findings(parameters: Sequence[Parameter], free: Bools, structure: Stru
             yield f"{parameter.name} was stopped by its bound and has no interval; {advice}."
 
 
-def findings_of_links(
-    links: Sequence[tuple[int, LinkEstimate]], supplies: Mapping[str, float], motion: LinkMotion
-) -> Iterator[str]:
-    """Sentences on links, which are given with their numbers, from the mean power in W that some supply to the motion."""
-    for _, link in links:
-        yield from link_findings(link, supplies.get(link.link.name))
-    for number, link in links:
-        yield from energy_findings(link, motion.d[:, number], motion.v[:, number])
-
-
 def link_findings(link: LinkEstimate, supply: float | None) -> Iterator[str]:
     """Sentences on one identified link, which supplies a significant mean power in W to the motion, or None."""
-    for find in FINDINGS.values():
+    for find in (_extrapolated, _correlated, _insignificant):
         yield from find(link)
     if supply is not None:
         yield (
@@ -170,9 +159,3 @@ def _insignificant(link: LinkEstimate) -> Iterator[str]:
                 f"{coefficient.name} cannot be distinguished from zero: {coefficient.value:.3g} within ±{error:.2g} "
                 f"{coefficient.unit}."
             )
-
-
-FINDINGS: Registry[Callable[[LinkEstimate], Iterator[str]]] = Registry(
-    "finding", {"extrapolated": _extrapolated, "correlated": _correlated, "insignificant": _insignificant}
-)
-"""What is looked for in each identified link, in order: functions that yield sentences."""

@@ -16,6 +16,7 @@ from linkwise.display import NotebookView, align_columns, format_error, format_v
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, Name
 from linkwise.model.structure import Link, Structure
+from linkwise.records.record import Record
 
 T = TypeVar("T")
 
@@ -282,6 +283,15 @@ def moving_mass(structure: Structure, index: int) -> float:
     bodies = [(mass, part) for mass, part in column if structure.mass_names[mass] not in structure.modes]
     mobility = sum(part**2 / float(masses[mass]) for mass, part in bodies or column)
     return 1.0 / mobility if mobility else np.inf
+
+
+def true_motion(record: Record, index: int) -> tuple[Floats, Floats]:
+    """Elongations (N,) m and rates (N,) m/s of a link, number `index` of what was simulated, along its motion in a record."""
+    truth = record.simulated
+    assert truth is not None
+    base_rate = None if truth.base is None else np.gradient(truth.base, record.step)
+    d = truth.structure.elongations(truth.displacement, truth.base)[:, index]
+    return d, truth.structure.elongations(truth.velocity, base_rate)[:, index]
 
 
 _DENSE = 64  # masses up to which all link forces are solved for at once

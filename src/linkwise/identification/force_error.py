@@ -6,6 +6,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError, expect
+from linkwise.estimates.curves import force_error
 from linkwise.likelihood.rigs.problem import LinkPath
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link
@@ -61,13 +62,7 @@ def nmse(true: Link, estimated: Link, record: Record) -> float:
     expect("nmse(true, estimated, record): estimated", estimated, Link)
     expect("nmse(true, estimated, record): record", record, Record)
     forces = _forces_with_memory if true.law.states or estimated.law.states else _stiffness_forces
-    force, identified = forces(true, estimated, record)
-    variance = float(np.var(force))
-    if variance == 0.0:
-        raise RecordError(
-            f'the true force of link "{true.name}" does not vary over the record, so no relative error exists'
-        )
-    return float(100.0 * np.mean((force - identified) ** 2) / variance)
+    return force_error(*forces(true, estimated, record), true.name)
 
 
 def _stiffness_forces(true: Link, estimated: Link, record: Record) -> tuple[Floats, Floats]:
