@@ -53,7 +53,7 @@ from linkwise.model.structure_file import parse_structure as parse_structure
 from linkwise.model.structure_file import read_structure as read_structure
 from linkwise.model.structure_file import write_structure as write_structure
 from linkwise.records.record import Record as Record
-from linkwise.response.backbone import backbone as backbone
+from linkwise.response.free_motion import backbone as backbone
 from linkwise.response.respond import respond as respond
 from linkwise.simulation.simulate import simulate as simulate
 from linkwise.sindy.estimate import PhysicsInformedSindy as PhysicsInformedSindy
