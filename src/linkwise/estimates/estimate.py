@@ -32,7 +32,6 @@ from linkwise.estimates.causes import (
     SensorErrorEstimate,
     UnseenTerm,
 )
-from linkwise.estimates.findings import bound_findings, energy_findings, link_findings, supplied_power
 from linkwise.estimates.link_estimate import (
     COEFFICIENT_HEAD,
     NORMAL_95,
@@ -40,8 +39,12 @@ from linkwise.estimates.link_estimate import (
     DerivedQuantity,
     LinkEstimate,
     LinkMotion,
+    bound_findings,
     coefficient_row,
+    energy_findings,
+    link_findings,
     moving_mass,
+    supplied_power,
 )
 from linkwise.inspection.missing_samples import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
