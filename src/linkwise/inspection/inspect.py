@@ -9,8 +9,9 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
+from linkwise.inspection.levels.quantities import labels
 from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
-from linkwise.inspection.result import Alert, ChannelSummary, Inspection, labels
+from linkwise.inspection.result import Alert, ChannelSummary, Inspection
 from linkwise.inspection.samples import (
     clipped,
     dead,

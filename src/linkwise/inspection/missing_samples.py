@@ -14,7 +14,8 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.inspect import inspect
-from linkwise.inspection.result import Alert, labels
+from linkwise.inspection.levels.quantities import labels
+from linkwise.inspection.result import Alert
 from linkwise.inspection.samples import clipped_readings, clipped_samples, long_stays, spiked_samples
 from linkwise.records.channel import ClippedSamples
 from linkwise.records.record import Record
