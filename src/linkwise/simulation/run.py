@@ -27,7 +27,7 @@ from linkwise.display import near_miss
 from linkwise.errors import RecordError, SimulationError
 from linkwise.expression import Call, Expression, Power, walk
 from linkwise.model.excitation import Excitation, Sampled
-from linkwise.model.link import BASE, Link
+from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import KINDS, Channel
 from linkwise.records.channel_units import places_of, unit_in
@@ -359,20 +359,6 @@ _ROOT = (
 )
 
 
-def sticking(schedule: RunSchedule, time: float, link: Link | None) -> SimulationError:
-    """A law changes its branch without end at `time` in s; `link` is that of the law, None if unknown."""
-    subject = f"link {link.name!r} (law {link.law.text})" if link else "a law"
-    masses = schedule.structure.mass_names
-    mass = next((end for end in link.between if end in masses), None) if link else None
-    return SimulationError(
-        f"at {time:g} s {subject} sticks: its force jumps so that the motion is pushed back onto the jump from both sides, "
-        "and the equations of motion have no solution; replace the jump by a steep slope, such as F*tanh(v/s) with a small s "
-        "for F*sign(v)",
-        time,
-        mass,
-    )
-
-
 def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
     """The motion has gone too far at `time` in s, where displacements are the first n entries of `state` in m."""
     x = state[: schedule.structure.size]
@@ -441,6 +427,7 @@ _UNWATCHED_STEPS = 1
 MOST_STEPS = 4_000_000  # times masses between two output times before a run is given up
 _CROWD = 1000  # that many kinks ...
 _INSTANT = 1e-6  # ... within this fraction of the run are chatter
+_SEARCH = 100_000  # steps in the search for the last finite state
 _REST = 1e-3  # of the run: longest trial step of a structure at rest, whose own step is unlimited
 
 
@@ -660,18 +647,33 @@ class _Run:
         if time < end:
             self.leave_kinks(end)
 
-    def sticking(self, kink: int | None) -> Exception:
-        """The error of a law that changes its branch without end."""
-        link = None if kink is None else self.system.link_of(kink)
-        links = self.schedule.structure.links
-        return sticking(self.schedule, float(self.integrator.time), None if link is None else links[link])
+    def sticking(self, kink: int | None) -> SimulationError:
+        """The error of a law that changes its branch without end; `kink` is one of it, None if unknown."""
+        structure, time = self.schedule.structure, float(self.integrator.time)
+        number = None if kink is None else self.system.link_of(kink)
+        link = None if number is None else structure.links[number]
+        subject = f"link {link.name!r} (law {link.law.text})" if link else "a law"
+        masses = [end for end in (link.between if link else ()) if end in structure.mass_names]
+        return SimulationError(
+            f"at {time:g} s {subject} sticks: its force jumps so that the motion is pushed back onto the jump from both "
+            "sides, and the equations of motion have no solution; replace the jump by a steep slope, such as F*tanh(v/s) with "
+            "a small s for F*sign(v)",
+            time,
+            next(iter(masses), None),
+        )
 
-    def not_finite(self, start: float, state: Floats) -> Exception:
+    def not_finite(self, start: float, state: Floats) -> SimulationError:
         """The error of a state that is not finite, at the last time before."""
         if self.next > self.handed and self.times[self.next - 1] > start:
             start = float(self.times[self.next - 1])
             state = np.concatenate([part[self.next - 1 - self.first] for part in self.motion]) / SCALE
-        time, state = self.integrator.last_finite(start, state)
+        integrator, parameters = self.integrator, self.integrator.parameters
+        integrator.place(Placement(start, state, parameters))
+        for _ in range(_SEARCH):
+            time, state = float(integrator.time), integrator.state
+            outcome = integrator.propagate(self.schedule.stops[-1:], most_steps=1).outcome
+            if outcome in (Outcome.DONE, Outcome.NOT_FINITE) or not np.isfinite(integrator.state).all():
+                break
         state = np.asarray(state * SCALE, dtype=float)
         if np.abs(state[: 2 * self.schedule.structure.size]).max() > FARTHEST:
             return diverged(self.schedule, time, state)

@@ -33,7 +33,6 @@ _SMALL = 1e-3  # of the largest displacement, velocity or state: below, errors a
 _FLOOR = 1e-18 / SCALE  # in m and m/s: motion of no interest
 _LOOKS = np.array([0.25, 0.5, 0.75, 1.0])  # of a step, at which crossings are looked for
 _FIRST = 1e-3  # of the longest step that is tried: where nothing tells a better one
-_SEARCH = 100_000  # steps in the search for the last finite state
 
 
 @final
@@ -207,14 +206,6 @@ class DormandPrince:
             return self.state, self._time
         time = solver.t_old + fraction * (solver.t - solver.t_old)
         return solver.dense_output()(time), time
-
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        self._time, self._state = float(time), np.array(state, dtype=float)
-        solver = self._solver(np.inf, np.inf)
-        for _ in range(_SEARCH):
-            if solver is None or solver.status != "running" or not self._stepped(solver):
-                break
-        return self._time, self.state
 
     def _solver(self, end: float, longest: float) -> DOP853 | None:
         """A solver from here to a time; None where there is nothing to do."""

@@ -220,9 +220,6 @@ class Integrator(Protocol):
         Time and state move on by the whole step.
         """
 
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
-
 
 class BatchIntegrator(Protocol):
     """An integrator of several structures of one shape without kinks, each in a lane.

@@ -58,7 +58,6 @@ def use_own_cache() -> None:
 
 TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
 EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic, which stays far below its tolerance
-_SEARCH = 100_000  # steps in the search for the last finite state
 
 use_own_cache()
 heyoka.set_logger_level_critical()  # its warnings go to standard output; `Outcome` tells of a state that is not finite
@@ -172,16 +171,6 @@ class TaylorIntegrator:
         self._taylor.step(max_delta_t=longest, write_tc=True)
         time = start + fraction * float(self._taylor.last_h)
         return self._taylor.update_d_output(time).copy(), time
-
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
-        self._taylor.time, self._taylor.state[:] = self.dtype(time), state
-        for _ in range(_SEARCH):
-            outcome, _ = self._taylor.step()
-            if outcome == heyoka.taylor_outcome.err_nf_state or not np.all(np.isfinite(self._taylor.state)):
-                break
-            time, state = float(self._taylor.time), self.state
-        return time, state
 
 
 @dataclass(frozen=True)
