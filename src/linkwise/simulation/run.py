@@ -274,7 +274,13 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     """Raise SimulationError for an excitation that does not fit the structure, or ends before `end` in s."""
     for channel in released(structure, excitation):
         check_place(channel, structure, "a release")
-        _check_released(channel, structure)
+        host = next((host for host in structure.hosts if channel.place in host.points), None)
+        if host is not None:
+            raise SimulationError(
+                f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such "
+                f"as {channel.kind}:{host.coordinates[0]}, or give an impulse or a force",
+                mass=channel.place,
+            )
     for impulse in excitation.impulses:
         check_place(Channel("force", impulse.mass), structure, "an impulse")
         if impulse.time >= end:
@@ -313,17 +319,6 @@ def released(structure: Structure, excitation: Excitation) -> dict[Channel, floa
         message = f"unknown release {name!r}; expected a displacement, such as x:{example}, or a velocity, v:{example}"
         raise SimulationError(message)
     return release
-
-
-def _check_released(channel: Channel, structure: Structure) -> None:
-    """A point of a host moves as its modes do, so these are released."""
-    host = next((host for host in structure.hosts if channel.place in host.points), None)
-    if host is not None:
-        raise SimulationError(
-            f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such as "
-            f"{channel.kind}:{host.coordinates[0]}, or give an impulse or a force",
-            mass=channel.place,
-        )
 
 
 def check_place(channel: Channel, structure: Structure, where: str) -> None:
