@@ -134,16 +134,8 @@ class DormandPrince:
         self._kinks = _Evaluation([motion.kink_formulas[number] for number in watched], variables, size, 1)
         self._offsets = motion.layout.unwatched.start + np.array(watched, dtype=int)
         self._masses = motion.shape.masses
-        self._time, self._state = 0.0, np.zeros(len(variables))
+        self.time, self.state = 0.0, np.zeros(len(variables))
         self._step = 0.0  # s, the last one that was long enough for its error; 0 where there was none
-
-    @property
-    def time(self) -> float:
-        return self._time
-
-    @property
-    def state(self) -> NDArray[Any]:
-        return self._state.copy()
 
     @property
     def parameters(self) -> NDArray[Any]:
@@ -151,8 +143,8 @@ class DormandPrince:
 
     def place(self, placement: Placement) -> None:
         self.set_parameters(slice(None), placement.parameters)
-        self._time, self._state = float(placement.time), np.array(placement.state, dtype=float)
-        if self._time == 0.0:
+        self.time, self.state = float(placement.time), np.array(placement.state, dtype=float)
+        if self.time == 0.0:
             self._step = 0.0  # the same run takes the same steps
 
     def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
@@ -160,7 +152,7 @@ class DormandPrince:
         self._kinks.parameters[where, 0] = values
 
     def add_to_state(self, jump: NDArray[Any]) -> None:
-        self._state = self._state + jump
+        self.state = self.state + jump
 
     def propagate(
         self,
@@ -171,7 +163,7 @@ class DormandPrince:
         log: list[float] | None = None,
     ) -> Propagation:
         times = np.asarray(times, dtype=float)
-        states, reached, steps = np.empty((len(times), len(self._state))), 0, 0
+        states, reached, steps = np.empty((len(times), len(self.state))), 0, 0
         solver = self._solver(float(times[-1]), longest_step)
         while solver is not None and solver.status == "running":
             if most_steps and steps == most_steps:
@@ -185,42 +177,42 @@ class DormandPrince:
             dense = solver.dense_output() if watched or times[reached] <= solver.t else None
             kink = self._first_kink(solver.t_old, solver.t, dense) if watched else None
             if dense is not None and kink is not None:
-                self._time, self._state = kink, dense(kink)
+                self.time, self.state = kink, dense(kink)
             if log is not None:
-                log.append(self._time)
-            passed = int(np.searchsorted(times, self._time, side="right"))
+                log.append(self.time)
+            passed = int(np.searchsorted(times, self.time, side="right"))
             if dense is not None and passed > reached:
                 states[reached:passed] = dense(times[reached:passed]).T
-                states[reached:passed][times[reached:passed] == self._time] = self._state
+                states[reached:passed][times[reached:passed] == self.time] = self.state
                 reached = passed
             if kink is not None:
                 return Propagation(states[:reached], steps, Outcome.KINK)
         if solver is None:
-            states[:] = self._state
+            states[:] = self.state
         return Propagation(states, steps, Outcome.DONE)
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
         self._step = self._step or _FIRST * longest
-        solver = self._solver(self._time + longest, np.inf)
+        solver = self._solver(self.time + longest, np.inf)
         if solver is None or not self._stepped(solver):
-            return self.state, self._time
+            return self.state, self.time
         time = solver.t_old + fraction * (solver.t - solver.t_old)
         return solver.dense_output()(time), time
 
     def _solver(self, end: float, longest: float) -> DOP853 | None:
         """A solver from here to a time; None where there is nothing to do."""
-        if not end > self._time:
+        if not end > self.time:
             return None
-        absolute = _absolute(self._state, self._rates.flat(self._time, self._state), self._masses)
-        first = min(self._step, longest, end - self._time) if self._step else None
+        absolute = _absolute(self.state, self._rates.flat(self.time, self.state), self._masses)
+        first = min(self._step, longest, end - self.time) if self._step else None
         options = {"max_step": longest, "first_step": first, "rtol": _TOLERANCE, "atol": absolute}
-        return DOP853(self._rates.flat, self._time, self._state, end, **options)
+        return DOP853(self._rates.flat, self.time, self.state, end, **options)
 
     def _stepped(self, solver: DOP853) -> bool:
         """Whether a step leads to a finite state, which is taken."""
         finite = _stepped(solver)
         if finite:
-            self._time, self._state = solver.t, solver.y
+            self.time, self.state = solver.t, solver.y
         return finite
 
     def _first_kink(self, start: float, end: float, dense: Any) -> float | None:
@@ -280,15 +272,11 @@ class DormandPrinceBatch:
             for number, link in enumerate(watched)
         ]
         self._levels = _Evaluation(levels, variables, size, lanes)
-        self._masses, self._time = motion.shape.masses, 0.0
-        self._state = np.zeros((len(equations), lanes))
-
-    @property
-    def state(self) -> Floats:
-        return self._state.copy()
+        self._masses, self.time = motion.shape.masses, 0.0
+        self.state = np.zeros((len(equations), lanes))
 
     def place(self, state: Floats, parameters: Floats) -> None:
-        self._time = 0.0
+        self.time = 0.0
         self.set_parameters(slice(None), parameters)
         self.set_state(state)
         for crossings in self.crossings:
@@ -299,18 +287,18 @@ class DormandPrinceBatch:
         self._levels.parameters[where] = values
 
     def set_state(self, state: Floats) -> None:
-        self._state = np.array(state, dtype=float)
+        self.state = np.array(state, dtype=float)
 
     def propagate(self, times: Floats, most_steps: int) -> tuple[Floats, Bools]:
-        times, shape = np.asarray(times, dtype=float), self._state.shape
+        times, shape = np.asarray(times, dtype=float), self.state.shape
         states = np.full((len(times), *shape), np.nan)
         absolute = np.full(shape, np.inf)  # of energies
-        rates = self._rates(self._time, self._state)
+        rates = self._rates(self.time, self.state)
         for lane in range(shape[1]):
             of_motion = slice(self._motion_size), lane
-            absolute[of_motion] = _absolute(self._state[of_motion], rates[of_motion], self._masses)
-        start, errors = self._state.ravel(), {"rtol": _TOLERANCE, "atol": absolute.ravel()}
-        solver = DOP853(self._rates.flat, self._time, start, times[-1], **errors)
+            absolute[of_motion] = _absolute(self.state[of_motion], rates[of_motion], self._masses)
+        start, errors = self.state.ravel(), {"rtol": _TOLERANCE, "atol": absolute.ravel()}
+        solver = DOP853(self._rates.flat, self.time, start, times[-1], **errors)
         reached = 0
         for _ in range(most_steps):
             if solver.status != "running" or not _stepped(solver):
@@ -323,13 +311,13 @@ class DormandPrinceBatch:
             passed = int(np.searchsorted(times, solver.t, side="right"))
             states[reached:passed] = dense(times[reached:passed]).T.reshape(-1, *shape)
             reached = passed
-        self._time, self._state = float(solver.t), solver.y.reshape(shape).copy()
+        self.time, self.state = float(solver.t), solver.y.reshape(shape).copy()
         if reached == len(times):
-            states[-1] = self._state
+            states[-1] = self.state
             return states, np.zeros(shape[1], dtype=bool)
-        failed = np.array(~np.isfinite(self._rates(self._time, self._state)).all(axis=0))
+        failed = np.array(~np.isfinite(self._rates(self.time, self.state)).all(axis=0))
         if not failed.any():
-            failed[np.argmax(np.abs(self._state[: self._motion_size]).max(axis=0))] = True
+            failed[np.argmax(np.abs(self.state[: self._motion_size]).max(axis=0))] = True
         return states, failed
 
 
