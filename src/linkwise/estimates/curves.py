@@ -359,17 +359,9 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     for harmonic, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
         weight = 2.0 * harmonic / _POINTS
         value = partials.force @ weight / unit
-        results += [value, _band(value, (slopes @ weight / unit).T, link)]
+        half = NORMAL_95 * link.deviation(slopes @ weight / unit)
+        results += [value, np.stack([value - half, value + half], axis=1)]
     return Equivalent(a, *results)
-
-
-def _band(value: Floats, gradient: Floats, link: LinkEstimate) -> Floats:
-    """(A, 2) ends of the 95 % band by the delta method."""
-    if link.covariance is None and link.free:
-        return np.full((len(value), 2), np.nan)
-    covariance = np.zeros((0, 0)) if link.covariance is None else link.covariance
-    half = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", gradient, covariance, gradient), 0.0))
-    return np.stack([value - half, value + half], axis=1)
 
 
 _PARTS = 24

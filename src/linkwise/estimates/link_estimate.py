@@ -194,16 +194,28 @@ class LinkEstimate(NotebookView):
         """
         d = np.asarray(d, dtype=float)
         force = self.link.force(d, 0.0, self.link.zero_states)
-        if not self.free:
-            return force, force, force
-        if self.covariance is None:
-            undefined = np.full(force.shape, np.nan)
-            return force, undefined, undefined
         slopes = self.link.law.partials(d, 0.0, {**self.link.values, **self.link.zero_states}).by_coefficient
-        gradient = np.stack([np.broadcast_to(slopes[name], d.shape) for name in self.free])
-        variance = np.einsum("i...,ij,j...->...", gradient, self.covariance, gradient)
-        half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+        gradient = np.array([np.broadcast_to(slopes[name], d.shape) for name in self.free])
+        half = NORMAL_95 * self.deviation(gradient.reshape(len(self.free), *d.shape))
         return force, force - half, force + half
+
+    def deviation(self, gradient: Floats) -> Floats:
+        """The standard deviation of quantities that follow from the unknown coefficients, by the delta method.
+
+        Parameters
+        ----------
+        gradient : array of shape (q, ...)
+            Their derivatives by these coefficients.
+
+        Returns
+        -------
+        array of shape (...)
+            The standard deviations, 0 where nothing is unknown, NaN without a covariance.
+        """
+        if self.covariance is None:
+            return np.full(gradient.shape[1:], np.nan if self.free else 0.0)
+        variance = np.einsum("i...,ij,j...->...", gradient, self.covariance, gradient)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     @cached_property
     def kind(self) -> str:
@@ -247,16 +259,13 @@ class LinkEstimate(NotebookView):
 
     def _derived(self, name: str, unit: str, value: float, of: Callable[[Link], float]) -> DerivedQuantity:
         """A derived quantity by the delta method, with a gradient by central differences."""
-        if self.covariance is None or not self.free:
-            return DerivedQuantity(name, value, unit, None if self.free else (value, value))
-        steps: Floats = _STEP * np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         gradient = np.zeros(len(self.free))
-        for i, coefficient in enumerate(self.free):
-            if steps[i] > 0.0:
-                sides = [of(self._perturbed(coefficient, sign * steps[i])) for sign in (1.0, -1.0)]
-                gradient[i] = (sides[0] - sides[1]) / (2.0 * steps[i])
-        variance = float(gradient @ self.covariance @ gradient)
-        half = NORMAL_95 * float(np.sqrt(max(variance, 0.0)))
+        variances = np.zeros(len(self.free)) if self.covariance is None else self.covariance.diagonal()
+        for i, step in enumerate((_STEP * np.sqrt(np.maximum(variances, 0.0))).tolist()):
+            if step > 0.0:
+                sides = [of(self._perturbed(self.free[i], sign * step)) for sign in (1.0, -1.0)]
+                gradient[i] = (sides[0] - sides[1]) / (2.0 * step)
+        half = NORMAL_95 * float(self.deviation(gradient))
         return DerivedQuantity(name, value, unit, (value - half, value + half) if np.isfinite(half) else None)
 
     def _perturbed(self, coefficient: str, step: float) -> Link:
@@ -424,7 +433,7 @@ def supplying_time(link: LinkEstimate, d: Floats, v: Floats) -> float:
     if link.covariance is None or not link.free or not link.link.law.is_plain:
         return 0.0
     power, slopes = _dissipated(link.link, link.free, d, v)
-    deviation = np.sqrt(np.maximum(np.einsum("ir,ij,jr->r", slopes, link.covariance, slopes), 0.0))
+    deviation = link.deviation(slopes)
     part = float(np.mean((deviation > 0.0) & (power < -NORMAL_95 * deviation)))
     return part if part > _OF_THE_TIME else 0.0
 

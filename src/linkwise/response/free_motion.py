@@ -30,7 +30,7 @@ from linkwise.records.record import Record
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
 from linkwise.response.options import Answer, AskedStructure, shown_channels
-from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, run_time_parameters
+from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows
 from linkwise.simulation.energy import kinetic_energy, potential_energy
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
@@ -39,6 +39,7 @@ from linkwise.simulation.integrator.formulas import (
     compiled_system,
     phase_integrator,
 )
+from linkwise.simulation.run import run_time_parameters
 from linkwise.verdict import Verdict
 
 

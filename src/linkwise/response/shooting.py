@@ -19,14 +19,13 @@ from linkwise.response.continuation import Point
 from linkwise.response.options import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
-    SCALE,
-    ParameterLayout,
     PhaseIntegrator,
     SystemShape,
     compiled_system,
     input_symbols,
     phase_integrator,
 )
+from linkwise.simulation.run import run_time_parameters
 
 SAMPLES = 256  # of a turn
 _FINER = 8  # times as many samples between which peaks are looked for
@@ -34,15 +33,6 @@ _COARSE = 16  # the same where the size of a motion is all that is asked
 _FREQUENCY = 0.2  # of omega: its size, so that steps along a curve are a few per cent of it
 _RANGE = 6.0  # the same as a part of the range of omega
 _LEAST = 1e-12  # m: a motion that is smaller has this size
-
-
-def run_time_parameters(structure: Structure, layout: ParameterLayout) -> Floats:
-    """The parameters (P,) of a structure, those of inputs left at 0."""
-    parameters = np.zeros(layout.size)
-    laws = zip(structure.links, layout.coefficients, strict=True)
-    parameters[layout.values] = [link.values[name] for link, names in laws for name in names]
-    parameters[layout.inverse_masses] = 1.0 / (structure.mass_values * SCALE)
-    return parameters
 
 
 def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:

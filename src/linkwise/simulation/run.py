@@ -132,19 +132,24 @@ class RunSchedule:
             columns += [edges[piece, None], _without_rounding(edges, coefficients)[piece]]
         return np.hstack(columns)
 
-    def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
-        """All run-time parameters (P,) except branches and pieces; in extended precision a number is what its decimals say."""
-        laws = zip(self.structure.links, layout.coefficients, strict=True)
-        coefficients: list[Any] = [link.values[name] for link, names in laws for name in names]
-        masses: NDArray[Any] = np.asarray(self.structure.mass_values)
-        if kind is not np.float64:
-            coefficients = [kind(repr(float(value))) for value in coefficients]
-            masses = np.array([kind(repr(float(mass))) for mass in masses])
-        values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
-        values[layout.values] = coefficients
-        values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
-        values[layout.branches] = 1.0
-        return values
+
+def run_time_parameters(
+    structure: Structure, layout: ParameterLayout, kind: type = np.float64
+) -> NDArray[Any]:
+    """The run-time parameters (P,) of a structure, those of inputs 0; in extended precision a number is what its decimals
+    say.
+    """
+    laws = zip(structure.links, layout.coefficients, strict=True)
+    coefficients: list[Any] = [link.values[name] for link, names in laws for name in names]
+    masses: NDArray[Any] = np.asarray(structure.mass_values)
+    if kind is not np.float64:
+        coefficients = [kind(repr(float(value))) for value in coefficients]
+        masses = np.array([kind(repr(float(mass))) for mass in masses])
+    values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
+    values[layout.values] = coefficients
+    values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
+    values[layout.branches] = 1.0
+    return values
 
 
 def _without_rounding(edges: Floats, coefficients: Floats) -> Floats:
@@ -498,7 +503,7 @@ class _Run:
 
     def place(self, integrator: Integrator, time: Time, state: Floats) -> None:
         """Start an integrator of any precision from the current time and state."""
-        parameters = self.schedule.parameters(self.system.layout, integrator.dtype)
+        parameters = run_time_parameters(self.schedule.structure, self.system.layout, integrator.dtype)
         integrator.place(Placement(time, state, parameters))
 
     @np.errstate(over="ignore", invalid="ignore")  # what goes too far or is not finite is refused
