@@ -17,7 +17,7 @@ import scipy
 from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior
+from linkwise.estimates.uncertainty import Posterior, covariance_root
 from linkwise.identification.validation.answer import (
     LEVEL,
     ValidatedAnswer,
@@ -413,10 +413,7 @@ def _burn_samples(record: Record, burn: float | None) -> int:
 
 def _predictor(record: Record, given: ValidatedAnswer, sigma: Floats, law_error: float) -> WindowPredictor:
     free, values, covariance = given.uncertain
-    scale = np.where(np.diag(covariance) > 0.0, np.sqrt(np.abs(np.diag(covariance))), 1.0)
-    size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
-    return WindowPredictor(record, free, values, root, sigma, law_error)
+    return WindowPredictor(record, free, values, covariance_root(covariance), sigma, law_error)
 
 
 def _like(record: Record, values: Floats, label: str) -> Record:
