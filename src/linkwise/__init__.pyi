@@ -34,8 +34,8 @@ from linkwise.export.answer import export_answer as export_answer
 from linkwise.files import read_record as read_record
 from linkwise.files import write_record as write_record
 from linkwise.identification.best_test import best_test as best_test
-from linkwise.identification.force_error import nmse as nmse
 from linkwise.identification.identify import identify as identify
+from linkwise.identification.identify import nmse as nmse
 from linkwise.identification.limit import limit as limit
 from linkwise.identification.validation.result import Validation as Validation
 from linkwise.identification.validation.validate import validate as validate

@@ -46,7 +46,7 @@ from linkwise.estimates.link_estimate import (
     moving_mass,
     supplied_power,
 )
-from linkwise.inspection.missing_samples import EstimatedError, unanswered_alerts
+from linkwise.inspection.inspect import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.coefficient import MASS, SHAPE, Name
 from linkwise.model.host import is_between_modes

@@ -20,7 +20,7 @@ from linkwise.display import format_percent
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
-from linkwise.inspection.missing_samples import mark_missing, marked_samples
+from linkwise.inspection.inspect import mark_missing, marked_samples
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
