@@ -34,8 +34,8 @@ from linkwise.export.answer import export_answer as export_answer
 from linkwise.files import read_record as read_record
 from linkwise.files import write_record as write_record
 from linkwise.identification.best_test import best_test as best_test
-from linkwise.identification.force_error import nmse as nmse
 from linkwise.identification.identify import identify as identify
+from linkwise.identification.identify import nmse as nmse
 from linkwise.identification.limit import limit as limit
 from linkwise.identification.validation.result import Validation as Validation
 from linkwise.identification.validation.validate import validate as validate
@@ -53,7 +53,7 @@ from linkwise.model.structure_file import parse_structure as parse_structure
 from linkwise.model.structure_file import read_structure as read_structure
 from linkwise.model.structure_file import write_structure as write_structure
 from linkwise.records.record import Record as Record
-from linkwise.response.backbone import backbone as backbone
+from linkwise.response.free_motion import backbone as backbone
 from linkwise.response.respond import respond as respond
 from linkwise.simulation.simulate import simulate as simulate
 from linkwise.sindy.estimate import PhysicsInformedSindy as PhysicsInformedSindy

@@ -15,8 +15,7 @@ from linkwise.simulation.simulate import simulate
 from linkwise.sindy.conventions import CONVENTIONS, MEANING, Convention, noisy_states
 from linkwise.sindy.force_reading import READINGS, Reading, monomial_force, monomial_nmse
 from linkwise.sindy.library import monomial_equations
-from linkwise.sindy.regression.regressor import RegressionFit
-from linkwise.sindy.regression.regressors import LeastSquares
+from linkwise.sindy.regression.regressor import LeastSquares, RegressionFit
 
 CHAIN = bnes_chain(4)
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
+from linkwise.errors import RecordError, StructureError
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate
+from linkwise.estimates.link_estimate import NORMAL_95, LinkEstimate, true_motion
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Link, Structure
 from linkwise.records.record import SimulationTruth
@@ -128,14 +128,10 @@ def _samples(estimate: Estimate, name: str, simulated: SimulationTruth | None) -
     index = [link.name for link in (simulated or estimate).structure.links].index(name)
     states, motion = link.zero_states, estimate.motion
     if simulated is not None:
-        truth, base = simulated.structure, simulated.base
-        rate = None if base is None else np.gradient(base, 1.0 / estimate.record.rate)
-        d = truth.elongations(simulated.displacement, base)[:, index]
-        v = truth.elongations(simulated.velocity, rate)[:, index]
-        true_states = {key: simulated.states[f"{name}.{key}"] for key in truth.link(name).law.states}
-        signals = truth.link(name).law.signals
-        true_states |= {key: estimate.record.channel(f"signal:{key}") for key in signals}
-        force = truth.link(name).force(d, v, true_states)
+        true, (d, v) = simulated.structure.links[index], true_motion(estimate.record, index)
+        true_states = {key: simulated.states[f"{name}.{key}"] for key in true.law.states}
+        true_states |= {key: estimate.record.channel(f"signal:{key}") for key in true.law.signals}
+        force = true.force(d, v, true_states)
         known = {state: true_states.get(state, at_rest) for state, at_rest in states.items()}
         identified = link.force(d, v, known)
     elif motion.force is not None:
@@ -253,6 +249,19 @@ def fitted_channels(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
     return {name: (a[: len(record)], b[: len(record)]) for name, a, b in forces if name in record.channels}
 
 
+def force_error(true: Floats, identified: Floats, link: str) -> float:
+    """The mean square of the difference of two forces (N,) over the variance of the true one, in %: the paper's Eq. 8.
+
+    Raises RecordError where that does not vary.
+    """
+    variance = float(np.var(true))
+    if variance == 0.0:
+        raise RecordError(
+            f'the true force of link "{link}" does not vary over the record, so no relative error exists'
+        )
+    return float(100.0 * np.mean((true - identified) ** 2) / variance)
+
+
 _POINTS = 512  # of a cycle: exact for polynomials, and 1e-5 for laws with kinks
 
 
@@ -350,17 +359,9 @@ def equivalent(link: LinkEstimate, amplitude: ArrayLike, frequency: float) -> Eq
     for harmonic, unit in ((np.sin(phase), a), (np.cos(phase), a * omega)):
         weight = 2.0 * harmonic / _POINTS
         value = partials.force @ weight / unit
-        results += [value, _band(value, (slopes @ weight / unit).T, link)]
+        half = NORMAL_95 * link.deviation(slopes @ weight / unit)
+        results += [value, np.stack([value - half, value + half], axis=1)]
     return Equivalent(a, *results)
-
-
-def _band(value: Floats, gradient: Floats, link: LinkEstimate) -> Floats:
-    """(A, 2) ends of the 95 % band by the delta method."""
-    if link.covariance is None and link.free:
-        return np.full((len(value), 2), np.nan)
-    covariance = np.zeros((0, 0)) if link.covariance is None else link.covariance
-    half = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", gradient, covariance, gradient), 0.0))
-    return np.stack([value - half, value + half], axis=1)
 
 
 _PARTS = 24

@@ -32,7 +32,6 @@ from linkwise.estimates.causes import (
     SensorErrorEstimate,
     UnseenTerm,
 )
-from linkwise.estimates.findings import bound_findings, findings_of_links, supplied_power
 from linkwise.estimates.link_estimate import (
     COEFFICIENT_HEAD,
     NORMAL_95,
@@ -40,10 +39,14 @@ from linkwise.estimates.link_estimate import (
     DerivedQuantity,
     LinkEstimate,
     LinkMotion,
+    bound_findings,
     coefficient_row,
+    energy_findings,
+    link_findings,
     moving_mass,
+    supplied_power,
 )
-from linkwise.inspection.missing_samples import EstimatedError, unanswered_alerts
+from linkwise.inspection.inspect import EstimatedError, unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.coefficient import MASS, SHAPE, Name
 from linkwise.model.host import is_between_modes
@@ -357,8 +360,14 @@ class Estimate(JudgedView):
         """Sentences on what is wrong with the records or cannot be determined; empty where there is nothing to say."""
         bounds = bound_findings(self.parameters, self.free, self.given_structure)
         judged = [(number, self._every_link[number]) for number, _ in self._judged]
-        sentences = findings_of_links(judged, self.supplies, self.motion)
-        return (*map(str, self.alerts), *self._of_added, *self.remarks, *bounds, *sentences)
+        of_links = (
+            one for _, link in judged for one in link_findings(link, self.supplies.get(link.link.name))
+        )
+        d, v = self.motion.d, self.motion.v
+        of_energy = (
+            one for number, link in judged for one in energy_findings(link, d[:, number], v[:, number])
+        )
+        return (*map(str, self.alerts), *self._of_added, *self.remarks, *bounds, *of_links, *of_energy)
 
     @property
     def _of_added(self) -> tuple[str, ...]:

@@ -149,14 +149,11 @@ class Posterior:
         """
         if count < 0 or seed < 0:
             raise IdentificationError(f"count and seed must not be negative, got {count} and {seed}")
-        scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        unit = np.where(scale > 0.0, scale, 1.0)
-        values, vectors = np.linalg.eigh(self.covariance / np.outer(unit, unit))
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        root = covariance_root(self.covariance)
         rng = np.random.default_rng(seed)
         accepted = np.empty((0, len(self.names)))
         for _ in range(_TRIES):
-            proposed = self.values + (rng.standard_normal((count, len(self.names))) @ root.T) * unit
+            proposed = self.values + rng.standard_normal((count, len(self.names))) @ root.T
             inside = np.all((proposed >= self.lower) & (proposed <= self.upper), axis=1)
             accepted = np.vstack([accepted, proposed[inside]])
             if len(accepted) >= count:
@@ -188,6 +185,14 @@ class Posterior:
         """
         drawn = self.draws(draws, seed)
         return {str(name): drawn[None, :, number] for number, name in enumerate(self.names)}
+
+
+def covariance_root(covariance: Floats) -> Floats:
+    """The root R (p, p) of a covariance R R', by that of the correlations; of one that is not positive the nearest."""
+    unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit[unit == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def write_covariance(posterior: Posterior, path: Path) -> None:

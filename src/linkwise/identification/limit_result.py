@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike
 from linkwise.arrays import Floats
 from linkwise.display import JudgedView, align_columns, enumerated, format_value, listed
 from linkwise.errors import IdentificationError
-from linkwise.estimates.link_estimate import NORMAL_95, CoefficientEstimate, LinkEstimate
+from linkwise.estimates.link_estimate import (
+    NORMAL_95,
+    CoefficientEstimate,
+    LinkEstimate,
+    moving_mass,
+    true_motion,
+)
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.likelihood.rigs.problem import LinkPath
 from linkwise.model.coefficient import Name
@@ -293,10 +299,7 @@ class Limit(JudgedView):
         return "\n\n".join(blocks)
 
     def _link(self, index: int) -> LinkLimit:
-        link = self.structure.links[index]
-        truth = self.record.simulated
-        assert truth is not None
-        d = self.structure.elongations(truth.displacement, truth.base)[:, index]
+        link, (d, v) = self.structure.links[index], true_motion(self.record, index)
         if link.law.states:
             path, names = true_path(link, index, self.record), link.law.coefficients
             force, slopes = path.force(), path.tangents(names).by_unknowns()
@@ -306,18 +309,15 @@ class Limit(JudgedView):
         power, mean = float(np.var(force)), float(np.mean(deviation**2))
         with np.errstate(divide="ignore"):
             nmse = float(100.0 * np.divide(mean, power)) if mean > 0.0 else 0.0
-        return LinkLimit(link.name, nmse, float(np.sqrt(mean)), self._estimate(index, d))
+        return LinkLimit(link.name, nmse, float(np.sqrt(mean)), self._estimate(index, d, v))
 
-    def _estimate(self, index: int, d: Floats) -> LinkEstimate:
-        link, truth = self.structure.links[index], self.record.simulated
-        assert truth is not None
-        rate = np.gradient(d, self.record.step)
+    def _estimate(self, index: int, d: Floats, v: Floats) -> LinkEstimate:
+        link = self.structure.links[index]
         members = [(p.members, column) for column, p in enumerate(self.parameters)]
         columns = {key: column for own, column in members for member, key in own if member == index}
         free = tuple(key for key in link.coefficients if key in columns)
         selected = [columns[key] for key in free]
         covariance, errors = self.covariance[np.ix_(selected, selected)], self.standard_errors[selected]
-        masses, column = self.structure.mass_values, self.structure.topology.columns[index]
         return LinkEstimate(
             link=link,
             coefficients=tuple(
@@ -325,20 +325,17 @@ class Limit(JudgedView):
                 for key, error in zip(free, errors.tolist(), strict=True)
             ),
             d_range=(float(d.min()), float(d.max())),
-            v_range=(float(rate.min()), float(rate.max())),
+            v_range=(float(v.min()), float(v.max())),
             free=free,
             covariance=covariance if np.isfinite(covariance).all() else None,
-            moving_mass=1.0 / sum(part**2 / masses[mass] for mass, part in column),
+            moving_mass=moving_mass(self.structure, index),
         )
 
 
 def true_path(link: Link, index: int, record: Record) -> LinkPath:
     """A link, number `index` of its structure, along the motion of a simulated record."""
-    truth = record.simulated
+    truth, (d, v) = record.simulated, true_motion(record, index)
     assert truth is not None
-    base_rate = None if truth.base is None else np.gradient(truth.base, record.step)
-    d = truth.structure.elongations(truth.displacement, truth.base)[:, index]
-    v = truth.structure.elongations(truth.velocity, base_rate)[:, index]
     states = [truth.states[f"{link.name}.{name}"] for name in link.law.states]
     ordered = tuple(link.values[name] for name in link.law.coefficients)
     inside = np.stack(states, axis=1) if states else np.zeros((len(d), 0))

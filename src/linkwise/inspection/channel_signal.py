@@ -89,17 +89,17 @@ def _frequencies(block: int, rate: float) -> Floats:
 def _transformed(values: Floats) -> NDArray[np.complex128]:
     """Fourier transforms (B, F) of the blocks of samples (N,); importing `scipy.signal` takes longer than an answer does."""
     first, block, window = _blocks(len(values))
-    frames = _without_gaps(values)[first[:, None] + np.arange(block)] * window
+    filled = _bridged(values)
+    frames = (filled - filled.mean())[first[:, None] + np.arange(block)] * window
     return np.fft.rfft(frames, axis=1)
 
 
-def _without_gaps(values: Floats) -> Floats:
-    """Samples (N,) less their mean, with straight lines over missing ones; zeros where all are missing."""
+def _bridged(values: Floats) -> Floats:
+    """Samples (N,) with straight lines over missing ones; zeros where all are missing."""
     present = np.flatnonzero(~np.isnan(values))
     if not len(present):
         return np.zeros(len(values))
-    filled = np.interp(np.arange(len(values)), present, values[present])
-    return np.asarray(filled - filled.mean())
+    return np.interp(np.arange(len(values)), present, values[present])
 
 
 def _blocks(count: int) -> tuple[Indices, int, Floats]:
@@ -234,10 +234,7 @@ class ChannelSignal:
     @cached_property
     def filled(self) -> Floats:
         """Samples (N,) with gaps bridged by lines; zeros for a channel without samples."""
-        if not self.observed.size:
-            return np.zeros(len(self.values))
-        index = np.arange(len(self.values))
-        return np.interp(index, index[self.present], self.observed)
+        return _bridged(self.values)
 
     @cached_property
     def levels(self) -> Floats:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from linkwise.display import JudgedView, align_columns, remark_lines
 from linkwise.errors import RecordError
-from linkwise.inspection.levels.result import LevelComparison
+from linkwise.inspection.levels.compare import LevelComparison
+from linkwise.inspection.levels.quantities import labels
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
 
@@ -252,15 +252,6 @@ class Inspection(JudgedView):
             ],
             **({} if self.levels is None else {"levels": self.levels.to_dict()}),
         }
-
-
-def labels(records: Sequence[Record], kind: str = "record") -> tuple[str, ...]:
-    """A name for each record: its source, or its kind and number where it has none or shares it."""
-    sources = [record.source for record in records]
-    return tuple(
-        source if source and sources.count(source) == 1 else f"{kind} {number}"
-        for number, source in enumerate(sources, start=1)
-    )
 
 
 HEAD = (

@@ -92,11 +92,11 @@ _FLAT = 0.5
 def clipped(signals: RecordSignals) -> Iterator[Alert]:
     """Alerts of channels with samples at an end of their range."""
     for signal in signals.moving:
-        ends = _clipped_ends(signal)
+        ends = {value: int(np.sum(signal.observed == value)) for value, _ in rails(signal)}
         if not ends:
             continue
-        total = sum(count for count, _ in ends)
-        where = " and ".join(f"{count} at {value:.4g} {signal.unit}" for count, value in ends)
+        total = sum(ends.values())
+        where = " and ".join(f"{count} at {value:.4g} {signal.unit}" for value, count in ends.items())
         message = (
             f"{total} samples are at the end of the range ({where}): the sensor or the amplifier was overloaded, and "
             "stiffness and damping at large motion come out wrong; mark these samples as missing (mark_missing), or measure "
@@ -155,36 +155,32 @@ def long_stays(signal: ChannelSignal, marked: Bools) -> list[slice]:
 
 def rails(signal: ChannelSignal) -> tuple[tuple[float, float], ...]:
     """The values at which samples are clipped, each with the side of it that the motion was beyond, 1 above and -1 below."""
-    return tuple((value, 1.0 if value == signal.levels[-1] else -1.0) for _, value in _clipped_ends(signal))
+    ends = zip(signal.levels[[0, -1]].tolist(), (-1.0, 1.0), strict=True)
+    clipped = tuple((value, side) for value, side in ends if _cuts_off(signal, value))
+    at_ends = np.isin(signal.observed, [value for value, _ in clipped])
+    return clipped if np.mean(at_ends) <= _FLAT else ()
 
 
-def _clipped_ends(signal: ChannelSignal) -> list[tuple[int, float]]:
-    """The ends of the range at which samples are clipped, each with their number."""
-    range_ = float(signal.levels[0]), float(signal.levels[-1])
-    ends = [(count, value) for value in range_ if (count := _at_end(signal, value))]
-    return ends if sum(count for count, _ in ends) <= _FLAT * len(signal.observed) else []
-
-
-def _at_end(signal: ChannelSignal, value: float) -> int:
-    """Samples at an end of the range, 0 where it is not an end that cuts a motion off."""
+def _cuts_off(signal: ChannelSignal, value: float) -> bool:
+    """Whether an end of the range cuts a motion off."""
     filled = signal.filled
     at = (filled == value) & signal.present
     count = int(at.sum())
     if count < _FEWEST or len(signal.levels) < 8 or not np.any(at[1:] & at[:-1]):
-        return 0
+        return False
     if np.median(np.abs(filled - value)) <= 0.02 * (signal.levels[-1] - signal.levels[0]):
-        return 0  # a signal that starts from or decays to this level
+        return False  # a signal that starts from or decays to this level
     grain = float(signal.grain[np.argmax(at)])
     near = (np.abs(filled - value) < 1.5 * grain) & ~at
     if grain > _FINE * (signal.levels[-1] - signal.levels[0]) and count < _CROWDED * max(int(near.sum()), 1):
-        return 0
+        return False
     entered = np.flatnonzero(at[1:] & ~at[:-1])  # the last sample before each plateau
     before = entered[entered > 0]
     if not before.size:
-        return 0
+        return False
     # a motion that comes to rest slows down before, one that is cut off does not
     slope = np.median(np.abs(filled[before] - filled[before - 1]))
-    return count if slope > 2.0 * grain else 0
+    return bool(slope > 2.0 * grain)
 
 
 _NEIGHBOURS = np.array([1.0, -6.0, 15.0, 0.0, 15.0, -6.0, 1.0]) / 20.0  # the quintic through six of them

@@ -5,7 +5,6 @@ units.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,14 +25,6 @@ _INPUT = 12  # harmonics of the frequency of an input that are no hum, of a sine
 _SPACED = 10.0  # times as far apart as they are sharp: harmonics of a sine, of any order, that a line hardly meets by chance
 _REFINEMENTS = 3  # of the frequency of an input
 _SINE = 0.95  # of the power of an input in one line: a sine
-
-
-@dataclass(frozen=True)
-class _Driven:
-    """The `frequency` in Hz at which an input is strongest, and its number of harmonics that a motion may have."""
-
-    frequency: float
-    harmonics: float
 
 
 def hum(signals: RecordSignals) -> Iterator[Alert]:
@@ -60,8 +51,11 @@ def hum(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("hum", signal.channel, message, error, arguments=("hums",), frequencies=frequencies)
 
 
-def _peak(signal: ChannelSignal) -> _Driven:
-    """The strongest line of an input, between the lines of its spectrum: a harmonic is off by a multiple of what it is off."""
+def _peak(signal: ChannelSignal) -> tuple[float, float]:
+    """The frequency in Hz at which an input is strongest, and the number of its harmonics that a motion may have.
+
+    It is found between the lines of the spectrum: a harmonic is off by a multiple of what it is off.
+    """
     values = signal.filled - signal.filled.mean()
     window = np.hanning(len(values) + 2)[1:-1]
     time = np.arange(len(values)) / signal.rate
@@ -78,14 +72,14 @@ def _peak(signal: ChannelSignal) -> _Driven:
         spacing *= 0.1
     amplitude = 2.0 * size(frequency) / float(np.sum(window))
     is_sine = 0.5 * amplitude**2 > _SINE * float(np.mean(values**2))
-    return _Driven(frequency, np.inf if is_sine else _INPUT)
+    return frequency, np.inf if is_sine else _INPUT
 
 
-def _is_harmonic(frequency: float, driven: _Driven, duration: float) -> bool:
+def _is_harmonic(frequency: float, driven: tuple[float, float], duration: float) -> bool:
     """Whether a line belongs to the frequency of an input, or to the half or the third of it."""
-    resolution, of = 2.0 / duration, driven.frequency
+    resolution, (of, harmonics) = 2.0 / duration, driven
     near = resolution + _OFF
-    most = driven.harmonics if of > _SPACED * near else min(driven.harmonics, _INPUT)
+    most = harmonics if of > _SPACED * near else min(harmonics, _INPUT)
     multiples = [frequency * part / max(of, resolution) for part in (1, 2, 3)]
     return any(round(times) <= most and abs(times - round(times)) * of < near for times in multiples)
 

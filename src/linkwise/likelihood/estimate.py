@@ -25,7 +25,7 @@ from linkwise.estimates.causes import (
     unseen_remark,
 )
 from linkwise.estimates.estimate import Estimate, Estimator
-from linkwise.inspection.missing_samples import EstimatedError
+from linkwise.inspection.inspect import EstimatedError
 from linkwise.likelihood.checks.horizons import over_horizons
 from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge

@@ -19,7 +19,7 @@ import numpy as np
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
-from linkwise.inspection.missing_samples import mark_missing, marked_samples
+from linkwise.inspection.inspect import mark_missing, marked_samples
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.harmonics import harmonic_forces

@@ -15,9 +15,8 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError, require_known
 from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, single, strips
 from linkwise.records.channel_units import unit_in
-from linkwise.response.backbone import Backbone
+from linkwise.response.free_motion import Backbone, Basins
 from linkwise.response.measured import MeasuredPoints
-from linkwise.response.rest_basins import Basins
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 
 _MOST = 6  # channels in a figure

@@ -26,7 +26,7 @@ from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
-from linkwise.identification.force_error import nmse
+from linkwise.identification.identify import nmse
 from linkwise.likelihood.noise import whiteness_text
 from linkwise.model.structure import Link, Structure
 from linkwise.model.structure_file import format_structure

@@ -6,15 +6,16 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from linkwise.inspection.levels.result import (
+from linkwise.inspection.levels.compare import (
     LevelComparison,
     distortion_rows,
     gaps_text,
     mode_rows,
     ring_down_rows,
 )
-from linkwise.inspection.levels.result import headline as level_headline
-from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline, labels
+from linkwise.inspection.levels.compare import headline as level_headline
+from linkwise.inspection.levels.quantities import labels
+from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline
 from linkwise.output import INSPECTION
 from linkwise.registry import lazy_module
 from linkwise.report.page import Build, Head, Section, sectioned, sections_of

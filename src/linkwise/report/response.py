@@ -20,8 +20,14 @@ from linkwise.report.page import (
     sectioned,
     sections_of,
 )
-from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
-from linkwise.response.rest_basins import Basins, basins_headline, basins_rows
+from linkwise.response.free_motion import (
+    Backbone,
+    Basins,
+    backbone_headline,
+    backbone_rows,
+    basins_headline,
+    basins_rows,
+)
 from linkwise.response.result import Branch, Response, headline, peak_rows
 
 if TYPE_CHECKING:

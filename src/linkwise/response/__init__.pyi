@@ -1,11 +1,11 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
-from linkwise.response.backbone import Backbone as Backbone
+from linkwise.response.free_motion import Backbone as Backbone
+from linkwise.response.free_motion import Basins as Basins
+from linkwise.response.free_motion import basins as basins
 from linkwise.response.measured import MeasuredPoints as MeasuredPoints
 from linkwise.response.options import Drive as Drive
 from linkwise.response.options import ResponseOptions as ResponseOptions
-from linkwise.response.rest_basins import Basins as Basins
-from linkwise.response.rest_basins import basins as basins
 from linkwise.response.result import Branch as Branch
 from linkwise.response.result import Irregular as Irregular
 from linkwise.response.result import Response as Response

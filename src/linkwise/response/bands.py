@@ -20,8 +20,8 @@ from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
-from linkwise.response.search import Curve, PeriodicEquations, repeats_sooner
-from linkwise.response.shooting import Shooting, amplitudes
+from linkwise.response.search import Curve, repeats_sooner
+from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes
 
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn

@@ -19,10 +19,9 @@ from linkwise.arrays import Floats
 from linkwise.errors import StructureError
 from linkwise.expression import Call, walk
 from linkwise.model.law import partials_program
-from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
-from linkwise.response.options import FORCE, Drive
-from linkwise.response.shooting import SAMPLES, frequency_size
+from linkwise.response.options import FORCE
+from linkwise.response.shooting import SAMPLES, PeriodicEquations, frequency_size
 
 _OVERSAMPLED = 8  # samples for each harmonic
 _GROWING = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7)  # of the size of the excitation
@@ -32,9 +31,13 @@ _LEAST = 1e-12  # m: a motion that is smaller has this size
 
 
 class _Tree(NamedTuple):
-    """The force of a link, or the rate of one of its states, at samples of a motion: values (M,) and derivatives (M,)."""
+    """The force of a link, or the rate of a `state`, at samples of a motion: values (M,) and derivatives (M,), those by the
+    states of the link from number `first` on.
+    """
 
     link: int
+    first: int
+    state: int | None
     values: Floats
     by_d: Floats
     by_v: Floats
@@ -55,18 +58,13 @@ def _basis(harmonics: int, samples: int, first: float = 0.0) -> tuple[Floats, Fl
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicBalance:
-    """The equations of a motion with so many harmonics of a structure driven at one `size`.
+class HarmonicBalance(PeriodicEquations):
+    """The same by a balance of so many harmonics.
 
     Unknowns are the coefficients of 1, cos, sin, cos 2, ... of the n displacements, then of the S states, and omega.
     """
 
-    structure: Structure
-    drive: Drive
-    size: float
-    bounds: tuple[float, float]
     harmonics: int
-    turns: int = 1
     _known: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -106,16 +104,20 @@ class HarmonicBalance:
 
     def _trees(self, d: Floats, v: Floats, states: Floats) -> Iterator[_Tree]:
         """Forces of the links and rates of their states from elongations and rates (M, L) and states (M, S)."""
-        column = 0
+        first = 0
         for number, link in enumerate(self.structure.links):
             names = link.law.states
-            own = [states[:, column + k] for k in range(len(names))]
-            column += len(names)
-            arguments: list[Any] = [*own, *(link.values[name] for name in link.law.coefficients)]
-            for tree in (link.law.expression, *(rate for _, rate in link.law.named_rates)):
+            numbers = range(first, first + len(names))
+            arguments: list[Any] = [
+                *states[:, numbers].T,
+                *(link.values[name] for name in link.law.coefficients),
+            ]
+            trees = (link.law.expression, *(rate for _, rate in link.law.named_rates))
+            for state, tree in zip((None, *numbers), trees, strict=True):
                 program = partials_program(tree, (*names, *link.law.coefficients), names)
                 values, by_d, by_v, *by_states = program(d[:, number], v[:, number], *arguments)
-                yield _Tree(number, values, by_d, by_v, tuple(by_states))
+                yield _Tree(number, first, state, values, by_d, by_v, tuple(by_states))
+            first += len(names)
 
     def _moved(self, unknowns: Floats, basis: Floats, slopes: Floats) -> tuple[Floats, Floats, Floats]:
         """Displacements, velocities (M, n) and states (M, S) where harmonics and their derivatives are these."""
@@ -128,7 +130,7 @@ class HarmonicBalance:
         phases, basis, slopes, weights = self._grid
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
         x, v, states = self._moved(unknowns, basis, slopes)
-        base, speed = self.drive.base(self.size, omega, phases)
+        base, speed = self.base(omega, phases)
         order = self.drive.order
         d, rate = structure.elongations(x, base), structure.elongations(v, speed)
         on_base = structure.base_incidence
@@ -147,26 +149,22 @@ class HarmonicBalance:
             residual[state] += omega * derive @ coefficients[state]
             by_omega[state] += derive @ coefficients[state]
             jacobian[state, :, state] += omega * derive
-        state, link = count, -1
         for tree in self._trees(d, rate, states):
-            if tree.link != link:  # the force, before the rates of its states
-                first, link = state, tree.link
-                rows: list[tuple[int, float]] = [
-                    (mass, self._incidence[mass, link])
-                    for mass in np.flatnonzero(self._incidence[:, link]).tolist()
-                ]
-            else:
-                rows, state = [(state, -1.0)], state + 1
+            link = tree.link
+            moving = np.flatnonzero(self._incidence[:, link]).tolist()
+            rows: list[tuple[int, float]] = [(mass, self._incidence[mass, link]) for mass in moving]
+            if tree.state is not None:
+                rows = [(count + tree.state, -1.0)]
             balance = weights @ tree.values
             by_motion = (weights * tree.by_d) @ basis + omega * (weights * tree.by_v) @ slopes
             changes = weights @ (tree.by_d * by_omega_d[:, link] + tree.by_v * by_omega_v[:, link])
             for row, sign in rows:
                 residual[row] += sign * balance
                 by_omega[row] += sign * changes
-                for mass in np.flatnonzero(self._incidence[:, link]).tolist():
+                for mass in moving:
                     jacobian[row, :, mass] += sign * self._incidence[mass, link] * by_motion
                 for number, slope in enumerate(tree.by_states):
-                    jacobian[row, :, first + number] += sign * (weights * slope) @ basis
+                    jacobian[row, :, count + tree.first + number] += sign * (weights * slope) @ basis
         if self.drive.kind == FORCE:
             residual[:count, 1] -= self.size * structure.topology.row(self.drive.place)
         flat = jacobian.reshape(total * width, total * width)
@@ -191,17 +189,9 @@ class HarmonicBalance:
         motion = np.hstack(self._moved(unknowns, basis, slopes))
         return np.concatenate([motion, motion[:1]])
 
-    def of(self, structure: Structure) -> HarmonicBalance:
-        """Those of another structure of the same shape."""
-        return replace(self, structure=structure)
-
     def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
         """What the balance lacks, and the motion."""
         return self(unknowns)[0], self.motion(unknowns, samples)
-
-    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
-        """Displacement in m and velocity in m/s of the base at `phases`."""
-        return self.drive.base(self.size, omega, phases)
 
     def at_rest(self, x: Floats, omega: float) -> Floats:
         """The unknowns of rest at displacements (n,) in m."""
@@ -234,23 +224,21 @@ class HarmonicBalance:
         phases, basis, slopes = _basis(self.harmonics, _STABILITY, 0.5)
         structure, omega, count = self.structure, float(unknowns[-1]), self.structure.size
         x, v, states = self._moved(unknowns, basis, slopes)
-        base, speed = self.drive.base(self.size, omega, phases)
+        base, speed = self.base(omega, phases)
         size = 2 * count + self._states
         change = np.zeros((_STABILITY, size, size))
         change[:, np.arange(count), count + np.arange(count)] = 1.0
-        state, link = 2 * count, -1
         for tree in self._trees(structure.elongations(x, base), structure.elongations(v, speed), states):
-            if tree.link != link:
-                first, link = state, tree.link
-                column = np.zeros(size)
+            link, column = tree.link, np.zeros(size)
+            if tree.state is None:
                 column[count : 2 * count] = -self._incidence[:, link] / structure.mass_values
             else:
-                column, state = np.eye(size)[state], state + 1
+                column[2 * count + tree.state] = 1.0
             slope = np.zeros((_STABILITY, size))
             slope[:, :count] = np.outer(tree.by_d, self._incidence[:, link])
             slope[:, count : 2 * count] = np.outer(tree.by_v, self._incidence[:, link])
             for number, by_state in enumerate(tree.by_states):
-                slope[:, first + number] = by_state
+                slope[:, 2 * count + tree.first + number] = by_state
             change += column[:, None] * slope[:, None, :]
         half = change * (np.pi / (_STABILITY * omega))
         steps = np.linalg.solve(np.eye(size) - half, np.eye(size) + half)

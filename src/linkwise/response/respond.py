@@ -35,11 +35,10 @@ from linkwise.response.search import (
     Curve,
     IrregularMotion,
     LevelSearch,
-    PeriodicEquations,
     random_starts,
     with_peak,
 )
-from linkwise.response.shooting import Shooting, amplitudes, channel_rows, driven_phase
+from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes, channel_rows, driven_phase
 
 _FREQUENCIES = 12  # at which motions are looked for
 _HARMONICS = 25  # of harmonic balance, where laws have kinks

@@ -10,15 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.model.structure import Structure
 from linkwise.response.continuation import (
-    Equations,
     Point,
     Steps,
     between,
@@ -28,7 +24,7 @@ from linkwise.response.continuation import (
     with_located,
 )
 from linkwise.response.result import FOLD
-from linkwise.response.shooting import SAMPLES, Shooting
+from linkwise.response.shooting import PeriodicEquations, Shooting
 
 DOUBLING, TORUS, BRANCHING = "period doubling", "Neimark-Sacker", "branch point"
 _LONGEST = 0.08  # step along a curve
@@ -44,40 +40,6 @@ _PEAK_STEPS, _PEAK = 4, 1e-6  # parabolas to a peak, and the part of a step that
 _EXPONENT_TURNS = 200
 _REGULAR = 3e-3  # growth in a turn: a motion whose neighbours come nearer faster is still settling
 _CHAOTIC = 1e-2  # the same of one whose neighbours part
-
-
-class PeriodicEquations(Equations, Protocol):
-    """The equations of periodic motion of a driven structure, by whatever method; unknowns end with omega."""
-
-    @property
-    def turns(self) -> int:
-        """The number of turns of the excitation in a period."""
-        ...
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Lowest and highest omega in rad/s."""
-        ...
-
-    def of(self, structure: Structure) -> PeriodicEquations:
-        """Those of another structure of the same shape."""
-        ...
-
-    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
-        """(turns*samples + 1, N) the motion over a period."""
-        ...
-
-    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
-        """The residual (n,), and the motion."""
-        ...
-
-    def multipliers(self, point: Point) -> NDArray[np.complex128]:
-        """The Floquet multipliers (N,) of a motion."""
-        ...
-
-    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
-        """Displacement in m and velocity in m/s of the base at `phases`."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +93,6 @@ class IrregularMotion:
     omega: float
     exponent: float
     states: Floats
-    phases: Floats
     chaotic: bool
 
 
@@ -337,10 +298,8 @@ def irregular_motion(shooting: Shooting, state: Floats, omega: float) -> Irregul
     rate = growth / _EXPONENT_TURNS
     if rate < -_REGULAR:
         return None
-    long = shooting.with_turns(60)
-    states = long.motion(np.append(state, omega), 64)
-    phases = np.linspace(0.0, long.period, len(states))
-    return IrregularMotion(omega, rate * omega / (2.0 * np.pi), states, phases, rate > _CHAOTIC)
+    states = shooting.with_turns(60).motion(np.append(state, omega), 64)
+    return IrregularMotion(omega, rate * omega / (2.0 * np.pi), states, rate > _CHAOTIC)
 
 
 def random_starts(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
 from linkwise.expression import Number
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -18,15 +19,13 @@ from linkwise.response.continuation import Point
 from linkwise.response.options import FORCE, Drive
 from linkwise.simulation.integrator.formulas import (
     BASE_INPUT,
-    SCALE,
-    CompiledSystem,
-    ParameterLayout,
     PhaseIntegrator,
     SystemShape,
     compiled_system,
     input_symbols,
     phase_integrator,
 )
+from linkwise.simulation.run import run_time_parameters
 
 SAMPLES = 256  # of a turn
 _FINER = 8  # times as many samples between which peaks are looked for
@@ -34,15 +33,6 @@ _COARSE = 16  # the same where the size of a motion is all that is asked
 _FREQUENCY = 0.2  # of omega: its size, so that steps along a curve are a few per cent of it
 _RANGE = 6.0  # the same as a part of the range of omega
 _LEAST = 1e-12  # m: a motion that is smaller has this size
-
-
-def run_time_parameters(structure: Structure, layout: ParameterLayout) -> Floats:
-    """The parameters (P,) of a structure, those of inputs left at 0."""
-    parameters = np.zeros(layout.size)
-    laws = zip(structure.links, layout.coefficients, strict=True)
-    parameters[layout.values] = [link.values[name] for link, names in laws for name in names]
-    parameters[layout.inverse_masses] = 1.0 / (structure.mass_values * SCALE)
-    return parameters
 
 
 def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
@@ -55,18 +45,6 @@ def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
     return None if compiled_system(shape).kinks else phase_integrator(shape)
 
 
-def require_smooth(structure: Structure, motion: CompiledSystem) -> None:
-    """Raise StructureError for laws with kinks."""
-    if motion.kinks:
-        number = motion.link_of(0)
-        link = structure.links[0 if number is None else number]
-        raise StructureError(
-            f"the law {link.law.text} is not smooth (abs, sign, max, min, or flat parts of exp and tanh); free vibration is "
-            "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
-            f'link "{link.name}"',
-        )
-
-
 def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
     """(C, N) displacements and velocities of places as combinations of states."""
     rows = np.zeros((len(channels), structure.topology.dimension))
@@ -77,31 +55,62 @@ def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Shooting:
-    """The equations of periodic motion of a structure driven at one `size`, with a period of so many `turns`.
-
-    Unknowns are the start (N,), displacements in m, velocities in m/s and states of links at phase 0, and omega in rad/s;
-    `bounds` are those of omega.
+class PeriodicEquations(ABC):
+    """The equations of periodic motion of a structure driven at one `size`, by whatever method, with a period of so many
+    `turns` of the excitation; unknowns end with omega in rad/s, of which `bounds` are the lowest and the highest.
     """
 
     structure: Structure
     drive: Drive
     size: float
     bounds: tuple[float, float]
-    integrator: PhaseIntegrator
-    turns: int = 1
-    parameters: Floats = field(init=False)
+    turns: int = field(default=1, kw_only=True)
 
-    def __post_init__(self) -> None:
+    def of(self, structure: Structure) -> Self:
+        """Those of another structure of the same shape."""
+        return replace(self, structure=structure)
+
+    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
+        """Displacement in m and velocity in m/s of the base at `phases`."""
+        return self.drive.base(self.size, omega, phases)
+
+    @abstractmethod
+    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
+        """The residual (n,) and its Jacobian (n, n + 1); NaN where there is none."""
+
+    @abstractmethod
+    def sizes(self, unknowns: Floats) -> Floats:
+        """The sizes (n + 1,) in which lengths along the curve are measured near these unknowns."""
+
+    @abstractmethod
+    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
+        """(turns*samples + 1, N) the motion over a period, its end included."""
+
+    @abstractmethod
+    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
+        """The residual (n,), and the motion."""
+
+    @abstractmethod
+    def multipliers(self, point: Point) -> NDArray[np.complex128]:
+        """The Floquet multipliers (N,) of a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shooting(PeriodicEquations):
+    """The same by shooting: unknowns are the start (N,), displacements in m, velocities in m/s and states of links at phase 0,
+    and omega.
+    """
+
+    integrator: PhaseIntegrator
+
+    @cached_property
+    def parameters(self) -> Floats:
+        """The run-time parameters."""
         layout = self.integrator.layout
         parameters = run_time_parameters(self.structure, layout)
         names = input_symbols(self.drive.expression)
         parameters[layout.inputs[0].start + names.index("size")] = self.size
-        object.__setattr__(self, "parameters", parameters)
-
-    def of(self, structure: Structure) -> Shooting:
-        """Those of another structure of the same shape."""
-        return replace(self, structure=structure)
+        return parameters
 
     def with_turns(self, turns: int) -> Shooting:
         """The same with another period."""
@@ -153,10 +162,6 @@ class Shooting:
         """(turns, N) the states after each of a number of turns from a start (N,)."""
         self.integrator.set_parameters(self.parameters)
         return self.integrator.motion(start, omega, np.asarray(2.0 * np.pi * np.arange(turns + 1)))[1:]
-
-    def base(self, omega: float, phases: Floats) -> tuple[Floats, Floats]:
-        """Displacement in m and velocity in m/s of the base at `phases`."""
-        return self.drive.base(self.size, omega, phases)
 
 
 def frequency_size(omega: float, bounds: tuple[float, float]) -> float:

@@ -24,7 +24,16 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.record import EnergyBalance
 from linkwise.simulation.energy import energy_balance
 from linkwise.simulation.integrator.formulas import SCALE, BatchIntegrator, ParameterLayout, compiled_system
-from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunLog, RunOptions, RunSchedule, integrate, room
+from linkwise.simulation.run import (
+    FARTHEST,
+    MOST_STEPS,
+    RunLog,
+    RunOptions,
+    RunSchedule,
+    integrate,
+    room,
+    run_time_parameters,
+)
 
 LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest
 _NEVER = 1e9  # m: an elongation that is never crossed
@@ -87,7 +96,7 @@ class _Batch:
         self.integrator, self.layout, self.schedules = integrator, layout, schedules
         schedule = schedules[0]
         self.size, self.times = schedule.structure.size, schedule.times
-        parameters = np.stack([lane.parameters(layout) for lane in schedules], axis=1)
+        parameters = np.stack([run_time_parameters(lane.structure, layout) for lane in schedules], axis=1)
         state = np.zeros_like(integrator.state)
         state[: 2 * self.size] = np.stack([lane.start for lane in schedules], axis=1) / SCALE
         integrator.place(state, np.concatenate([parameters, levels.T]))

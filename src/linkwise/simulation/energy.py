@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, symbols
@@ -111,14 +110,6 @@ class LinkForces:
 _EQUAL = 1e-13  # of the run: panel ends closer than that are equal up to rounding
 
 
-class QuadratureRule(NamedTuple):
-    """Nodes `times` (Q,) in s and `weights` (Q,) in s; `sample` (Q,) is the index of the output time at or after each node."""
-
-    times: Floats
-    weights: Floats
-    sample: NDArray[np.int64]
-
-
 def kinetic_energy(structure: Structure, v: ArrayLike) -> Floats:
     """Kinetic energy (N,) in J, from velocities `v` (N, n) in m/s."""
     energy: Floats = 0.5 * np.square(np.asarray(v, dtype=float)) @ structure.mass_values
@@ -138,16 +129,16 @@ def energy_balance(
     structure, base_at = schedule.structure, schedule.excitation.base_at
     steps: list[float] = []
     integrate(schedule, schedule.times[-1:], options=RunOptions(repeated=run, log=steps))
-    rule = _rule(schedule, steps)
+    times, weights, samples = _rule(schedule, steps)
     forces = LinkForces(structure, schedule.excitation)
     size, links = structure.size, len(structure.links)
     gained = np.zeros((len(schedule.times), links + 1))  # dissipated by each link, then supplied
 
     def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
         part = slice(first, first + len(x))
-        time = rule.times[part]
-        power = _powers(forces, time, x, v, states) * rule.weights[part, None]
-        sample = rule.sample[part]
+        time = times[part]
+        power = _powers(forces, time, x, v, states) * weights[part, None]
+        sample = samples[part]
         starts = np.flatnonzero(np.diff(sample, prepend=-1))
         gained[sample[starts]] += np.add.reduceat(power, starts, axis=0)
         # an impulse that makes a velocity jump by J to v supplies m J (v - J/2)
@@ -157,7 +148,7 @@ def energy_balance(
                 supplied = structure.mass_values * change * (v[row] - 0.5 * change)
                 gained[sample[row], links] += supplied.sum()
 
-    integrate(schedule, rule.times, receive, RunOptions(repeated=run))
+    integrate(schedule, times, receive, RunOptions(repeated=run))
     x, v = schedule.start[None, :size], schedule.start[None, size : 2 * size]
     at_start = potential_energy(structure, x, base_at(np.zeros(1))).sum()
     gained = np.cumsum(gained, axis=0)
@@ -169,8 +160,10 @@ def energy_balance(
     )
 
 
-def _rule(schedule: RunSchedule, steps: list[float]) -> QuadratureRule:
-    """Panels between all output times, stops and steps; impulses have weight 0."""
+def _rule(schedule: RunSchedule, steps: list[float]) -> tuple[Floats, Floats, Indices]:
+    """Nodes and weights (Q,) in s of panels between all output times, stops and steps, and the index (Q,) of the output time
+    at or after each node; impulses have weight 0.
+    """
     edges = np.unique(np.concatenate([[0.0], schedule.times, schedule.stops, steps]))
     width = np.diff(edges)
     nonempty = width > _EQUAL * schedule.end
@@ -183,7 +176,7 @@ def _rule(schedule: RunSchedule, steps: list[float]) -> QuadratureRule:
     order = np.argsort(times, kind="stable")
     times, weights = times[order], weights[order]
     sample = np.searchsorted(schedule.times, times, side="left")
-    return QuadratureRule(times, weights, sample.clip(max=len(schedule.times) - 1))
+    return times, weights, sample.clip(max=len(schedule.times) - 1)
 
 
 def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:

@@ -27,7 +27,7 @@ from linkwise.display import near_miss
 from linkwise.errors import RecordError, SimulationError
 from linkwise.expression import Call, Expression, Power, walk
 from linkwise.model.excitation import Excitation, Sampled
-from linkwise.model.link import BASE, Link
+from linkwise.model.link import BASE
 from linkwise.model.structure import Structure
 from linkwise.records.channel import KINDS, Channel
 from linkwise.records.channel_units import places_of, unit_in
@@ -132,19 +132,24 @@ class RunSchedule:
             columns += [edges[piece, None], _without_rounding(edges, coefficients)[piece]]
         return np.hstack(columns)
 
-    def parameters(self, layout: ParameterLayout, kind: type = np.float64) -> NDArray[Any]:
-        """All run-time parameters (P,) except branches and pieces; in extended precision a number is what its decimals say."""
-        laws = zip(self.structure.links, layout.coefficients, strict=True)
-        coefficients: list[Any] = [link.values[name] for link, names in laws for name in names]
-        masses: NDArray[Any] = np.asarray(self.structure.mass_values)
-        if kind is not np.float64:
-            coefficients = [kind(repr(float(value))) for value in coefficients]
-            masses = np.array([kind(repr(float(mass))) for mass in masses])
-        values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
-        values[layout.values] = coefficients
-        values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
-        values[layout.branches] = 1.0
-        return values
+
+def run_time_parameters(
+    structure: Structure, layout: ParameterLayout, kind: type = np.float64
+) -> NDArray[Any]:
+    """The run-time parameters (P,) of a structure, those of inputs 0; in extended precision a number is what its decimals
+    say.
+    """
+    laws = zip(structure.links, layout.coefficients, strict=True)
+    coefficients: list[Any] = [link.values[name] for link, names in laws for name in names]
+    masses: NDArray[Any] = np.asarray(structure.mass_values)
+    if kind is not np.float64:
+        coefficients = [kind(repr(float(value))) for value in coefficients]
+        masses = np.array([kind(repr(float(mass))) for mass in masses])
+    values: NDArray[Any] = np.zeros(layout.size, dtype=kind)
+    values[layout.values] = coefficients
+    values[layout.inverse_masses] = 1.0 / (masses * kind(SCALE))
+    values[layout.branches] = 1.0
+    return values
 
 
 def _without_rounding(edges: Floats, coefficients: Floats) -> Floats:
@@ -274,7 +279,13 @@ def check_excitation(structure: Structure, excitation: Excitation, end: float) -
     """Raise SimulationError for an excitation that does not fit the structure, or ends before `end` in s."""
     for channel in released(structure, excitation):
         check_place(channel, structure, "a release")
-        _check_released(channel, structure)
+        host = next((host for host in structure.hosts if channel.place in host.points), None)
+        if host is not None:
+            raise SimulationError(
+                f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such "
+                f"as {channel.kind}:{host.coordinates[0]}, or give an impulse or a force",
+                mass=channel.place,
+            )
     for impulse in excitation.impulses:
         check_place(Channel("force", impulse.mass), structure, "an impulse")
         if impulse.time >= end:
@@ -315,17 +326,6 @@ def released(structure: Structure, excitation: Excitation) -> dict[Channel, floa
     return release
 
 
-def _check_released(channel: Channel, structure: Structure) -> None:
-    """A point of a host moves as its modes do, so these are released."""
-    host = next((host for host in structure.hosts if channel.place in host.points), None)
-    if host is not None:
-        raise SimulationError(
-            f"the release {channel} is that of a point, which moves as the modes of {host.name} do; release these, such as "
-            f"{channel.kind}:{host.coordinates[0]}, or give an impulse or a force",
-            mass=channel.place,
-        )
-
-
 def check_place(channel: Channel, structure: Structure, where: str) -> None:
     """Raise SimulationError unless a channel is of the structure; `where` says what names it."""
     names, place, of = places_of(channel.kind, structure), channel.place, KINDS[channel.kind].of
@@ -357,20 +357,6 @@ _ROOT = (
     "; the law of link {} has a root or a power that is no integer, which the integrator cannot follow through 0: write "
     "(x**2 + 1e-14)**0.75 for abs(x)**1.5, as the named law hertz does"
 )
-
-
-def sticking(schedule: RunSchedule, time: float, link: Link | None) -> SimulationError:
-    """A law changes its branch without end at `time` in s; `link` is that of the law, None if unknown."""
-    subject = f"link {link.name!r} (law {link.law.text})" if link else "a law"
-    masses = schedule.structure.mass_names
-    mass = next((end for end in link.between if end in masses), None) if link else None
-    return SimulationError(
-        f"at {time:g} s {subject} sticks: its force jumps so that the motion is pushed back onto the jump from both sides, "
-        "and the equations of motion have no solution; replace the jump by a steep slope, such as F*tanh(v/s) with a small s "
-        "for F*sign(v)",
-        time,
-        mass,
-    )
 
 
 def diverged(schedule: RunSchedule, time: float, state: Floats) -> SimulationError:
@@ -441,6 +427,7 @@ _UNWATCHED_STEPS = 1
 MOST_STEPS = 4_000_000  # times masses between two output times before a run is given up
 _CROWD = 1000  # that many kinks ...
 _INSTANT = 1e-6  # ... within this fraction of the run are chatter
+_SEARCH = 100_000  # steps in the search for the last finite state
 _REST = 1e-3  # of the run: longest trial step of a structure at rest, whose own step is unlimited
 
 
@@ -516,7 +503,7 @@ class _Run:
 
     def place(self, integrator: Integrator, time: Time, state: Floats) -> None:
         """Start an integrator of any precision from the current time and state."""
-        parameters = self.schedule.parameters(self.system.layout, integrator.dtype)
+        parameters = run_time_parameters(self.schedule.structure, self.system.layout, integrator.dtype)
         integrator.place(Placement(time, state, parameters))
 
     @np.errstate(over="ignore", invalid="ignore")  # what goes too far or is not finite is refused
@@ -660,18 +647,33 @@ class _Run:
         if time < end:
             self.leave_kinks(end)
 
-    def sticking(self, kink: int | None) -> Exception:
-        """The error of a law that changes its branch without end."""
-        link = None if kink is None else self.system.link_of(kink)
-        links = self.schedule.structure.links
-        return sticking(self.schedule, float(self.integrator.time), None if link is None else links[link])
+    def sticking(self, kink: int | None) -> SimulationError:
+        """The error of a law that changes its branch without end; `kink` is one of it, None if unknown."""
+        structure, time = self.schedule.structure, float(self.integrator.time)
+        number = None if kink is None else self.system.link_of(kink)
+        link = None if number is None else structure.links[number]
+        subject = f"link {link.name!r} (law {link.law.text})" if link else "a law"
+        masses = [end for end in (link.between if link else ()) if end in structure.mass_names]
+        return SimulationError(
+            f"at {time:g} s {subject} sticks: its force jumps so that the motion is pushed back onto the jump from both "
+            "sides, and the equations of motion have no solution; replace the jump by a steep slope, such as F*tanh(v/s) with "
+            "a small s for F*sign(v)",
+            time,
+            next(iter(masses), None),
+        )
 
-    def not_finite(self, start: float, state: Floats) -> Exception:
+    def not_finite(self, start: float, state: Floats) -> SimulationError:
         """The error of a state that is not finite, at the last time before."""
         if self.next > self.handed and self.times[self.next - 1] > start:
             start = float(self.times[self.next - 1])
             state = np.concatenate([part[self.next - 1 - self.first] for part in self.motion]) / SCALE
-        time, state = self.integrator.last_finite(start, state)
+        integrator, parameters = self.integrator, self.integrator.parameters
+        integrator.place(Placement(start, state, parameters))
+        for _ in range(_SEARCH):
+            time, state = float(integrator.time), integrator.state
+            outcome = integrator.propagate(self.schedule.stops[-1:], most_steps=1).outcome
+            if outcome in (Outcome.DONE, Outcome.NOT_FINITE) or not np.isfinite(integrator.state).all():
+                break
         state = np.asarray(state * SCALE, dtype=float)
         if np.abs(state[: 2 * self.schedule.structure.size]).max() > FARTHEST:
             return diverged(self.schedule, time, state)

@@ -8,16 +8,15 @@ from linkwise.sindy.force_reading import READINGS as READINGS
 from linkwise.sindy.force_reading import monomial_force as monomial_force
 from linkwise.sindy.force_reading import monomial_nmse as monomial_nmse
 from linkwise.sindy.library import link_columns as link_columns
-from linkwise.sindy.library import local_equations as local_equations
 from linkwise.sindy.library import monomial_equations as monomial_equations
 from linkwise.sindy.regression.linear_system import DenseSystem as DenseSystem
 from linkwise.sindy.regression.linear_system import GramSums as GramSums
 from linkwise.sindy.regression.linear_system import StreamedSystem as StreamedSystem
+from linkwise.sindy.regression.regressor import L1 as L1
+from linkwise.sindy.regression.regressor import LeastSquares as LeastSquares
 from linkwise.sindy.regression.regressor import RegressionFit as RegressionFit
 from linkwise.sindy.regression.regressor import Regressor as Regressor
+from linkwise.sindy.regression.regressor import Stlsq as Stlsq
 from linkwise.sindy.regression.regressor import SupportCandidate as SupportCandidate
-from linkwise.sindy.regression.regressors import L1 as L1
-from linkwise.sindy.regression.regressors import LeastSquares as LeastSquares
-from linkwise.sindy.regression.regressors import Stlsq as Stlsq
 
 __all__: list[str]

@@ -15,6 +15,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError
+from linkwise.estimates.curves import force_error
 from linkwise.expression import polynomial
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
@@ -144,13 +145,7 @@ def monomial_nmse(
     True
     """
     d, identified = monomial_force(fit, structure, link, record, reading=reading)
-    force = structure.link(link).force(d)
-    variance = float(np.var(force))
-    if variance == 0.0:
-        raise RecordError(
-            f'the true force of link "{link}" does not vary over the record, so no relative error exists'
-        )
-    return float(100.0 * np.mean((force - identified) ** 2) / variance)
+    return force_error(structure.link(link).force(d), identified, link)
 
 
 def _sink(structure: Structure, link: Link) -> str:

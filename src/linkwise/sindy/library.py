@@ -266,55 +266,6 @@ def monomial_equations(
     return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes, sums)
 
 
-def local_equations(
-    states: States, structure: Structure, order: int, *, mixing: int | None = None
-) -> dict[str, StreamedSystem]:
-    """Equations of each mass in monomials of its own states and those of the masses linked to it.
-
-    The size of such a library does not grow with the structure.
-
-    Parameters
-    ----------
-    states : States
-        Motion of the masses.
-    structure : Structure
-        Tells which masses are linked.
-    order : int
-        Highest degree of a monomial.
-    mixing : int, optional
-        Largest number of different states in a monomial; no limit by default.
-
-    Returns
-    -------
-    dict of str to StreamedSystem
-        The equations by name of the mass.
-
-    Raises
-    ------
-    RecordError
-        If a mass of the structure has no states.
-    IdentificationError
-        As `monomial_equations`.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> chain = lw.bnes_chain(6)
-    >>> record = lw.simulate(chain, release={"v:m1": 1.0}, duration=1.0, rate=1000.0, sensors=("x", "v", "a"))
-    >>> systems = lw.sindy.local_equations(lw.sindy.differentiate(record), chain, order=3)
-    >>> {mass: len(system.names) for mass, system in systems.items()}
-    {'m1': 84, 'm2': 35, 'm3': 165, 'm4': 35, 'm5': 84, 'm6': 35}
-    """
-    _order(states, structure)
-    systems = {}
-    for mass in structure.mass_names:
-        linked = {end for link in structure.links if mass in link.between for end in link.between}
-        inner = [name for name in states.masses if name in linked | {mass}]
-        own = (mass,)
-        systems[mass] = monomial_equations(states, order, mixing=mixing, columns_of=inner, equations_of=own)
-    return systems
-
-
 def link_columns(states: States, structure: Structure) -> DenseSystem:
     """Equations of motion of all masses with one column per unknown: M a + B f = w (the paper's Eq. 6).
 

@@ -9,8 +9,7 @@ import msgspec
 import numpy as np
 
 from linkwise.estimates.estimate import Estimator
-from linkwise.identification.force_error import nmse
-from linkwise.identification.identify import IdentificationMethod, identify
+from linkwise.identification.identify import IdentificationMethod, identify, nmse
 from linkwise.records.record import Record
 from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.sindy.estimate import PhysicsInformedSindy

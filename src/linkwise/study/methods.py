@@ -21,7 +21,7 @@ from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
 from linkwise.expression import Expression, Number, Symbol, add, multiply, polynomial, substitute
-from linkwise.identification.force_error import nmse
+from linkwise.identification.identify import nmse
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, LENGTH, Link, refuse_memory
 from linkwise.model.structure import Structure, refuse_hosts, refuse_rig

@@ -12,7 +12,7 @@ from linkwise.signals.states import differentiate
 from linkwise.sindy.library import monomial_equations
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.linear_system import DenseSystem, StreamedSystem
-from linkwise.sindy.regression.regressors import L1, LeastSquares, Stlsq
+from linkwise.sindy.regression.regressor import L1, LeastSquares, Stlsq
 
 TRUE = {  # Eq. 1 with Table 1, solved for the accelerations of the 2-mass chain
     "x1'": {"v1": 1.0},

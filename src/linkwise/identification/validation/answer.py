@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
@@ -31,7 +32,7 @@ from linkwise.progress import Progress
 from linkwise.records.channel import SensorUncertainty
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
-from linkwise.signals.noise import noise_variance
+from linkwise.signals.noise import channel_noise
 from linkwise.verdict import STATUSES, Grade
 
 _STRUCTURE = "structure.toml"
@@ -54,6 +55,16 @@ class ValidatedAnswer:
     exchanged: tuple[Cause, ...] = ()
     grade: Grade = Grade.EXPLAINED
     warning: str = ""
+
+    @property
+    def uncertain(self) -> tuple[Structure, Floats, Floats]:
+        """The structure with its uncertain coefficients as unknowns, their values (p,) in that order, and their covariance."""
+        posterior = self.posterior
+        if posterior is None or not posterior.names:
+            return self.structure, np.zeros(0), np.zeros((0, 0))
+        free = uncertain(posterior)
+        order = [posterior.names.index(parameter.name) for parameter in free.parameters]
+        return free, posterior.values[order], posterior.beside_terms_kept[np.ix_(order, order)]
 
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ValidatedAnswer:
@@ -290,36 +301,11 @@ def _is_of_host(name: Name) -> bool:
 
 # of the RMS of a channel: interpolated inputs and sensitivities in single precision are not better
 _FLOOR = 1e-5
-_LONGEST = 16  # samples of a gap that is filled: the shortest block in which noise is estimated
 
 
 def sensor_noise(record: Record) -> dict[str, float]:
-    """Standard deviation of the noise of every response: stated, or estimated from samples with the gaps between them filled.
-
-    Filled samples have next to no noise of their own, so the estimate is raised by their share. Long gaps stay, since blocks
-    within one would pass for quiet, unless nothing is left between them.
-    """
-    noise = _estimated(record, _LONGEST)
-    if not all(noise.values()):
-        noise = {name: noise[name] or sigma for name, sigma in _estimated(record, len(record)).items()}
-    floor = {name: _FLOOR * float(np.sqrt(np.nanmean(record.channel(name) ** 2))) for name in noise}
-    return {name: max(sigma, floor[name]) for name, sigma in noise.items()}
-
-
-def _estimated(record: Record, longest: int) -> dict[str, float]:
-    """Standard deviations with gaps of at most `longest` samples filled; 0 for a channel that has too many others."""
-    values = record.select(record.responses).values.T.copy()
-    raised = np.ones(len(values))
-    for row, name in enumerate(record.responses):
-        present = np.isfinite(values[row])
-        if present.all() or present.sum() <= 3 or name in record.noise:
-            continue
-        at = np.flatnonzero(present)
-        before = np.searchsorted(at, np.arange(len(present)))
-        ends = np.concatenate([[-1], at, [len(present)]])
-        short = ~present & (ends[before + 1] - ends[before] - 1 <= longest)
-        spline = scipy.interpolate.CubicSpline(at, values[row, at])
-        values[row, short] = spline(np.clip(np.flatnonzero(short), at[0], at[-1]))
-        raised[row] = np.sqrt(1.0 + short.sum() / present.sum())
-    sigma = raised * np.sqrt(noise_variance(record, record.responses, values))
-    return dict(zip(record.responses, sigma.tolist(), strict=True))
+    """Standard deviation of the noise of every response, at least what the prediction of it is off by."""
+    noise = channel_noise(record)
+    return {
+        n: max(size, _FLOOR * float(np.sqrt(np.nanmean(record.channel(n) ** 2)))) for n, size in noise.items()
+    }

@@ -1,40 +1,391 @@
-"""The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy."""
+"""The prediction of a record: one free run, or windows where the motion is chaotic, with what limits its accuracy.
+
+In each window the state is fitted to the first samples, and the structure predicts the samples after. All windows are
+integrated at once. A weak prior of the size of the motion holds what the first samples do not determine, such as the state of
+a mass without a sensor; its uncertainty is then part of that of the prediction.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-import scipy
 
-from linkwise.arrays import Bools, Floats
-from linkwise.errors import IdentificationError, RecordError, SimulationError, expect
-from linkwise.estimates.uncertainty import Posterior
-from linkwise.identification.validation.answer import uncertain
-from linkwise.identification.validation.windows import WindowPredictor
-from linkwise.likelihood.rigs.estimate import motion_deviations
-from linkwise.likelihood.rigs.problem import (
-    BASE_CHANNEL,
-    Minimum,
-    RigProblem,
-    cell_name,
-    cell_noise,
-    minimise,
-    rig_forces,
-)
-from linkwise.likelihood.shooting.system import System
+from linkwise.arrays import Bools, Floats, Indices
+from linkwise.errors import RecordError, SimulationError, expect
+from linkwise.likelihood.shooting.flow import POINTS, Inputs, Trajectories, flow
+from linkwise.likelihood.shooting.segmentation import forces_at_points, sensor_arrays
+from linkwise.likelihood.shooting.segments import A, F, S, Sensors, V, X
+from linkwise.likelihood.shooting.system import NumericSystem, System
+from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
+from linkwise.likelihood.starts.states import start_states
 from linkwise.model.excitation import Sampled
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import BASE, Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress, ProgressReport
-from linkwise.records.channel import BAND_LIMITED, LARGEST, ORDER_OF, Channel, require_complete
+from linkwise.records.channel import (
+    BAND_LIMITED,
+    HELD,
+    LARGEST,
+    ORDER_OF,
+    Channel,
+    interpolated,
+    require_complete,
+)
+from linkwise.records.channel_units import places_of
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
 
-_RELATIVE_STEP = 1e-5  # of the size of a state: for derivatives of a simulation that is right to rounding
-_AFTER = 8  # samples of input beyond the settling: the spline through them then has no end there
+_PRIOR = 3.0  # deviation of the prior over the RMS of the motion: held only where samples say nothing
+_FIRST = 16  # samples of the first fit; each next one takes more, so that chaos does not hide the minimum
+_GROWTH = 3  # times as many
+_ITERATIONS, _ROUGH_ITERATIONS = 12, 4  # at most, for all samples and before
+_SETTLED = 0.01  # squared steps smaller than this part of a variance end a fit
+_FLOW_ERROR = 0.01  # of the noise: by how much steps half as long may change a prediction
+_MAX_REFINEMENT = 8  # steps per sample
+_TESTED = 50  # windows whose predictions decide how fine the steps must be
+_NUMBERS = 8_000_000  # in the sensitivities of one batch of windows
+_FEWEST_IN_WINDOW = 64  # samples of a window of a long run
+_FARTHEST = 1e100  # times its unit: how far a departure that grows without end is followed
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPrediction:
+    """K windows of M samples and C channels: what the sensors would show (M, C, K) in SI units, and variances of it from
+    the fitted state, the coefficients and the stated error of the laws. `motion` (M, 2, n, K) are displacements in m and
+    velocities in m/s, `state` (2 n + S, K) is that at the first sample, the states of links last, `state_root` (K, 2 n +
+    S, 2 n + S) the root R of its covariance R R', and `state_by_coefficients` (K, 2 n + S, p) how it follows the
+    coefficients.
+    """
+
+    predicted: Floats
+    by_state: Floats
+    by_coefficients: Floats
+    by_laws: Floats
+    motion: Floats
+    state: Floats
+    state_root: Floats
+    state_by_coefficients: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPredictor:
+    """Predicts windows of one record by a structure whose p uncertain coefficients are unknowns with `values` (p,) and a
+    `root` (p, r) of their covariance. `sigma` (C,) is the noise of the responses, `law_error` the part of the forces of
+    the links that the laws leave, by root mean squares.
+    """
+
+    record: Record
+    structure: Structure
+    values: Floats
+    root: Floats
+    sigma: Floats
+    law_error: float = 0.0
+
+    @np.errstate(over="ignore", invalid="ignore")  # a motion that runs away leaves states that are not finite
+    def __call__(self, firsts: Indices, burn: int, samples: int) -> WindowPrediction:
+        """The windows that begin at samples `firsts` (K,), with states from their first `burn` samples."""
+        count = self._system.dimension
+        size = max(1, _NUMBERS // (samples * count * (count + len(self.values) + 1)))
+        parts = [firsts[first : first + size] for first in range(0, len(firsts), size)]
+        refine = self._refinement(self._guess, firsts, samples)
+        pieces = [self._predicted(part, burn, samples, refine) for part in parts]
+        return WindowPrediction(
+            *(np.concatenate([piece[i] for piece in pieces], axis=-1) for i in range(6)),
+            *(np.concatenate([piece[i] for piece in pieces], axis=0) for i in (6, 7)),
+        )
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def variances_along(self, states: Floats, root: Floats, follow: Floats) -> tuple[Floats, Floats, Floats]:
+        """Variances (N, C) of what a run with these `states` (2 n + S, N) of the whole record shows, by its start, the
+        coefficients and the laws.
+
+        `root` (2 n + S, 2 n + S) is that of the covariance of the first state, which follows the coefficients by `follow` (2 n
+        + S, p). Departures of the run are carried from window to window, and the windows are integrated side by side.
+        """
+        count = states.shape[1]
+        samples = max(_FEWEST_IN_WINDOW, round(np.sqrt(count)))
+        firsts = np.arange(0, count, samples)
+        refine = self._refinement(states, firsts, samples)
+        masses = len(self.structure.mass_names) if self.law_error else 0
+        prior, unit = self._prior[:, None], self._unit[:, None]
+        moved = np.hstack([root, follow @ self.root]) / prior
+        fixed = np.hstack([np.zeros((len(unit), len(root))), self.root / unit])
+        by_laws = np.zeros((len(root), masses))  # departures of the state
+        size = max(1, _NUMBERS // (samples * refine * len(root) * (len(root) + len(unit) + 1)))
+        parts = []
+        for first in range(0, len(firsts), size):
+            some = firsts[first : first + size]
+            nodes, inputs = states[:, some], self._inputs(some, samples, refine)
+            orbit = self._run(nodes, inputs, samples, refine)
+            slopes, ends = self._slopes(orbit, inputs, refine)
+            changes = list(self._changed_by_laws(nodes, inputs, orbit, samples, refine))
+            for k in range(len(some)):
+                of_laws = [shown[..., k].ravel() for shown, _ in changes]
+                total = np.vstack([moved, fixed])
+                by_both = slopes[k] @ total
+                by_forces = slopes[k, :, : len(prior)] @ by_laws
+                by_forces += np.transpose(of_laws or np.zeros((0, len(slopes[k]))))
+                shown = by_both[:, : len(root)], by_both[:, len(root) :], by_forces
+                parts.append([np.sum(part**2, axis=1) for part in shown])
+                by_laws = ends[k, :, : len(prior)] @ by_laws
+                for number, (_, end) in enumerate(changes):
+                    by_laws[:, number] += end[:, k] / self._prior
+                moved = np.clip(ends[k] @ total, -_FARTHEST, _FARTHEST)
+        joined = map(np.concatenate, zip(*parts, strict=True))
+        by_start, by_theta, by_force = (part.reshape(-1, len(self.sigma))[:count] for part in joined)
+        return by_start, by_theta, by_force
+
+    @cached_property
+    def _system(self) -> System:
+        return System.of(self.structure)
+
+    @cached_property
+    def _mechanics(self) -> NumericSystem:
+        return self._system.at(self.values)
+
+    @cached_property
+    def _sensors(self) -> Sensors:
+        return sensor_arrays(self.record.responses, self.structure, (), ())
+
+    @cached_property
+    def _unit(self) -> Floats:
+        """(p,) units of parameters, their size."""
+        return np.where(self.values != 0.0, np.abs(self.values), 1.0)
+
+    @cached_property
+    def _guess(self) -> Floats:
+        """(2 n + S, N) rough states at all samples."""
+        names = [parameter.name for parameter in self.structure.parameters]
+        valued = self.structure.with_values(dict(zip(names, map(float, self.values), strict=True)))
+        noise: dict[str, float] = dict(zip(self.record.responses, map(float, self.sigma), strict=True))
+        rough = start_states(self.record, valued, noise, samples=5)
+        return np.concatenate([rough.x, rough.v, rough.memory])
+
+    @cached_property
+    def _prior(self) -> Floats:
+        """(2 n + S,) deviations of the prior of a state."""
+        size, masses = np.sqrt(np.mean(self._guess**2, axis=1)), self.structure.size
+        kinds = np.split(size, [masses, 2 * masses])
+        unmeasured = np.concatenate([np.full(len(kind), kind.max(initial=0.0)) for kind in kinds])
+        return _PRIOR * np.where(size > 0.0, size, np.where(unmeasured > 0.0, unmeasured, 1.0))
+
+    def _inputs(self, firsts: Indices, samples: int, refine: int) -> Inputs:
+        """Inputs at the points of all steps of some windows."""
+        steps = np.arange(samples * refine)[:, None, None]
+        index = firsts + (steps + POINTS[None, :, None]) / refine  # (J, 5, K)
+        record, structure = self.record, self.structure
+        force = base = None
+        everywhere = (*structure.mass_names, *structure.points)
+        forced = [name for name in everywhere if f"force:{name}" in record.channels]
+        size = samples * refine, len(firsts)
+        at_points = forces_at_points(structure, forced, size)
+        if forced:
+            force = np.zeros((samples * refine, len(POINTS), structure.size, len(firsts)))
+            for name in forced:
+                row = structure.topology.row(name)
+                values = _at(record, f"force:{name}", index)
+                force += row[:, None] * values[:, :, None]
+                if at_points is not None and name in structure.points:
+                    at_points[:, :, structure.points.index(name)] = values
+        if np.any(structure.base_incidence):
+            base = np.stack([_at(record, f"x:{BASE}", index, order) for order in (0, 1)], axis=2)
+        signals = {name: _at(record, f"signal:{name}", index) for name in structure.signals}
+        return Inputs(force, base, points=at_points, signals=signals)
+
+    def _run(self, nodes: Floats, inputs: Inputs, samples: int, refine: int) -> Trajectories:
+        """The motion from states (2 n + S, K)."""
+        step = np.full(nodes.shape[-1], self.record.step / refine)
+        return flow(self._mechanics, nodes, step, samples * refine, inputs)
+
+    def _shown(self, orbit: Trajectories, refine: int) -> Floats:
+        """(M, C, K) what the sensors show along an orbit."""
+        every = slice(None, len(orbit.middle_links), refine)
+        sensors = self._sensors.at(self._mechanics)
+        orbit = sensors.orbit_with_points(orbit)
+        links, memory = orbit.links[every], orbit.memory[every]
+        motion = {
+            X: orbit.states[every, 0],
+            V: orbit.states[every, 1] * (refine * self.record.rate),
+            A: orbit.accelerations[every],
+            F: np.zeros_like(links[:, 0]),
+            S: memory,
+        }
+        if (sensors.kind == F).any():
+            self._mechanics.force(links[:, 0], links[:, 1], memory, motion[F], np.empty_like(memory))
+        return np.stack([motion[kind][:, mass] for kind, mass in self._shown_places], axis=1)
+
+    @property
+    def _shown_places(self) -> list[tuple[int, int]]:
+        """The kind and the number of what each sensor shows."""
+        return list(zip(self._sensors.kind.tolist(), self._sensors.mass.tolist(), strict=True))
+
+    def _end(self, orbit: Trajectories, refine: int) -> Floats:
+        """(2 n + S, K) states at the end of an orbit."""
+        x, u = orbit.states[-1]
+        return np.concatenate([x, u * (refine * self.record.rate), orbit.memory[-1]])
+
+    def _slopes(self, orbit: Trajectories, inputs: Inputs, refine: int) -> tuple[Floats, Floats]:
+        """(K, M C, 2 n + S + p) sensitivities of what is shown to states in units of the prior, and to theta in its unit, and
+        (K, 2 n + S, 2 n + S + p) those of the state at the end, in units of the prior.
+        """
+        step = np.full(orbit.states.shape[-1], self.record.step / refine)
+        unit, mechanics = self._unit, self._mechanics
+        sensors = self._sensors.at(mechanics)
+        rates = {X: 1.0, V: 1.0 / step[0], A: 1.0 / step[0] ** 2, F: 1.0 / step[0] ** 2, S: 1.0}
+        rows = []
+        tangent_samples = tangents(mechanics, orbit, step, self._prior, unit, inputs=inputs)
+        for number, tangent in enumerate(tangent_samples):
+            if tangent.acceleration is None or number % refine:
+                continue
+            motion = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, unit))
+            rows += [motion[kind][mass].T * rates[kind] for kind, mass in self._shown_places]
+        end = np.concatenate([tangent.state[0], tangent.state[1] / step, tangent.memory])
+        ends = end.transpose(2, 0, 1) / self._prior[:, None]
+        return np.stack(rows, axis=1).astype(float), ends.astype(float)
+
+    def _refinement(self, states: Floats, firsts: Indices, samples: int) -> int:
+        """Steps per sample that keep the error of the flow from `states` (2 n + S, N) well below the noise."""
+        some = firsts[:: max(1, len(firsts) // _TESTED)]
+        most = min(samples, 64)
+
+        def shown(refine: int) -> Floats:
+            orbit = self._run(states[..., some], self._inputs(some, most, refine), most, refine)
+            return self._shown(orbit, refine)
+
+        refine, coarse = 1, shown(1)
+        while refine < _MAX_REFINEMENT:
+            fine = shown(2 * refine)
+            change = (fine - coarse) / self.sigma[:, None]
+            if np.isfinite(change).all() and np.sqrt(np.mean(change**2)) < _FLOW_ERROR:
+                break
+            refine, coarse = 2 * refine, fine
+        return refine
+
+    def _predicted(self, firsts: Indices, burn: int, samples: int, refine: int) -> tuple[Floats, ...]:
+        """The fields of `WindowPrediction` for some windows."""
+        K, C, m = len(firsts), len(self.sigma), len(self._prior)
+        inputs = self._inputs(firsts, samples, refine)
+        nodes = self._guess[..., firsts].copy()
+        values = self.record.select(self.record.responses).values
+        observed = values[firsts + np.arange(burn)[:, None]].transpose(0, 2, 1)  # (burn, C, K)
+        fitted = min(_FIRST, burn)
+        while True:
+            part = inputs.first(fitted * refine)
+            most = _ITERATIONS if fitted == burn else _ROUGH_ITERATIONS
+            nodes = self._fitted_states(nodes, part, observed[:fitted], refine, most)
+            if fitted == burn:
+                break
+            fitted = min(_GROWTH * fitted, burn)
+        orbit = self._run(nodes, inputs, samples, refine)
+        slopes, _ = self._slopes(orbit, inputs, refine)
+        weight = np.isfinite(observed).transpose(2, 0, 1) / self.sigma
+        head = slopes[:, : burn * C] * weight.reshape(K, burn * C, 1)
+        information = head[..., :m].transpose(0, 2, 1) @ head[..., :m] + np.eye(m)
+        follow = -np.linalg.solve(information, head[..., :m].transpose(0, 2, 1) @ head[..., m:])
+        state_root = np.linalg.inv(np.linalg.cholesky(information)).transpose(0, 2, 1)
+        by_state = np.sum((slopes[..., :m] @ state_root) ** 2, axis=2)
+        total = slopes[..., m:] + slopes[..., :m] @ follow
+        by_theta = np.sum((total @ (self.root / self._unit[:, None])) ** 2, axis=2)
+        shape = (K, samples, C)
+        changes = self._changed_by_laws(nodes, inputs, orbit, samples, refine)
+        motion = orbit.states[: len(orbit.middle_links) : refine].copy()
+        motion[:, 1] *= refine * self.record.rate
+        return (
+            self._shown(orbit, refine),
+            by_state.reshape(shape).transpose(1, 2, 0),
+            by_theta.reshape(shape).transpose(1, 2, 0),
+            sum((change**2 for change, _ in changes), np.zeros((samples, C, K))),
+            motion,
+            nodes,
+            self._prior[:, None] * state_root,
+            self._prior[:, None] * follow / self._unit,
+        )
+
+    def _changed_by_laws(
+        self, nodes: Floats, inputs: Inputs, orbit: Trajectories, samples: int, refine: int
+    ) -> Iterator[tuple[Floats, Floats]]:
+        """What forces of the links that are off by a part of themselves change, mass after mass: (M, C, K) of what is shown,
+        and (2 n + S, K) of the state at the end.
+        """
+        if self.law_error == 0.0:
+            return
+        shown, end = self._shown(orbit, refine), self._end(orbit, refine)
+        ends, middles = orbit.accelerations, orbit.middle_accelerations
+        at = POINTS[None, :, None, None]
+        first, last, middle = ends[:-1, None], ends[1:, None], middles[:, None]
+        acceleration = first * (1 - at) * (1 - 2 * at) + middle * 4 * at * (1 - at) + last * at * (2 * at - 1)
+        applied = np.zeros_like(acceleration) if inputs.force is None else inputs.force
+        for mass, size in enumerate(self._mechanics.masses):
+            force = applied.copy()
+            force[:, :, mass] += self.law_error * (size * acceleration[:, :, mass] - applied[:, :, mass])
+            changed = self._run(nodes, replace(inputs, force=force), samples, refine)
+            yield self._shown(changed, refine) - shown, self._end(changed, refine) - end
+
+    def _fitted_states(
+        self, nodes: Floats, inputs: Inputs, observed: Floats, refine: int, most: int
+    ) -> Floats:
+        """(2 n + S, K) states that fit samples (B, C, K) best from given ones, by damped Gauss-Newton steps in each window."""
+        samples, C, K = observed.shape
+        m, prior = len(self._prior), self._prior
+        present = np.isfinite(observed)
+        data = np.where(present, observed, 0.0)
+        weight = present.transpose(2, 0, 1) / self.sigma
+        damping = np.full(K, 1e-3)
+
+        def misfit(states: Floats) -> tuple[Trajectories, Floats, Floats]:
+            orbit = self._run(states, inputs, samples, refine)
+            left = np.where(present, data - self._shown(orbit, refine), 0.0) / self.sigma[:, None]
+            away = (states - nodes) / prior[:, None]
+            cost = np.sum(left**2, axis=(0, 1)) + np.sum(away**2, axis=0)
+            return orbit, left, np.where(np.isfinite(cost), cost, np.inf)
+
+        states = nodes.copy()
+        orbit, left, cost = misfit(states)
+        better = np.ones(K, dtype=bool)
+        for _ in range(most):
+            if better.any():
+                slopes = self._slopes(orbit, inputs, refine)[0][..., :m]
+                rows = slopes * weight.reshape(K, samples * C, 1)
+                normal = rows.transpose(0, 2, 1) @ rows + np.eye(m)
+                right = np.einsum("kri,kr->ki", rows, left.transpose(2, 0, 1).reshape(K, -1))
+                right -= ((states - nodes) / prior[:, None]).T
+                valid = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+                normal[~valid], right[~valid] = np.eye(m), 0.0
+            diagonal = np.einsum("kii->ki", normal)
+            damped = normal.copy()
+            damped[:, range(m), range(m)] += damping[:, None] * diagonal
+            step = np.linalg.solve(damped, right[..., None])[..., 0]
+            trial = states + (prior * step).T
+            new_orbit, new_left, new_cost = misfit(trial)
+            better = new_cost < cost
+            states = np.where(better, trial, states)
+            damping = np.where(better, damping / 10.0, damping * 10.0)
+            size = np.einsum("ki,kij,kj->k", step, normal, step)  # squared, in standard errors
+            if np.all((size < _SETTLED) | ~valid):
+                break
+            orbit = orbit.replaced(new_orbit, better)
+            left, cost = np.where(better, new_left, left), np.where(better, new_cost, cost)
+        return states
+
+
+def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
+    """Value or rate of an input at fractional samples (J, 5, K), the points of steps; held behind the last one."""
+    values, kind = record.channel(name), record.interpolation.get(name, BAND_LIMITED)
+    if kind == HELD:  # to the end of the last step in a sample, where the signal jumps
+        sample = np.minimum(np.floor(index[:, len(POINTS) // 2]).astype(int), len(values) - 1)
+        return np.zeros(index.shape) + (0.0 if order else values[sample][:, None])
+    signal = interpolated(0.0, record.rate, values, kind)
+    time = index / record.rate
+    inside = np.minimum(time, signal.end)
+    return np.where(time <= signal.end, signal.derivative(inside), 0.0) if order else signal.value(inside)
+
+
+_RELATIVE_ERROR = 1e-6  # of the size of a channel, to which a state is fitted
+_EXACT = np.zeros(0), np.zeros((0, 0))  # values and covariance of a structure without uncertain coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +473,7 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     refuse_rig(structure, "validation")
     refuse_memory(structure.links, "free runs")
     refuse_hosts(structure, "free runs")
-    given = record.select([*record.inputs, *_responses(structure, record)])
+    given = usable(record, structure)
     frame = framed(given, structure)
     record, channels = frame.record, frame.record.responses
     if not 2 <= settling < len(record):
@@ -135,8 +486,10 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
                 f"has no sample among the first {settling}, which determine the state, or none after them"
             )
             raise RecordError(message, channel=name)
-    state = _initial_state(structure, record.select(channels), _inputs(record, settling + _AFTER), settling)
-    run = _run(structure, channels, state, _inputs(record, len(record)), record.rate, len(record))
+    size = np.sqrt(np.nanmean(record.select(channels).values[:settling] ** 2, axis=0))
+    predictor = WindowPredictor(record, structure, *_EXACT, _RELATIVE_ERROR * np.where(size > 0.0, size, 1.0))
+    state = predictor(np.zeros(1, dtype=int), settling, settling).state[:, 0]
+    run = _free(structure, record, state)
     motion = replace(run, start=record.start).select(channels)
     residual = record.select(channels).values - motion.values
     channels = given.responses
@@ -147,94 +500,45 @@ def free_run(structure: Structure, record: Record, *, settling: int = 50) -> Fre
     return FreeRun(motion=motion, residual=left, rmse=errors, settling=settling)
 
 
-def _responses(structure: Structure, record: Record) -> tuple[Channel, ...]:
-    channels = tuple(channel for channel in record.responses if channel.place in structure.mass_names)
-    if not channels:
+def usable(record: Record, structure: Structure) -> Record:
+    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
+    masses = structure.places
+    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
+    if not responses:
         raise RecordError(
-            f"no response of {', '.join(structure.mass_names)} is in the record, which holds {', '.join(record.channels)}; "
-            "there is nothing to compare a run with"
+            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
+            "there is nothing to compare a prediction with"
         )
-    return channels
-
-
-def _inputs(record: Record, samples: int) -> dict[Channel, Sampled]:
-    """The inputs of the first so many samples by channel, on a clock that starts at 0."""
-    inputs = {}
     for name in record.inputs:
-        if name.place == BASE and name.kind != "x":
-            continue
-        values = record.channel(name)
-        require_complete(name, values, record.start, record.rate)
-        order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
-        inputs[name] = Sampled(0.0, record.rate, values[:samples], order=order)
-    return inputs
+        if name.is_force and name.place not in masses:
+            raise RecordError(
+                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
+                f"are {', '.join(masses)}",
+                channel=name,
+            )
+        require_complete(name, record.channel(name), record.start, record.rate)
+    return record.select([*record.inputs, *responses])
 
 
-def _run(
-    structure: Structure,
-    channels: tuple[str, ...],
-    state: Floats,
-    inputs: Mapping[Channel, Sampled],
-    rate: float,
-    samples: int,
-) -> Record:
+def _free(structure: Structure, record: Record, state: Floats) -> Record:
+    """The responses of a record by a structure that starts from a state (2n + S,), on a clock that starts at 0."""
+    inputs: dict[Channel, Sampled] = {}
+    for name in record.inputs:
+        if name.place != BASE or name.kind == "x":
+            order = ORDER_OF[record.interpolation.get(name, BAND_LIMITED)]
+            inputs[name] = Sampled(0.0, record.rate, record.channel(name), order=order)
     released = [f"{kind}:{name}" for kind in "xv" for name in structure.mass_names]
     released += [f"state:{structure.links[index].name}.{name}" for index, name in System.of(structure).states]
     return simulate(
         structure,
-        duration=(samples - 1) / rate,
-        rate=rate,
-        sensors=channels,
+        duration=(len(record) - 1) / record.rate,
+        rate=record.rate,
+        sensors=record.responses,
         release=dict(zip(released, state.tolist(), strict=True)),
         forces={channel.place: signal for channel, signal in inputs.items() if channel.is_force},
         signals={name: inputs[Channel("signal", name)] for name in structure.signals},
         base=inputs.get(Channel("x", BASE)),
     )
-
-
-def _initial_state(
-    structure: Structure, measured: Record, inputs: Mapping[Channel, Sampled], settling: int
-) -> Floats:
-    """(2 n,) displacements in m and velocities in m/s at the first sample."""
-    first = measured.values[:settling]
-    size = np.sqrt(np.nanmean(first**2, axis=0))
-    weights = np.where(np.isfinite(first), 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    guess, scale = _rough_state(structure, measured[:settling])
-
-    def residual(relative: Floats) -> Floats:
-        run = _run(structure, measured.channels, guess + scale * relative, inputs, measured.rate, settling)
-        return np.asarray((weights * (run.select(measured.channels).values - np.nan_to_num(first))).ravel())
-
-    def slope(relative: Floats) -> Floats:
-        unmoved = residual(relative)
-        steps = _RELATIVE_STEP * np.eye(len(guess))
-        return np.stack([(residual(relative + step) - unmoved) / _RELATIVE_STEP for step in steps], axis=1)
-
-    found = scipy.optimize.least_squares(residual, np.zeros(len(guess)), jac=slope).x
-    return np.asarray(guess + scale * found)
-
-
-def _rough_state(structure: Structure, measured: Record) -> tuple[Floats, Floats]:
-    """A rough state (2 n,) at the first of a few samples, from a parabola through each displacement, and its size (2 n,)."""
-    count = structure.size
-    guess, size = np.zeros(2 * count), np.zeros(2 * count)
-    for i, name in enumerate(structure.mass_names):
-        for kind, place in (("x", i), ("v", count + i)):
-            if f"{kind}:{name}" not in measured.channels:
-                continue
-            values = measured.channel(f"{kind}:{name}")
-            at = np.flatnonzero(np.isfinite(values))[:8]
-            if len(at) < 3:
-                continue
-            fitted = np.polynomial.polynomial.polyfit(at / measured.rate, values[at], 2)
-            guess[place], size[place] = fitted[0], float(np.sqrt(np.nanmean(values**2)))
-            if kind == "x" and f"v:{name}" not in measured.channels:
-                guess[count + i] = fitted[1]
-                size[count + i] = float(np.sqrt(np.nanmean(np.gradient(values, measured.step) ** 2)))
-    for half in (slice(0, count), slice(count, None)):
-        known = size[half][size[half] > 0.0]
-        size[half] = np.where(size[half] > 0.0, size[half], known.mean() if len(known) else 1.0)
-    return guess, size
 
 
 _LOST = 0.1  # of the RMS of a channel: an uncertainty of the state that has grown to it ends a prediction
@@ -335,7 +639,7 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     names = [parameter.name for parameter in structure.parameters]
     valued = structure.with_values(dict(zip(names, map(float, predictor.values), strict=True)))
     progress(ProgressReport(0.2, "free run"))
-    run = _run(valued, channels, state, _inputs(record, samples), record.rate, samples)
+    run = _free(valued, record, state)
     truth = run.simulated
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
@@ -344,7 +648,9 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     predicted[:burn] = np.nan
     return Prediction(
         predicted,
-        *predictor.variances_along(np.array(states), root, start.state_by_coefficients[0]),
+        *replace(predictor, record=record).variances_along(
+            np.array(states), root, start.state_by_coefficients[0]
+        ),
         *_along(record, structure, truth.displacement, truth.velocity),
     )
 
@@ -407,84 +713,3 @@ def _ahead(values: Floats | Bools, samples: int) -> Floats:
     total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), values]), axis=0, dtype=float)
     ends = np.minimum(np.arange(len(values)) + samples, len(values))
     return np.asarray((total[ends] - total[:-1]) / (ends - np.arange(len(values)))[:, None])
-
-
-_SUBSTEPS = 8  # between samples
-_PRIOR = 1e-6  # of the normal matrix, for combinations of states that the start does not determine
-
-
-def rig_channels(record: Record, structure: Structure) -> Record:
-    """The motion of the base and the forces of the links; RecordError where the record does not hold them."""
-    cells = [cell_name(structure, link) for link in range(len(structure.links))]
-    shown = [name for name in cells if name in record.channels]
-    if not shown or BASE_CHANNEL not in record.channels:
-        raise RecordError(
-            f"links alone on a rig are compared along {BASE_CHANNEL} with {', '.join(cells)}, and the record holds "
-            f"{', '.join(record.channels)}"
-        )
-    return record.select([BASE_CHANNEL, *shown])
-
-
-def rig_prediction(
-    record: Record, structure: Structure, posterior: Posterior | None, burn: int, law_error: float
-) -> tuple[Prediction, dict[str, float]]:
-    """The forces by the laws, with states at the start from the first `burn` samples, and the noise by channel.
-
-    That noise is of the load cell and of the motion, along which the forces are computed.
-    """
-    try:
-        forces = rig_forces(record, structure)
-    except IdentificationError as error:
-        raise RecordError(str(error)) from None
-    noise = cell_noise([record], structure)
-    free = structure if posterior is None or not posterior.names else uncertain(posterior)
-    problem = RigProblem(free, (forces,)).with_substeps(_SUBSTEPS)
-    theta = np.array([structure.coefficient(p.name).value or 0.0 for p in free.parameters])
-    minimum, covariance = _started(RigProblem(structure, (forces,)).with_substeps(_SUBSTEPS), noise, burn)
-    minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
-    count, cells = len(record), len(problem.links)
-    slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
-    of_states, of_coefficients = slopes[..., len(theta) :], slopes[..., : len(theta)]
-    moved = motion_deviations(problem, minimum).reshape(cells, count)
-    every = problem.records[0].motion.substeps
-    predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
-    predicted[:burn] = np.nan
-    spread = np.zeros((count, cells)) + law_error * np.nanstd(predicted, axis=0)
-    order = [] if posterior is None else [posterior.names.index(p.name) for p in free.parameters]
-    known = np.zeros((0, 0)) if posterior is None else posterior.beside_terms_kept[np.ix_(order, order)]
-    motion = problem.records[0].motion
-    prediction = Prediction(
-        predicted=predicted,
-        by_state=_variance(of_states, covariance),
-        by_coefficients=_variance(of_coefficients, known),
-        by_laws=spread**2,
-        d=np.outer(motion.d[::every], structure.base_incidence),
-        v=np.outer(motion.v[::every], structure.base_incidence),
-    )
-    levels: dict[str, float] = {
-        cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))
-        for number, link in enumerate(problem.links)
-    }
-    return prediction, levels
-
-
-def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
-    """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
-    cells = [(len(problem.cell(number)), link) for number, (_, link, _) in enumerate(problem.states)]
-    weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / noise[link], 0.0) for n, link in cells])
-    start = np.zeros(problem.size)
-    paths = problem.paths(start)
-    if not all(path.converged for path in paths):
-        raise RecordError("the states of a link run away along the recorded motion")
-    minimum = minimise(problem, start, weights) if problem.size else Minimum(start, 0.0, paths, True)
-    slopes = weights[:, None] * problem.jacobian(minimum.paths)
-    normal = slopes.T @ slopes
-    powers = np.concatenate([np.mean(path.states**2, axis=0) for path in minimum.paths])
-    # a state that the start does not show, as behind backlash, is as uncertain as it is large later on
-    normal += _PRIOR * np.diag(normal.diagonal()) + np.diag(1.0 / np.where(powers > 0.0, powers, 1.0))
-    return minimum, np.asarray(np.linalg.inv(normal), dtype=np.float64)
-
-
-def _variance(slopes: Floats, covariance: Floats) -> Floats:
-    """Variances (N, C) of forces with derivatives (C, N, q) by what has this covariance."""
-    return np.asarray(np.einsum("cnq,qr,cnr->nc", slopes, covariance, slopes))

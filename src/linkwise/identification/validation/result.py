@@ -19,7 +19,7 @@ from linkwise.display import (
     paragraph,
     remark_lines,
 )
-from linkwise.inspection.missing_samples import unanswered_alerts
+from linkwise.inspection.inspect import unanswered_alerts
 from linkwise.inspection.result import Alert
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure

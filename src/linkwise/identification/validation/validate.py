@@ -17,7 +17,7 @@ import scipy
 from linkwise.arrays import Floats, stretches
 from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior
+from linkwise.estimates.uncertainty import Posterior, covariance_root
 from linkwise.identification.validation.answer import (
     LEVEL,
     ValidatedAnswer,
@@ -25,16 +25,15 @@ from linkwise.identification.validation.answer import (
     estimated_again,
     refittable_names,
     sensor_noise,
-    uncertain,
     without_exchanges,
     without_found_errors,
 )
 from linkwise.identification.validation.prediction import (
     Prediction,
+    WindowPredictor,
     one_step,
     predict,
-    rig_channels,
-    rig_prediction,
+    usable,
 )
 from linkwise.identification.validation.result import (
     ChannelPrediction,
@@ -43,11 +42,20 @@ from linkwise.identification.validation.result import (
     ErrorSpectrum,
     Validation,
 )
-from linkwise.identification.validation.windows import WindowPredictor
+from linkwise.likelihood.rigs.estimate import motion_deviations
+from linkwise.likelihood.rigs.problem import (
+    BASE_CHANNEL,
+    Minimum,
+    RigProblem,
+    cell_name,
+    cell_noise,
+    minimise,
+    rig_forces,
+)
 from linkwise.model.structure import BASE, Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.channel import COMMON, SensorUncertainty, require_complete
-from linkwise.records.channel_units import in_units_of, places_of, unit_in
+from linkwise.records.channel import COMMON, SensorUncertainty
+from linkwise.records.channel_units import in_units_of, unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed
 from linkwise.signals.force_window import with_force_windows
@@ -284,7 +292,7 @@ def validate(
     law_error = _law_error(given.model_error if model_error is None else model_error)
     record, exchanged = without_exchanges(in_units_of(record, structure), given.exchanged)
     record = with_force_windows(record)
-    scored = rig_channels(record, structure) if structure.on_rig else _usable(record, structure)
+    scored = _rig_channels(record, structure) if structure.on_rig else usable(record, structure)
     unscored = _unscored(record, scored)
     scored, taken_out = without_found_errors(scored, given.sensor_errors, corrected or {})
     remarks = (*remarks, *exchanged, *unscored, *taken_out, *unknown_sensors(scored))
@@ -341,7 +349,7 @@ def _in_motion(
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
-    predictor = _predictor(used, structure, given.posterior, sigma, law_error)
+    predictor = _predictor(used, given, sigma, law_error)
     prediction = predict(predictor, samples, progress)
     ahead, variance = one_step(predictor, samples)
     prediction = replace(prediction, predicted=prediction.predicted + frame.shown)
@@ -354,30 +362,10 @@ def _on_rig(
 ) -> _Predicted:
     """The same of links along the recorded motion of a rig, whose states are estimated from the samples of the burn alone."""
     samples = _burn_samples(scored, burn)
-    prediction, noise = rig_prediction(scored, given.structure, given.posterior, samples, law_error)
+    prediction, noise = _rig_prediction(scored, given, samples, law_error)
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variance)
     return samples, prediction, (prediction.predicted, variance), noise
-
-
-def _usable(record: Record, structure: Structure) -> Record:
-    """The responses of the structure, and all inputs; RecordError where there is nothing to compare."""
-    masses = structure.places
-    responses = [c for c in record.responses if c.place in places_of(c.kind, structure)]
-    if not responses:
-        raise RecordError(
-            f"no response of {', '.join(masses)} is in the record, which holds {', '.join(record.channels)}; "
-            "there is nothing to compare a prediction with"
-        )
-    for name in record.inputs:
-        if name.is_force and name.place not in masses:
-            raise RecordError(
-                f"this force acts on no mass of the structure, whose {'masses and points' if structure.hosts else 'masses'} "
-                f"are {', '.join(masses)}",
-                channel=name,
-            )
-        require_complete(name, record.channel(name), record.start, record.rate)
-    return record.select([*record.inputs, *responses])
 
 
 def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
@@ -423,23 +411,91 @@ def _burn_samples(record: Record, burn: float | None) -> int:
     return samples
 
 
-def _predictor(
-    record: Record, structure: Structure, posterior: Posterior | None, sigma: Floats, law_error: float
-) -> WindowPredictor:
-    if posterior is None or not posterior.names:
-        nothing = np.zeros((0, 0))
-        return WindowPredictor(record, structure, np.zeros(0), nothing, sigma, law_error)
-    free = uncertain(posterior)
-    order = [posterior.names.index(parameter.name) for parameter in free.parameters]
-    values = posterior.values[order]
-    covariance = posterior.beside_terms_kept[np.ix_(order, order)]
-    scale = np.where(np.diag(covariance) > 0.0, np.sqrt(np.abs(np.diag(covariance))), 1.0)
-    size, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
-    return WindowPredictor(record, free, values, root, sigma, law_error)
+def _predictor(record: Record, given: ValidatedAnswer, sigma: Floats, law_error: float) -> WindowPredictor:
+    free, values, covariance = given.uncertain
+    return WindowPredictor(record, free, values, covariance_root(covariance), sigma, law_error)
 
 
 def _like(record: Record, values: Floats, label: str) -> Record:
     source = f"{record.source or 'record'}, {label}"
     units = record.select(record.responses).units
     return Record(record.start, record.rate, record.responses, values, source=source, units=units)
+
+
+_SUBSTEPS = 8  # between samples
+_PRIOR = 1e-6  # of the normal matrix, for combinations of states that the start does not determine
+
+
+def _rig_channels(record: Record, structure: Structure) -> Record:
+    """The motion of the base and the forces of the links; RecordError where the record does not hold them."""
+    cells = [cell_name(structure, link) for link in range(len(structure.links))]
+    shown = [name for name in cells if name in record.channels]
+    if not shown or BASE_CHANNEL not in record.channels:
+        raise RecordError(
+            f"links alone on a rig are compared along {BASE_CHANNEL} with {', '.join(cells)}, and the record holds "
+            f"{', '.join(record.channels)}"
+        )
+    return record.select([BASE_CHANNEL, *shown])
+
+
+def _rig_prediction(
+    record: Record, given: ValidatedAnswer, burn: int, law_error: float
+) -> tuple[Prediction, dict[str, float]]:
+    """The forces by the laws, with states at the start from the first `burn` samples, and the noise by channel.
+
+    That noise is of the load cell and of the motion, along which the forces are computed.
+    """
+    structure = given.structure
+    try:
+        forces = rig_forces(record, structure)
+    except IdentificationError as error:
+        raise RecordError(str(error)) from None
+    noise = cell_noise([record], structure)
+    free, theta, known = given.uncertain
+    problem = RigProblem(free, (forces,)).with_substeps(_SUBSTEPS)
+    minimum, covariance = _started(RigProblem(structure, (forces,)).with_substeps(_SUBSTEPS), noise, burn)
+    minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
+    count, cells = len(record), len(problem.links)
+    slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
+    of_states, of_coefficients = slopes[..., len(theta) :], slopes[..., : len(theta)]
+    moved = motion_deviations(problem, minimum).reshape(cells, count)
+    every = problem.records[0].motion.substeps
+    predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
+    predicted[:burn] = np.nan
+    spread = np.zeros((count, cells)) + law_error * np.nanstd(predicted, axis=0)
+    motion = problem.records[0].motion
+    prediction = Prediction(
+        predicted=predicted,
+        by_state=_variance(of_states, covariance),
+        by_coefficients=_variance(of_coefficients, known),
+        by_laws=spread**2,
+        d=np.outer(motion.d[::every], structure.base_incidence),
+        v=np.outer(motion.v[::every], structure.base_incidence),
+    )
+    levels: dict[str, float] = {
+        cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))
+        for number, link in enumerate(problem.links)
+    }
+    return prediction, levels
+
+
+def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
+    """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
+    cells = [(len(problem.cell(number)), link) for number, (_, link, _) in enumerate(problem.states)]
+    weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / noise[link], 0.0) for n, link in cells])
+    start = np.zeros(problem.size)
+    paths = problem.paths(start)
+    if not all(path.converged for path in paths):
+        raise RecordError("the states of a link run away along the recorded motion")
+    minimum = minimise(problem, start, weights) if problem.size else Minimum(start, 0.0, paths, True)
+    slopes = weights[:, None] * problem.jacobian(minimum.paths)
+    normal = slopes.T @ slopes
+    powers = np.concatenate([np.mean(path.states**2, axis=0) for path in minimum.paths])
+    # a state that the start does not show, as behind backlash, is as uncertain as it is large later on
+    normal += _PRIOR * np.diag(normal.diagonal()) + np.diag(1.0 / np.where(powers > 0.0, powers, 1.0))
+    return minimum, np.asarray(np.linalg.inv(normal), dtype=np.float64)
+
+
+def _variance(slopes: Floats, covariance: Floats) -> Floats:
+    """Variances (N, C) of forces with derivatives (C, N, q) by what has this covariance."""
+    return np.asarray(np.einsum("cnq,qr,cnr->nc", slopes, covariance, slopes))

@@ -6,7 +6,7 @@ Brent's method on the interpolant of the step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any, final
 
@@ -33,7 +33,6 @@ _SMALL = 1e-3  # of the largest displacement, velocity or state: below, errors a
 _FLOOR = 1e-18 / SCALE  # in m and m/s: motion of no interest
 _LOOKS = np.array([0.25, 0.5, 0.75, 1.0])  # of a step, at which crossings are looked for
 _FIRST = 1e-3  # of the longest step that is tried: where nothing tells a better one
-_SEARCH = 100_000  # steps in the search for the last finite state
 
 
 @final
@@ -135,16 +134,8 @@ class DormandPrince:
         self._kinks = _Evaluation([motion.kink_formulas[number] for number in watched], variables, size, 1)
         self._offsets = motion.layout.unwatched.start + np.array(watched, dtype=int)
         self._masses = motion.shape.masses
-        self._time, self._state = 0.0, np.zeros(len(variables))
+        self.time, self.state = 0.0, np.zeros(len(variables))
         self._step = 0.0  # s, the last one that was long enough for its error; 0 where there was none
-
-    @property
-    def time(self) -> float:
-        return self._time
-
-    @property
-    def state(self) -> NDArray[Any]:
-        return self._state.copy()
 
     @property
     def parameters(self) -> NDArray[Any]:
@@ -152,8 +143,8 @@ class DormandPrince:
 
     def place(self, placement: Placement) -> None:
         self.set_parameters(slice(None), placement.parameters)
-        self._time, self._state = float(placement.time), np.array(placement.state, dtype=float)
-        if self._time == 0.0:
+        self.time, self.state = float(placement.time), np.array(placement.state, dtype=float)
+        if self.time == 0.0:
             self._step = 0.0  # the same run takes the same steps
 
     def set_parameters(self, where: slice, values: NDArray[Any]) -> None:
@@ -161,7 +152,7 @@ class DormandPrince:
         self._kinks.parameters[where, 0] = values
 
     def add_to_state(self, jump: NDArray[Any]) -> None:
-        self._state = self._state + jump
+        self.state = self.state + jump
 
     def propagate(
         self,
@@ -172,89 +163,82 @@ class DormandPrince:
         log: list[float] | None = None,
     ) -> Propagation:
         times = np.asarray(times, dtype=float)
-        states, reached, steps, outcome = np.empty((len(times), len(self._state))), 0, 0, Outcome.DONE
+        states, reached, steps = np.empty((len(times), len(self.state))), 0, 0
         solver = self._solver(float(times[-1]), longest_step)
         while solver is not None and solver.status == "running":
             if most_steps and steps == most_steps:
-                outcome = Outcome.STEP_LIMIT
-                break
-            solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
-                outcome = Outcome.NOT_FINITE
-                break
+                return Propagation(states[:reached], steps, Outcome.STEP_LIMIT)
+            if not self._stepped(solver):
+                return Propagation(states[:reached], steps, Outcome.NOT_FINITE)
             steps += 1
             cut = solver.status != "running"  # at the last of the times
             self._step = max(solver.step_size, self._step if cut else 0.0)
-            dense = solver.dense_output() if len(self._offsets) else None
-            kink = None if dense is None else self._first_kink(solver.t_old, solver.t, dense)
-            self._time, self._state = solver.t, solver.y
+            watched = len(self._offsets)
+            dense = solver.dense_output() if watched or times[reached] <= solver.t else None
+            kink = self._first_kink(solver.t_old, solver.t, dense) if watched else None
             if dense is not None and kink is not None:
-                self._time, self._state = kink, dense(kink)
+                self.time, self.state = kink, dense(kink)
             if log is not None:
-                log.append(self._time)
-            passed = int(np.searchsorted(times, self._time, side="right"))
-            if passed > reached:
-                dense = dense or solver.dense_output()
+                log.append(self.time)
+            passed = int(np.searchsorted(times, self.time, side="right"))
+            if dense is not None and passed > reached:
                 states[reached:passed] = dense(times[reached:passed]).T
-                states[reached:passed][times[reached:passed] == self._time] = self._state
+                states[reached:passed][times[reached:passed] == self.time] = self.state
                 reached = passed
             if kink is not None:
-                outcome = Outcome.KINK
-                break
+                return Propagation(states[:reached], steps, Outcome.KINK)
         if solver is None:
-            states[:], reached = self._state, len(times)
-        return Propagation(states[:reached], steps, outcome)
+            states[:] = self.state
+        return Propagation(states, steps, Outcome.DONE)
 
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
         self._step = self._step or _FIRST * longest
-        solver = self._solver(self._time + longest, np.inf)
-        if solver is None:
-            return self.state, self._time
-        solver.step()
-        if solver.status == "failed":
-            return self.state, self._time
+        solver = self._solver(self.time + longest, np.inf)
+        if solver is None or not self._stepped(solver):
+            return self.state, self.time
         time = solver.t_old + fraction * (solver.t - solver.t_old)
-        self._time, self._state = solver.t, solver.y
         return solver.dense_output()(time), time
-
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        self._time, self._state = float(time), np.array(state, dtype=float)
-        solver = self._solver(np.inf, np.inf)
-        for _ in range(_SEARCH):
-            if solver is None or solver.status != "running":
-                break
-            solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
-                break
-            self._time, self._state = solver.t, solver.y
-        return self._time, self.state
 
     def _solver(self, end: float, longest: float) -> DOP853 | None:
         """A solver from here to a time; None where there is nothing to do."""
-        if not end > self._time:
+        if not end > self.time:
             return None
-        absolute = _absolute(self._state, self._rates.flat(self._time, self._state), self._masses)
-        first = min(self._step, longest, end - self._time) if self._step else None
+        absolute = _absolute(self.state, self._rates.flat(self.time, self.state), self._masses)
+        first = min(self._step, longest, end - self.time) if self._step else None
         options = {"max_step": longest, "first_step": first, "rtol": _TOLERANCE, "atol": absolute}
-        return DOP853(self._rates.flat, self._time, self._state, end, **options)
+        return DOP853(self._rates.flat, self.time, self.state, end, **options)
 
-    def _watched(self, time: float, dense: Any) -> Floats:
-        """Values of the watched kinks on the interpolant, each with its offset."""
-        offsets = self._kinks.parameters[self._offsets, 0]
-        return np.asarray(self._kinks(time, dense(time))[:, 0] + offsets)
+    def _stepped(self, solver: DOP853) -> bool:
+        """Whether a step leads to a finite state, which is taken."""
+        finite = _stepped(solver)
+        if finite:
+            self.time, self.state = solver.t, solver.y
+        return finite
 
     def _first_kink(self, start: float, end: float, dense: Any) -> float | None:
         """The first time in a step at which a kink changes its sign."""
-        last, before = start, self._watched(start, dense)
-        for look in start + _LOOKS * (end - start):
-            after = self._watched(look, dense)
-            crossed = np.flatnonzero(before * after < 0.0)
-            if crossed.size:
-                found = partial(brentq, a=last, b=look, xtol=1e-300, rtol=1e-15)
-                roots = [found(lambda t, one=one: self._watched(t, dense)[one]) for one in crossed.tolist()]
-                return float(min(roots))
-            last, before = look, after
-        return None
+        offsets = self._kinks.parameters[self._offsets]
+        crossings = _crossings(lambda t: self._kinks(t, dense(t)) + offsets, start, end)
+        return min((time for time, _, _ in crossings), default=None)
+
+
+def _stepped(solver: DOP853) -> bool:
+    """Whether a step leads to a finite state."""
+    solver.step()
+    return solver.status != "failed" and bool(np.isfinite(solver.y).all())
+
+
+def _crossings(
+    function: Callable[[float], Floats], start: float, end: float
+) -> Iterator[tuple[float, int, int]]:
+    """When and where values (k, lanes) of a function of time change their signs in a step."""
+    last, before = start, function(start)
+    for look in start + _LOOKS * (end - start):
+        after = function(look)
+        for row, lane in np.argwhere(before * after < 0.0).tolist():
+            beyond = partial(lambda t, row, lane: float(function(t)[row, lane]), row=row, lane=lane)
+            yield float(brentq(beyond, last, look, xtol=1e-300, rtol=1e-15)), row, lane
+        last, before = look, after
 
 
 def _absolute(state: Floats, rates: Floats, masses: int) -> Floats:
@@ -288,15 +272,11 @@ class DormandPrinceBatch:
             for number, link in enumerate(watched)
         ]
         self._levels = _Evaluation(levels, variables, size, lanes)
-        self._masses, self._time = motion.shape.masses, 0.0
-        self._state = np.zeros((len(equations), lanes))
-
-    @property
-    def state(self) -> Floats:
-        return self._state.copy()
+        self._masses, self.time = motion.shape.masses, 0.0
+        self.state = np.zeros((len(equations), lanes))
 
     def place(self, state: Floats, parameters: Floats) -> None:
-        self._time = 0.0
+        self.time = 0.0
         self.set_parameters(slice(None), parameters)
         self.set_state(state)
         for crossings in self.crossings:
@@ -307,54 +287,38 @@ class DormandPrinceBatch:
         self._levels.parameters[where] = values
 
     def set_state(self, state: Floats) -> None:
-        self._state = np.array(state, dtype=float)
+        self.state = np.array(state, dtype=float)
 
     def propagate(self, times: Floats, most_steps: int) -> tuple[Floats, Bools]:
-        times, shape = np.asarray(times, dtype=float), self._state.shape
+        times, shape = np.asarray(times, dtype=float), self.state.shape
         states = np.full((len(times), *shape), np.nan)
         absolute = np.full(shape, np.inf)  # of energies
-        rates = self._rates(self._time, self._state)
+        rates = self._rates(self.time, self.state)
         for lane in range(shape[1]):
             of_motion = slice(self._motion_size), lane
-            absolute[of_motion] = _absolute(self._state[of_motion], rates[of_motion], self._masses)
-        start, errors = self._state.ravel(), {"rtol": _TOLERANCE, "atol": absolute.ravel()}
-        solver = DOP853(self._rates.flat, self._time, start, times[-1], **errors)
+            absolute[of_motion] = _absolute(self.state[of_motion], rates[of_motion], self._masses)
+        start, errors = self.state.ravel(), {"rtol": _TOLERANCE, "atol": absolute.ravel()}
+        solver = DOP853(self._rates.flat, self.time, start, times[-1], **errors)
         reached = 0
         for _ in range(most_steps):
-            if solver.status != "running":
-                break
-            solver.step()
-            if solver.status == "failed" or not np.isfinite(solver.y).all():
+            if solver.status != "running" or not _stepped(solver):
                 break
             dense = solver.dense_output()
-            self._record(solver.t_old, solver.t, dense)
+            if self.crossings:
+                levels = partial(lambda t, dense: self._levels(t, dense(t)), dense=dense)
+                for time, level, lane in _crossings(levels, solver.t_old, solver.t):
+                    self.crossings[level].append((lane, time))
             passed = int(np.searchsorted(times, solver.t, side="right"))
             states[reached:passed] = dense(times[reached:passed]).T.reshape(-1, *shape)
             reached = passed
-        self._time, self._state = float(solver.t), solver.y.reshape(shape).copy()
+        self.time, self.state = float(solver.t), solver.y.reshape(shape).copy()
         if reached == len(times):
-            states[-1] = self._state
+            states[-1] = self.state
             return states, np.zeros(shape[1], dtype=bool)
-        failed = np.array(~np.isfinite(self._rates(self._time, self._state)).all(axis=0))
+        failed = np.array(~np.isfinite(self._rates(self.time, self.state)).all(axis=0))
         if not failed.any():
-            failed[np.argmax(np.abs(self._state[: self._motion_size]).max(axis=0))] = True
+            failed[np.argmax(np.abs(self.state[: self._motion_size]).max(axis=0))] = True
         return states, failed
-
-    def _record(self, start: float, end: float, dense: Any) -> None:
-        """The crossings of the levels within a step."""
-        if not self.crossings:
-            return
-        last, before = start, self._levels(start, dense(start))
-        for look in start + _LOOKS * (end - start):
-            after = self._levels(look, dense(look))
-            for level, lane in np.argwhere(before * after < 0.0).tolist():
-
-                def beyond(t: float, at: tuple[int, int] = (level, lane)) -> float:
-                    return float(self._levels(t, dense(t))[at])
-
-                time = brentq(beyond, last, look, xtol=1e-300, rtol=1e-13)
-                self.crossings[level].append((lane, float(time)))
-            last, before = look, after
 
 
 @final

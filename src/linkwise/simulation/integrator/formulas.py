@@ -220,9 +220,6 @@ class Integrator(Protocol):
         Time and state move on by the whole step.
         """
 
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
-
 
 class BatchIntegrator(Protocol):
     """An integrator of several structures of one shape without kinks, each in a lane.
@@ -577,5 +574,5 @@ def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
             "periodic motion of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
             "wheels (Linux), or conda install heyoka.py"
         )
-    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.periods:HeyokaPhase")
+    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
     return kind(shape)

@@ -1,4 +1,5 @@
-"""heyoka's Taylor integrators, for one structure and for several side by side, compiled once for each shape and thread.
+"""heyoka's Taylor integrators, for one structure, for several side by side and over phase, compiled once for each shape and
+thread.
 
 Masses, coefficients and inputs are run-time parameters, so all structures of one shape share what was compiled for the
 first. heyoka keeps up to 20 GB of it in one folder for all programs, and each process that compiles reads that from end
@@ -7,6 +8,7 @@ to end: with 1.7 GB there, the first simulation takes twice as long. linkwise ke
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats
 from linkwise.expression import FUNCTIONS
 from linkwise.simulation.integrator.formulas import (
+    SCALE,
     CompiledSystem,
     Formula,
     MotionFormulas,
@@ -29,6 +32,8 @@ from linkwise.simulation.integrator.formulas import (
     Propagation,
     SystemShape,
     Time,
+    Turn,
+    input_symbols,
 )
 
 _CHOSEN_BY_USER = "HEYOKA_CACHE_DIR"
@@ -53,7 +58,6 @@ def use_own_cache() -> None:
 
 TOLERANCE = 1e-14  # truncation per step, relative to the largest state: order 18, whose remainder is 1e-16
 EXTENDED_TOLERANCE = 1e-16  # order 20, enough for 80-bit arithmetic, which stays far below its tolerance
-_SEARCH = 100_000  # steps in the search for the last finite state
 
 use_own_cache()
 heyoka.set_logger_level_critical()  # its warnings go to standard output; `Outcome` tells of a state that is not finite
@@ -167,16 +171,6 @@ class TaylorIntegrator:
         self._taylor.step(max_delta_t=longest, write_tc=True)
         time = start + fraction * float(self._taylor.last_h)
         return self._taylor.update_d_output(time).copy(), time
-
-    def last_finite(self, time: float, state: NDArray[Any]) -> tuple[float, NDArray[Any]]:
-        """Time in s and state (2n + S,) before the first step from `time` and `state` that is not finite."""
-        self._taylor.time, self._taylor.state[:] = self.dtype(time), state
-        for _ in range(_SEARCH):
-            outcome, _ = self._taylor.step()
-            if outcome == heyoka.taylor_outcome.err_nf_state or not np.all(np.isfinite(self._taylor.state)):
-                break
-            time, state = float(self._taylor.time), self.state
-        return time, state
 
 
 @dataclass(frozen=True)
@@ -305,3 +299,102 @@ class HeyokaSystem(CompiledSystem):
         state = [*y, *u, *self._motion.states.values()]
         formulas = (self._motion.kink_formulas, self._motion.kink_sizes)
         return heyoka.cfunc(formulas[0], vars=state), heyoka.cfunc(formulas[1], vars=state)
+
+
+_OMEGA = "omega"  # the symbol of an input that is the angular frequency in rad/s
+_PHASE_TOLERANCE = 1e-13
+_UNROLLED_EQUATIONS = 60  # up to which code over phase is compiled without loops
+_LANES = 8  # tangent vectors that are integrated side by side: two registers of most processors
+_MOST_STEPS = 2_000  # in a turn: a motion that needs more diverges
+
+
+@final
+class HeyokaPhase:
+    """heyoka's integrator of one shape without kinks over phase, see `formulas.PhaseIntegrator`: where a structure is after a
+    turn of its excitation, and the derivatives of that, which shooting for periodic motion needs.
+
+    Time is the phase, omega*t, so that a turn ends at 2 pi whatever its frequency, and the frequency is a parameter like
+    others. Variational equations are integrated with the motion, a tangent vector in each lane of a batch.
+    """
+
+    def __init__(self, shape: SystemShape) -> None:
+        self._motion = motion = MotionFormulas(shape, HeyokaAlgebra())
+        self.layout = motion.layout
+        self._parameters = np.zeros(self.layout.size + 1)  # omega last
+
+    @cached_property
+    def _equations(self) -> list[tuple[Any, Any]]:
+        """Pairs of variable and derivative by phase."""
+        omega = heyoka.par[self.layout.size]
+        replaced = {heyoka.time: heyoka.time / omega}
+        for (_, kind), where in zip(self._motion.shape.inputs, self.layout.inputs, strict=True):
+            if not isinstance(kind, int) and _OMEGA in input_symbols(kind):
+                replaced[heyoka.par[where.start + input_symbols(kind).index(_OMEGA)]] = omega
+        return [(variable, heyoka.subs(rate, replaced) / omega) for variable, rate in self._motion.equations]
+
+    @cached_property
+    def _plain(self) -> Any:
+        equations = self._equations
+        return heyoka.taylor_adaptive(
+            equations,
+            np.zeros(len(equations)),
+            tol=_PHASE_TOLERANCE,
+            compact_mode=len(equations) > _UNROLLED_EQUATIONS,
+            fast_math=True,
+        )
+
+    @cached_property
+    def _tangent(self) -> Any:
+        """The motion, and in each lane a tangent vector to it."""
+        equations = self._equations
+        size, first = len(equations), self.layout.size
+        variables = [variable for variable, _ in equations]
+        tangent = [heyoka.expression(f"tangent{k}") for k in range(size)]
+        share = heyoka.par[first + 1]  # 1 in the lane whose tangent is that by omega
+        varied = []
+        for (_, rate), own in zip(equations, tangent, strict=True):
+            names = {str(name) for name in heyoka.get_variables(rate)}
+            others = zip(variables, tangent, strict=True)
+            by_tangent = [heyoka.diff(rate, other) * part for other, part in others if str(other) in names]
+            varied.append((own, heyoka.sum([heyoka.diff(rate, heyoka.par[first]) * share, *by_tangent])))
+        return heyoka.taylor_adaptive_batch(
+            [*equations, *varied],
+            np.zeros((2 * size, _LANES)),
+            tol=_PHASE_TOLERANCE,
+            compact_mode=2 * size > _UNROLLED_EQUATIONS,
+            fast_math=True,
+        )
+
+    def set_parameters(self, parameters: Floats) -> None:
+        self._parameters[:-1] = parameters
+
+    def turn(self, start: Floats, omega: float, phase: float) -> Turn:
+        taylor, size = self._tangent, len(start)
+        pars, state = taylor.pars, taylor.state
+        self._parameters[-1] = omega
+        pars[:-1] = self._parameters[:, None]
+        most_steps = math.ceil(_MOST_STEPS * phase / (2.0 * math.pi))
+        batches = -(-(size + 1) // _LANES)
+        columns = np.eye(size + 1, batches * _LANES)
+        for lanes in np.split(columns, batches, axis=1):
+            taylor.set_time(0.0)
+            pars[-1] = lanes[-1]
+            state[:size] = start[:, None] / SCALE
+            state[size:] = lanes[:-1]
+            taylor.propagate_until(phase, max_steps=most_steps)
+            if any(result[0] != heyoka.taylor_outcome.time_limit for result in taylor.propagate_res):
+                return Turn(np.full(size, np.nan), np.full((size, size), np.nan), np.full(size, np.nan))
+            lanes[:-1] = state[size:]
+        return Turn(state[:size, 0] * SCALE, columns[:-1, :size], columns[:-1, size] * SCALE)
+
+    def motion(self, start: Floats, omega: float, phases: Floats) -> Floats:
+        taylor = self._plain
+        self._parameters[-1] = omega
+        taylor.pars[:] = self._parameters[: len(taylor.pars)]
+        taylor.time = phases[0]
+        taylor.state[:] = start / SCALE
+        most_steps = math.ceil(_MOST_STEPS * float(phases[-1] - phases[0]) / (2.0 * math.pi))
+        *_, states = taylor.propagate_grid(phases, max_steps=most_steps)
+        result = np.full((len(phases), len(start)), np.nan)
+        result[: len(states)] = states * SCALE
+        return result

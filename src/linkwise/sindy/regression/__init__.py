@@ -1,4 +1,4 @@
-"""Coefficients from equations: one regressor a file, all on one Gram matrix."""
+"""Coefficients from equations: regressors on one Gram matrix."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 REGRESSORS: Registry[type[Regressor]] = Registry(
     "regressor",
     {
-        "stlsq": "linkwise.sindy.regression.regressors:Stlsq",
-        "l1": "linkwise.sindy.regression.regressors:L1",
-        "least-squares": "linkwise.sindy.regression.regressors:LeastSquares",
+        "stlsq": "linkwise.sindy.regression.regressor:Stlsq",
+        "l1": "linkwise.sindy.regression.regressor:L1",
+        "least-squares": "linkwise.sindy.regression.regressor:LeastSquares",
     },
     IdentificationError,
 )

@@ -109,21 +109,6 @@ _ONE_IN = 5
 _FEWEST = 25  # rows below which none are held out: validation needs five
 
 
-class _Products(NamedTuple):
-    """A'A (p, p), A'b (p, T) and ||b||^2 (T,) over some rows."""
-
-    matrix: Floats
-    moments: Floats
-    squares: Floats
-
-
-class _Residual(NamedTuple):
-    """A'(b - A c) (p, T) and ||b - A c||^2 (T,) over some rows."""
-
-    slope: Floats
-    squares: Floats
-
-
 def held_out_rows(rows: int) -> Bools:
     """True (R,) in the middle one of every five runs of rows; nowhere for fewer than 25 rows."""
     if rows < _FEWEST:
@@ -132,25 +117,27 @@ def held_out_rows(rows: int) -> Bools:
     return np.asarray(run % _ONE_IN == _ONE_IN // 2)
 
 
-def _products(system: LinearSystem, numbers: Indices | None = None) -> _Products:
-    """Products of the rows of these numbers, or of all."""
+def _products(system: LinearSystem, numbers: Indices | None = None) -> tuple[Floats, Floats, Floats]:
+    """A'A (p, p), A'b (p, T) and ||b||^2 (T,) over the rows of these numbers, or over all."""
     sums = system.gram_sums()
     moments, squares = np.zeros((len(system.names), len(system.targets))), np.zeros(len(system.targets))
     for rows, target in system.blocks(numbers):
         sums.add(rows)
         moments += product(rows, target, transposed=True)
         squares += np.sum(target**2, axis=0)
-    return _Products(sums.matrix(), moments, squares)
+    return sums.matrix(), moments, squares
 
 
-def _residual(system: LinearSystem, coefficients: Floats, numbers: Indices | None = None) -> _Residual:
-    """Products of the residuals of coefficients (p, T), computed from the rows of these numbers, or from all."""
+def _residual(
+    system: LinearSystem, coefficients: Floats, numbers: Indices | None = None
+) -> tuple[Floats, Floats]:
+    """A'(b - A c) (p, T) and ||b - A c||^2 (T,) of coefficients (p, T), from the rows of these numbers, or from all."""
     slope, squares = np.zeros_like(coefficients), np.zeros(len(system.targets))
     for rows, target in system.blocks(numbers):
         residual = target - product(rows, coefficients)
         slope += product(rows, residual, transposed=True)
         squares += np.sum(residual**2, axis=0)
-    return _Residual(slope, squares)
+    return slope, squares
 
 
 _PASSES = 3  # at most over the rows to refine the anchor; one is enough unless columns are nearly dependent
@@ -159,11 +146,11 @@ _ROUNDING = 1e-13  # a residual this far below its target cannot be refined
 
 def _anchored(
     system: LinearSystem, factor: CholeskyFactor, moments: Floats, inverse: Floats, norms: Floats
-) -> tuple[Floats, Floats, _Residual]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """A least squares solution by iterative refinement, from A'b (p, T), 1 / ||A_j|| (p,) and ||b|| (T,).
 
-    Returns the anchor (p, T), a last correction that is not applied, and the products of the anchor's residuals, in scaled
-    columns.
+    Returns the anchor (p, T), a last correction that is not applied, and the products of the anchor's residuals as
+    `_residual` gives them, in scaled columns.
     """
     anchor = np.asarray(cho_solve(factor, moments))
     for last in (*[False] * (_PASSES - 1), True):
@@ -174,7 +161,7 @@ def _anchored(
         if last or np.all((gain < squares / 2) | (squares <= (_ROUNDING * norms) ** 2)):
             break
         anchor = anchor + change
-    return anchor, change, _Residual(slope, squares)
+    return anchor, change, slope, squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,8 +236,8 @@ class Gram:
         whole[~alive, ~alive] = 1.0
         moments, norms = inverse[:, None] * moments, np.sqrt(squares)
         factor = cholesky(whole)
-        anchor, change, left = _anchored(system, factor or _ridged(whole), moments, inverse, norms)
-        sums = AnchoredSums(system.rows, whole, left.slope, left.squares, norms).shifted(change)
+        anchor, change, slope, left = _anchored(system, factor or _ridged(whole), moments, inverse, norms)
+        sums = AnchoredSums(system.rows, whole, slope, left, norms).shifted(change)
         return cls(system, system.names, sums, moments, scale, alive, anchor + change, factor)
 
     @property
@@ -285,8 +272,8 @@ class Gram:
         matrix, _, squares = _products(self.system, numbers)
         matrix *= inverse
         matrix *= inverse[:, 0]
-        left = _residual(self.system, self.anchor * inverse, numbers)
-        held_out = AnchoredSums(len(numbers), matrix, inverse * left.slope, left.squares, np.sqrt(squares))
+        slope, left = _residual(self.system, self.anchor * inverse, numbers)
+        held_out = AnchoredSums(len(numbers), matrix, inverse * slope, left, np.sqrt(squares))
         matrix = np.asfortranarray(self.matrix - matrix)
         rows = AnchoredSums(
             self.rows - len(numbers),
