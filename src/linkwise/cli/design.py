@@ -25,6 +25,7 @@ from linkwise.cli.options import (
 )
 from linkwise.cli.reading_options import read_told
 from linkwise.output import DESIGN
+from linkwise.runtime import processors
 
 EXAMPLE = "nes1.alpha=-300:-20"
 
@@ -122,6 +123,7 @@ def design(
     quantity = wanted.minimise or maximise or "remaining"
     with progress("simulating") as step, unstarted_is_usage():
         harmonic, drive = _harmonic(drive, given["search"])
+        given["search"].setdefault("workers", processors())
         search = lw.absorption.DesignOptions(
             **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic
         )
