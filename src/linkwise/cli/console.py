@@ -123,7 +123,7 @@ def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool)
         place = home / (folder.resolve().name or "result")
         for pictured in [True, False] if whole else [False]:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
-                pages.folder_of(result, "").write(result, place, truth=truth, pictured=pictured)
+                pages.FOLDERS[type(result).__name__].write(result, place, truth=truth, pictured=pictured)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
                 note(f"the result was kept in {place}{lacking}")
                 return

@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
-from linkwise import __version__
 from linkwise.display import (
     JudgedView,
     format_both,
@@ -21,18 +21,19 @@ from linkwise.display import (
     format_value,
     listed,
 )
-from linkwise.errors import RecordError
 from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
-from linkwise.identification.force_error import nmse
+from linkwise.identification.compare import Comparison
 from linkwise.likelihood.noise import whiteness_text
-from linkwise.model.structure import Link, Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.output import COMPARISON
-from linkwise.records.record import Record
-from linkwise.registry import Registry, lazy_module
+from linkwise.plot import style
+from linkwise.plot.estimates import fit_figure, residuals_figure
+from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figure
+from linkwise.plot.records import histories_figure
+from linkwise.registry import Registry
 from linkwise.report.page import (
     Build,
     Head,
@@ -45,20 +46,6 @@ from linkwise.report.page import (
 )
 from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from linkwise.identification.compare import Comparison
-    from linkwise.plot import estimates as fit_figures
-    from linkwise.plot import links as link_figures
-    from linkwise.plot import records as record_figures
-    from linkwise.plot import style
-else:  # matplotlib is for those who want a page
-    fit_figures = lazy_module("linkwise.plot.estimates")
-    link_figures = lazy_module("linkwise.plot.links")
-    record_figures = lazy_module("linkwise.plot.records")
-    style = lazy_module("linkwise.plot.style")
 
 PICTURED = 24  # links with figures; the others have their numbers and their force file
 FIRST = 3  # links whose laws stand on the first screen
@@ -82,10 +69,10 @@ def _record(reported: Reported[Estimate]) -> Section:
         f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
         f"{record.time[-1]:g} s."
     )
-    figure = partial(record_figures.histories_figure, record)
     noise = estimate.noise.items()
     rows = [(name, f"{one.sigma:.3g}", one.unit, f"{one.snr_db:.1f}") for name, one in noise]
     rows = [NOISE_HEAD, *rows] if rows else []
+    figure = partial(histories_figure, record)
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
@@ -117,16 +104,19 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
         "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
     )
-    figure = partial(fit_figures.residuals_figure, estimate)
     items = [whiteness_text(name, values) for name, values in left.items()]
+    figure = partial(residuals_figure, estimate)
     return Section("Residuals", text=[text], items=items, figure=figure, folded=True)
 
 
 def _fit(reported: Reported[Estimate]) -> Section | None:
     """Measured over fitted, where the method fits samples."""
     overlaid = fitted_channels(reported.result)
-    figure = partial(fit_figures.fit_figure, reported.result.record, overlaid)
-    return Section("Measured and fitted", figure=figure) if overlaid else None
+    return (
+        Section("Measured and fitted", figure=partial(fit_figure, reported.result.record, overlaid))
+        if overlaid
+        else None
+    )
 
 
 SECTIONS: dict[str, Build[Reported[Estimate]]] = {
@@ -144,15 +134,15 @@ def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
     estimate = reported.result
     at_rest = estimate.force_band(link, np.linspace(*estimate.link(link).d_range, GRID))[0]
     if not at_rest.any() and not estimate.link(link).link.law.states:
-        return lambda: style.single(partial(link_figures.loop, estimate, link, over="v"))
-    return lambda: link_figures.force_figure(estimate, link, truth=reported.truth)
+        return lambda: style.single(partial(loop, estimate, link, over="v"))
+    return lambda: force_figure(estimate, link, truth=reported.truth)
 
 
 def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
     """The force over one cycle, of a link with memory."""
     if not has_loop(reported.result, link):
         return None
-    return lambda: link_figures.loop_figure(reported.result, link)
+    return lambda: loop_figure(reported.result, link)
 
 
 LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] | None]] = Registry(
@@ -316,25 +306,6 @@ def _derived(quantity: DerivedQuantity) -> str:
     return f"{value} {quantity.unit}{of_95}"
 
 
-def force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
-    """The NMSE of the force of each link in %, None where the record does not determine it."""
-    links = (link for link in estimate.structure.links if link.name not in estimate.structure.modes)
-    return {link.name: _error(truth.link(link.name), link, estimate.record) for link in links}
-
-
-def _document(estimate: Estimate, truth: Structure | None) -> dict[str, Any]:
-    """The estimate as plain data, and beside a true structure the errors of the forces."""
-    result = {**estimate.to_dict(), "version": __version__}
-    return result if truth is None else {**result, "nmse_percent": force_errors(estimate, truth)}
-
-
-def _error(true: Link, identified: Link, record: Record) -> float | None:
-    try:
-        return nmse(true, identified, record)
-    except RecordError:  # an end without displacement, or a force that does not vary
-        return None
-
-
 def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
     """Write structure, forces of links and, of an answer that is not refused, the covariance into an empty `folder`."""
     _write_graded(estimate, result, folder)
@@ -361,7 +332,6 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
-    document=_document,
     data=lambda reported, folder: write_numbers(reported.result, folder, reported.result),
     sections=estimate_figures,
     page=lambda reported, _, pictures: estimate_page(reported, pictures),
@@ -381,7 +351,7 @@ def _side_by_side(comparison: Comparison) -> Section:
 
 def _compared_forces(comparison: Comparison) -> Section:
     text = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
-    return Section("Forces", [text], figure=partial(link_figures.comparison_figure, comparison))
+    return Section("Forces", [text], figure=partial(comparison_figure, comparison))
 
 
 COMPARISON_SECTIONS: dict[str, Build[Comparison]] = {"table": _side_by_side, "forces": _compared_forces}

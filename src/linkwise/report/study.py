@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -28,9 +28,10 @@ from linkwise.paper.figures import (
     motion_captions,
 )
 from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, explanation
-from linkwise.plot import save
+from linkwise.plot.studies import accuracy_figure, success_figure
+from linkwise.plot.style import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.registry import Registry, lazy_module
+from linkwise.registry import Registry
 from linkwise.report.page import embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
@@ -40,11 +41,6 @@ from linkwise.study.store import read_rows, stored_study
 from linkwise.study.success_map import SuccessMap, maps_of
 from linkwise.study.summary import SPREAD, Cell, StudySummary, covered
 from linkwise.verdict import Verdict, admit_intervals
-
-if TYPE_CHECKING:
-    from linkwise.plot import studies as study_figures
-else:  # matplotlib loads where a figure is drawn
-    study_figures = lazy_module("linkwise.plot.studies")
 
 _READING = {
     "coefficients": "the force read from the coefficients of the sink's own x and x³",
@@ -295,11 +291,11 @@ def _figure_9(report: StudyReport) -> Figure | None:
 def _accuracy(report: StudyReport) -> Figure | None:
     counts = list(report.table.masses.values())
     readable = len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)
-    return study_figures.accuracy_figure(report.table) if report.beyond and readable else None
+    return accuracy_figure(report.table) if report.beyond and readable else None
 
 
 def _success(report: StudyReport) -> Figure | None:
-    return study_figures.success_figure(report.success) if report.success else None
+    return success_figure(report.success) if report.success else None
 
 
 def _success_caption(report: StudyReport) -> str:
