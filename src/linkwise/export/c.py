@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import prod
 from pathlib import Path
 
 from linkwise.display import on_one_line
-from linkwise.export.equations import Assignments, EquationsOfMotion, Notation, Place
+from linkwise.export.equations import Assignments, EquationsOfMotion, Notation
 from linkwise.expression.tree import CodeStyle
 
 _FUNCTIONS = {"abs": "fabs", "sign": "sign_of", "max": "larger", "min": "smaller"}
@@ -51,6 +50,9 @@ static inline double smaller(double x, double y) { return x <= y || x != x ? x :
 """
 
 
+_RESULTS = {"rhs": "dz", "jacobian": "dfdz", "input_jacobian": "dfdu"}
+
+
 def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None:
     """Write the file; `name` is not needed in it."""
     path.write_text(source(equations), encoding="ascii", newline="\n")
@@ -76,40 +78,30 @@ def source(equations: EquationsOfMotion) -> str:
         parameters=len(equations.parameters),
         tables="\n".join(lines),
     )
-    size = len(equations.states)
-    functions = [
-        _function(equations, names, "rhs(double t, {}, double *dz)", equations.rates, (size, 1)),
-        _function(equations, names, "jacobian(double t, {}, double *dfdz)", equations.jacobian, (size, size)),
-        _function(
-            equations, names, "input_jacobian(double t, {}, double *dfdu)", equations.input_jacobian,
-            (size, len(equations.inputs)),
-        ),
-    ]  # fmt: skip
+    functions = [_function(equations, names, *function) for function in equations.functions]
     return "".join([head, _TOOLS, *functions])
 
 
 def _function(
-    equations: EquationsOfMotion, names: dict[str, str], head: str, assignments: Assignments, shape: Place
+    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, columns: int
 ) -> str:
-    result = head.removesuffix(")").rpartition("*")[2]
+    result, rows = _RESULTS[own], len(equations.states)
     notation = Notation(
         C,
         "    const double {}",
-        lambda array, place: f"{array}[{place[0] * shape[1] + place[1] if len(place) == 2 else place[0]}]",
+        lambda array, place: f"{array}[{place[0] * columns + place[1] if len(place) == 2 else place[0]}]",
         lambda text: f"    // {_comment(text)}",
         ";",
     )
-    arrays = {"z": list(equations.states), "u": list(equations.inputs), "p": list(equations.parameters)}
-    given = "const double *z, const double *u, const double *p"
     return "\n".join([
-        f"\nvoid {head.format(given)}",
+        f"\nvoid {own}(double t, const double *z, const double *u, const double *p, double *{result})",
         "{",
         "    u = u ? u : no_inputs;",
         "    p = p ? p : parameters;",
         "    (void)t, (void)z, (void)u, (void)p;",
-        f"    for (int k = 0; k < {prod(shape)}; k++)",
+        f"    for (int k = 0; k < {rows * columns}; k++)",
         f"        {result}[k] = 0.0;",
-        *notation.lines(assignments, arrays, names, f"    {result}"),
+        *notation.lines(assignments, equations.arrays, names, f"    {result}"),
         "}\n",
     ])  # fmt: skip
 

@@ -13,7 +13,7 @@ from linkwise.arrays import Floats
 from linkwise.display import on_one_line
 from linkwise.errors import OutputError
 from linkwise.export.answer import ExportedAnswer, identifiers
-from linkwise.export.equations import Assignments, EquationsOfMotion, Notation, Place
+from linkwise.export.equations import Assignments, EquationsOfMotion, Notation
 from linkwise.expression.tree import FUNCTIONS, MATLAB, to_code, to_text
 from linkwise.model.link import Link
 
@@ -205,7 +205,6 @@ _NOTATION = Notation(
 def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None:
     """Write the function of the equations, which has the `name` of its file; OutputError where that is no function's."""
     _check_name(name)
-    size = len(equations.states)
     names = equations.identifiers((*_KEYWORDS, *FUNCTIONS, *_OWN))
     head = _EQUATIONS_HEAD.format(
         name=name,
@@ -215,23 +214,17 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
         inputs=len(equations.inputs),
         parameters=_column(map(repr, equations.parameters.values())),
     )
-    functions = [
-        _function(equations, names, "rates_of", equations.rates, (size, 1)),
-        _function(equations, names, "jacobian_of", equations.jacobian, (size, size)),
-        _function(
-            equations, names, "input_jacobian_of", equations.input_jacobian, (size, len(equations.inputs))
-        ),
-    ]
+    functions = [_function(equations, names, *function) for function in equations.functions]
     text = "\n".join([head, *functions, _information(equations)])
     path.write_text(text + _REAL, encoding="utf-8", newline="\n")
 
 
 def _function(
-    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, shape: Place
+    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, columns: int
 ) -> str:
-    arrays = {"z": list(equations.states), "u": list(equations.inputs), "p": list(equations.parameters)}
-    statements = _NOTATION.lines(assignments, arrays, names, "result")
-    head = f"function result = {own}(z, u, p)\nresult = zeros({shape[0]}, {shape[1]});"
+    statements = _NOTATION.lines(assignments, equations.arrays, names, "result")
+    called = "rates_of" if own == "rhs" else f"{own}_of"
+    head = f"function result = {called}(z, u, p)\nresult = zeros({len(equations.states)}, {columns});"
     return "\n".join([head, *statements, "end\n"])
 
 

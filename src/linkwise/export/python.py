@@ -8,7 +8,7 @@ from pathlib import Path
 
 from linkwise.display import on_one_line
 from linkwise.export.answer import ExportedAnswer, identifiers
-from linkwise.export.equations import Assignments, EquationsOfMotion, Notation, Place
+from linkwise.export.equations import Assignments, EquationsOfMotion, Notation
 from linkwise.expression.tree import NUMPY, to_code, to_text
 from linkwise.model.link import Link
 
@@ -139,12 +139,7 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
         initial=equations.initial,
         parameters=ascii(equations.parameters),
     )
-    size, inputs = len(equations.states), len(equations.inputs)
-    functions = [
-        _function(equations, names, "rhs", equations.rates, (size,)),
-        _function(equations, names, "jacobian", equations.jacobian, (size, size)),
-        _function(equations, names, "input_jacobian", equations.input_jacobian, (size, inputs)),
-    ]
+    functions = [_function(equations, names, *function) for function in equations.functions]
     path.write_text("\n\n".join([head, *functions]), encoding="utf-8", newline="\n")
 
 
@@ -157,10 +152,11 @@ _NOTATION = Notation(
 
 
 def _function(
-    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, shape: Place
+    equations: EquationsOfMotion, names: dict[str, str], own: str, assignments: Assignments, columns: int
 ) -> str:
     needed = (key for key in equations.parameters if key in assignments.inputs)
-    arrays = {"z": list(equations.states), "u": list(equations.inputs)}
+    arrays = {name: entries for name, entries in equations.arrays.items() if name != "p"}
+    shape = (len(equations.states),) if own == "rhs" else (len(equations.states), columns)
     lines = [
         f'@np.errstate(all="ignore")\ndef {own}(t, z, u=None, p=PARAMETERS):',
         "    z, u = np.asarray(z, dtype=float), _inputs(t, u)",
