@@ -14,7 +14,7 @@ TESTS = 34_480  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (13, 2283),
     "analysis": (4, 522),
-    "cli": (24, 2000),
+    "cli": (20, 1970),
     "discovery": (19, 3760),
     "estimates": (7, 1323),
     "export": (8, 1040),

@@ -10,19 +10,9 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress
+from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
-from linkwise.cli.method_options import method_options
-from linkwise.cli.options import (
-    POSITIVE,
-    folder_option,
-    grouped,
-    json_option,
-    number,
-    ranges,
-    typed,
-    unstarted_is_usage,
-)
+from linkwise.cli.options import POSITIVE, grouped, method_options, number, ranges, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import DESIGN
 from linkwise.runtime import processors
@@ -88,14 +78,12 @@ def _harmonic(
 @method_options(lw.absorption.DesignOptions, "search", *_RANGE)
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @drive_options
-@folder_option(DESIGN)
-@json_option("design.json")
+@answer_options(DESIGN)
 def design(
     structure: Path,
     wanted: WantedOptions,
     drive: ExcitationOptions,
-    output: Path | None,
-    as_json: bool,
+    delivery: Delivery,
     **given: Any,
 ) -> int:
     """Find the coefficients and masses at which the sinks of STRUCTURE absorb best.
@@ -117,7 +105,7 @@ def design(
         raise UsageError("--minimise and --maximise exclude each other: name one quantity.")
     over = ranges(wanted.vary, "--vary", EXAMPLE, "LOW:HIGH")
     factors = tuple(number(text, "--levels", "0.5,1,2") for text in wanted.levels.split(","))
-    place = None if output is None else output.resolve()
+    place = None if delivery.output is None else delivery.output.resolve()
     journal = None if place is None else place.with_name(f".{place.name}.designs")
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
     quantity = wanted.minimise or maximise or "remaining"
@@ -129,7 +117,7 @@ def design(
         )
         keywords = {**given["options"], **drive.keywords(), "journal": journal, "progress": step}
         result = lw.design(subject, over, quantity, search, **keywords)
-    code = deliver(result, output, as_json=as_json, answer=structure)
+    code = delivery.of(result, answer=structure)
     if journal is not None:
         journal.unlink(missing_ok=True)
     return code

@@ -1,4 +1,4 @@
-"""`linkwise identify`: records and a structure with unknowns, to the force of every link."""
+"""`linkwise identify`, and `compare` of all methods: records and a structure with unknowns, to the force of every link."""
 
 from __future__ import annotations
 
@@ -10,22 +10,13 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, note, progress
-from linkwise.cli.method_options import method_options
-from linkwise.cli.options import (
-    FILE,
-    RegisteredChoice,
-    folder_option,
-    json_option,
-    nmse_lines,
-    option_name,
-    screen,
-    truth_option,
-)
+from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
+from linkwise.cli.options import FILE, method_options, nmse_lines, option_name, screen
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
+from linkwise.identification import compare as comparisons
 from linkwise.identification.identify import METHODS
 from linkwise.model import link
-from linkwise.output import RESULT
+from linkwise.output import COMPARISON, RESULT
 
 
 @click.command(
@@ -38,7 +29,7 @@ from linkwise.output import RESULT
 @click.argument("structure", type=FILE)
 @click.option(
     "--method",
-    type=RegisteredChoice(METHODS),
+    type=click.Choice(list(METHODS)),
     default="ml",
     show_default=True,
     help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
@@ -59,18 +50,14 @@ from linkwise.output import RESULT
     remark=" (ml)",
 )
 @method_options(lw.PhysicsInformedSindy, "sindy", remark=" (sindy)")
-@folder_option(RESULT)
-@truth_option
-@json_option("result.json")
+@answer_options(RESULT, truth_option)
 def identify(
     source: RecordOptions,
     structure: Path,
     method: str,
     ml: dict[str, Any],
     sindy: dict[str, Any],
-    output: Path | None,
-    truth: Path | None,
-    as_json: bool,
+    delivery: Delivery,
 ) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD.
 
@@ -97,7 +84,7 @@ def identify(
     """
     estimator = _estimator(method, source, {"ml": ml, "sindy": sindy})
     subject = read_told(structure)
-    true = None if truth is None else lw.read_structure(truth)
+    true = None if delivery.truth is None else lw.read_structure(delivery.truth)
     if true is not None:
         link.refuse_memory(true.links, link.COMPARISON)
     note(*source.masses_beside(subject))
@@ -109,7 +96,7 @@ def identify(
         estimate = lw.identify(tests, subject, method=estimator, progress=step)
     title = "\nagainst the truth: NMSE of the force (paper Eq. 8)"
     errors = nmse_lines(lw.report.result_of(estimate, true), title)
-    return deliver(estimate, output, as_json=as_json, more=errors, truth=true)
+    return delivery.of(estimate, more=errors, truth=true)
 
 
 def _estimator(
@@ -125,3 +112,29 @@ def _estimator(
     for name, sizes in source.fitted_errors().items():
         options[name] = {**sizes, **options.get(name, {})}
     return METHODS.lookup(method)(**options)
+
+
+@click.command()
+@record_options
+@click.argument("structure", type=FILE)
+@answer_options(COMPARISON)
+def compare(source: RecordOptions, structure: Path, delivery: Delivery) -> int:
+    """Identify the unknown coefficients of STRUCTURE from RECORD by maximum likelihood, the weak form and the sparse
+    regression of the paper, and by maximum likelihood with the term or link that its diagnosis misses first.
+
+    Shows coefficients with standard errors, grades, chi-square, the errors of free runs and times. A method that does not take
+    the record, as sindy where the motion of a mass is not measured, says why. The exit code is that of the answer of maximum
+    likelihood, as of identify.
+
+    \b
+    Examples:
+      linkwise compare run.csv unknown.toml -o compared
+      linkwise compare run.csv unknown.toml --mapping sensors.toml --json
+    """
+    source.refuse_unknown_errors()
+    subject = read_told(structure)
+    note(*source.masses_beside(subject))
+    with progress("reading") as step:
+        record = source.read_motion_of(subject)
+        comparison = comparisons.compare(record, subject, progress=step)
+    return delivery.of(comparison)
