@@ -26,8 +26,7 @@ from linkwise.plot.style import (
     sheet,
 )
 from linkwise.study.row import Row
-from linkwise.study.success_map import SuccessMap
-from linkwise.study.summary import Cell, StudySummary
+from linkwise.study.summary import Cell, StudySummary, SuccessMap
 
 QUANTITIES = {"nmse": "NMSE of the force, %", "seconds": "time of one estimate, s"}
 _KNOWN = {"ml": (SERIES[0], "o"), "weak": (SERIES[4], "^"), "physics-informed": (SERIES[2], "D")}

@@ -38,8 +38,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows, stored_study
-from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import SPREAD, Cell, StudySummary, covered
+from linkwise.study.summary import SPREAD, Cell, StudySummary, SuccessMap, covered, maps_of
 from linkwise.verdict import Verdict, admit_intervals
 
 _READING = {
