@@ -22,11 +22,9 @@ import numpy as np
 import scipy
 
 from linkwise import __version__
-from linkwise.absorption.absorb import compare
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
 from linkwise.absorption.map import comparison_at, parameter_unit
-from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters

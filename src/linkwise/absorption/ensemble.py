@@ -14,9 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.motion import Decay, Vibration, comparable, reduction, root_sum_square
-from linkwise.absorption.sinks import SUFFIX, dissipators, link_motion, mean_host_energies
-from linkwise.absorption.wells import Potentials, Runs, batch_runs, rest_positions
+from linkwise.absorption.motion import (
+    Decay,
+    Potentials,
+    Runs,
+    Vibration,
+    batch_runs,
+    comparable,
+    elongations,
+    reduction,
+    rest_positions,
+    root_sum_square,
+)
+from linkwise.absorption.sinks import SUFFIX, dissipators, mean_host_energies
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
@@ -187,11 +197,11 @@ def _strokes(comparison: Comparison, runs: Runs, vibration: Vibration) -> dict[s
     """The largest elongation (W,) of each sink."""
     base, structures = comparison.options.excitation.base, vibration.structures
     x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
-    strokes = {}
-    for link in (sink.link for sink in comparison.sinks):
-        moved = link_motion(structures, runs.x, link, x), link_motion(structures, runs.v, link, v)
-        strokes[f"stroke:{link}"] = Decay(runs.time, *moved).peak
-    return strokes
+    names = [link.name for link in comparison.structure.links]
+    links = [names.index(sink.link) for sink in comparison.sinks]
+    d, rate = elongations(structures, runs.x, x)[..., links], elongations(structures, runs.v, v)[..., links]
+    peaks = Decay(runs.time, d, rate).peak.T
+    return {f"stroke:{sink.link}": peak for sink, peak in zip(comparison.sinks, peaks, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from linkwise.absorption.absorb import compare
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
-from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Floats, finite
