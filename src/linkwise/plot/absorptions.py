@@ -18,7 +18,7 @@ from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import LinkwiseError, StructureError, require_known
+from linkwise.errors import LinkwiseError
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -36,6 +36,7 @@ from linkwise.plot.style import (
     not_shown,
     over_time,
     place_legend,
+    place_of,
     scale,
     sheet,
     strips,
@@ -81,7 +82,7 @@ def absorption(
     'm1\\nmm'
     """
     plain = without_intervals(result)
-    number = _number("primary mass", mass, [change.name for change in plain.masses])
+    number = place_of("primary mass", mass, [change.name for change in plain.masses])
     with axes_for(ax, legend=legend) as axes:
         largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
         factor, unit = scale(largest, plain.unit(plain.masses[number].name))
@@ -116,12 +117,6 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
 def _title(result: Absorption) -> str:
     name = result.with_sinks.structure.name
     return f"{f'{name}, sinks' if name else 'Sinks'} {result.removal} for comparison"
-
-
-def _number(kind: str, name: str | None, names: Sequence[str]) -> int:
-    """The place of a name among all of its kind; the first without one."""
-    require_known(kind, names[0] if name is None else name, names, StructureError)
-    return 0 if name is None else names.index(name)
 
 
 def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float) -> None:
@@ -363,7 +358,7 @@ def crossings(
     'time, s'
     """
     plain = without_intervals(result)
-    shown = plain.sinks[_number("sink", sink, [entry.sink.link for entry in plain.sinks])]
+    shown = plain.sinks[place_of("sink", sink, [entry.sink.link for entry in plain.sinks])]
     law = plain.with_sinks.structure.link(shown.sink.link).law
     with axes_for(ax, legend=legend) as axes:
         factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])

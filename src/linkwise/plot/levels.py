@@ -25,7 +25,6 @@ from linkwise.plot.style import (
     scale,
     scattered,
     sheet,
-    single,
 )
 
 
@@ -66,11 +65,6 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
         axes.set_xlabel(literal(comparison.level_name))
         axes.set_ylabel(f"power over that of {literal(comparison.responses[0].response)}, dB")
     return axes
-
-
-def distortion_figure(comparison: LevelComparison) -> Figure:
-    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own."""
-    return single(partial(distortion, comparison))
 
 
 def level_modes(

@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator, NullFormatter
 
 from linkwise.arrays import Floats
-from linkwise.errors import expect
+from linkwise.errors import StructureError, expect, require_known
 from linkwise.model.structure import Link
 from linkwise.output import atomic_file
 
@@ -134,6 +134,12 @@ def axes_for(
         yield axes
         if legend and axes.get_legend_handles_labels()[0]:
             axes.legend()
+
+
+def place_of(kind: str, name: str | None, names: Sequence[str]) -> int:
+    """The place of a name among all of its kind, the first without one; StructureError for one that is not there."""
+    require_known(kind, names[0] if name is None else name, names, StructureError)
+    return 0 if name is None else names.index(name)
 
 
 def literal(text: str) -> str:

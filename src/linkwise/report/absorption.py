@@ -27,8 +27,9 @@ from linkwise.absorption.result import (
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION, DESIGN
 from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure, map_figure
-from linkwise.plot.design import designs_figure, trade_off_figure
+from linkwise.plot.design import designs_figure, trade_off
 from linkwise.plot.responses import response_figure
+from linkwise.plot.style import single
 from linkwise.report.page import (
     Build,
     Head,
@@ -159,7 +160,9 @@ def _trade_off(result: Design) -> Section | None:
     if len(result.trade_off) < 2:
         return None
     text = "No lighter design that was tried is as good. Grey: the other designs within the limits."
-    return Section("Trade-off", [text], rows=trade_off_rows(result), figure=partial(trade_off_figure, result))
+    return Section(
+        "Trade-off", [text], rows=trade_off_rows(result), figure=partial(single, partial(trade_off, result))
+    )
 
 
 def _designs(result: Design) -> Section:

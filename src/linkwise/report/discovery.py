@@ -32,8 +32,9 @@ from linkwise.discovery.result import (
 )
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.estimates.estimate import Estimate
-from linkwise.plot.discoveries import departures_figure, evidence_figure, path_figure
+from linkwise.plot.discoveries import departures, evidence_figure, path_figure
 from linkwise.plot.graphs import graph_figure
+from linkwise.plot.style import single
 from linkwise.report.estimate import estimate_figures, page_parts, write_numbers
 from linkwise.report.page import (
     Build,
@@ -106,7 +107,7 @@ def _average(reported: Reported[Discovery]) -> Section | None:
     if link is None:
         return None
     text = "Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."
-    figure = partial(departures_figure, discovery, link)
+    figure = partial(single, partial(departures, discovery, link))
     return Section("Other models that survive", [text], figure=figure, folded=True)
 
 

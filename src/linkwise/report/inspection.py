@@ -19,12 +19,13 @@ from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row
 from linkwise.output import INSPECTION
 from linkwise.plot.levels import (
     acceleration_surfaces_figure,
-    distortion_figure,
+    distortion,
     level_responses_figure,
     levels_figure,
     ring_down_figure,
 )
 from linkwise.plot.records import coherences_figure, histories_figure, spectra_figure, spectrograms_figure
+from linkwise.plot.style import single
 from linkwise.report.page import Build, Head, Section, sectioned, sections_of
 
 PICTURED = 8  # records with figures; the others have their table
@@ -70,7 +71,7 @@ _distortion = _of_levels(
     "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
     "what of the start has not died out.",
     lambda levels: any(levels.distortions),
-    distortion_figure,
+    lambda levels: single(partial(distortion, levels)),
     distortion_rows,
 )
 _ring_down = _of_levels(

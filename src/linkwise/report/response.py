@@ -10,7 +10,8 @@ import numpy as np
 
 from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
-from linkwise.plot.responses import backbone_figure, basins_figure, response_figure
+from linkwise.plot.responses import backbone_figure, basins, response_figure
+from linkwise.plot.style import single
 from linkwise.report.page import (
     Head,
     ResultFolder,
@@ -103,7 +104,9 @@ def _write_basins_data(result: Basins, folder: Path) -> None:
 
 def _plane(result: Basins) -> Section:
     """The plane of initial states."""
-    return Section("Where motion ends", rows=basins_rows(result), figure=partial(basins_figure, result))
+    return Section(
+        "Where motion ends", rows=basins_rows(result), figure=partial(single, partial(basins, result))
+    )
 
 
 BASINS_FOLDER: ResultFolder[Basins] = sectioned(
