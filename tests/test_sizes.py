@@ -17,7 +17,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "cli": (20, 1970),
     "discovery": (19, 3760),
     "estimates": (7, 1323),
-    "export": (8, 1040),
+    "export": (8, 808),
     "expression": (6, 1102),
     "files": (15, 1893),
     "identification": (15, 2465),
