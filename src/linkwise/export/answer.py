@@ -214,7 +214,7 @@ def listed_formats(formats: Mapping[str, ExportFormat]) -> list[str]:
 def _templates() -> jinja2.Environment:
     return jinja2.Environment(
         loader=jinja2.PackageLoader("linkwise", "export"),
-        autoescape=False,  # what is not of the language is escaped as that asks for
+        autoescape=jinja2.select_autoescape(["xml.jinja"]),  # others escape as their languages ask for
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -177,24 +177,35 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
     of_modes = (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
     chi_square = estimate.chi_square_per_sample
 
-    def rows(coefficients: Iterable[CoefficientEstimate]) -> list[dict[str, Any]]:
-        return [_row(estimate, c, truth.coefficient(c.name).value if truth else None) for c in coefficients]
+    def true_value(coefficient: CoefficientEstimate) -> str:
+        name = coefficient.name
+        linked = truth is not None and any(name.owner == link.link.name for link in estimate.links)
+        values = truth.link(name.owner).values if truth and linked else {}
+        value = values.get(name.key) if linked else truth.coefficient(name).value if truth else None
+        return "" if value is None else format_value(value)
 
     return {
         "estimate": estimate,
-        "laws": [_law(link) for link in identified_first[:FIRST] if link.free],
+        "laws": [link for link in identified_first[:FIRST] if link.free],
         "grade": grade.value,
         "doubt": _doubt(estimate, grade),
         "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
-        "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
-        "masses": rows(estimate.masses),
-        "modes": rows(of_modes),
+        "links": identified_first,
+        "figures_of": lambda link: [name for kind in LINK_FIGURES if (name := f"{kind}_{link}") in pictures],
+        "modes": of_modes,
+        "nmse": reported.nmse,
         "chi_square": "" if chi_square is None else format_chi_square(chi_square),
         "sections": {name: one for name, one in sections_of(SECTIONS, reported).items() if name != "fit"},
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
         "compared": truth is not None,
         "profiled": bool(estimate.profile_intervals),
+        "format_value": format_value,
+        "force_title": style.force_title,
+        **{
+            own.__name__.lstrip("_"): own
+            for own in (true_value, _ends, _numbered, _derived, _within, _length)
+        },
     }
 
 
@@ -204,16 +215,10 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
     return f"force_{max(links, key=lambda link: len(link.free)).link.name}" if links else ""
 
 
-def _law(link: LinkEstimate) -> dict[str, Any]:
-    """The law of a link with its numbers within half of their 95 % intervals, in the unit of length of its figure."""
+def _length(link: LinkEstimate) -> str:
+    """The unit of length of the figure of a link."""
     of_d = link.link.law.motion_units[0]
-    length = style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
-    derived = [f"{label} = {_within(quantity, length)}" for label, quantity in _numbered(link)]
-    return {
-        "title": style.force_title(link.link),
-        "values": [f"{one.name.key} = {_within(one, length)}" for one in link.coefficients if not one.known],
-        "derived": derived,
-    }
+    return style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
 
 
 def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
@@ -261,39 +266,6 @@ def _pictured(estimate: Estimate) -> list[str]:
     measured = {name for name in names if f"f:{name}" in estimate.record.channels}
     links = [name for name in names if name not in known or name in measured]
     return sorted(links, key=lambda name: name in known)[:PICTURED]
-
-
-def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> dict[str, Any]:
-    """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
-    estimate = reported.result.link(name)
-    true = {} if reported.truth is None else reported.truth.link(name).values
-    error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
-    return {
-        "name": name,
-        "title": style.force_title(estimate.link),
-        "rates": estimate.link.rate_texts,
-        "rows": [_row(reported.result, one, true.get(one.name.key)) for one in estimate.coefficients],
-        "derived": [f"{label}: {_derived(quantity)}" for label, quantity in _numbered(estimate)],
-        "visited": f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
-        f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} {of_v}",
-        "nmse": "" if error is None else f"{error:.3g} %",
-        "pictures": [f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures],
-    }
-
-
-def _row(estimate: Estimate, coefficient: CoefficientEstimate, true: float | None) -> dict[str, Any]:
-    """One coefficient as the table shows it."""
-    error, profile = coefficient.standard_error, estimate.profile_intervals.get(coefficient.name)
-    return {
-        "name": coefficient.name,
-        "value": format_value(coefficient.value, error),
-        "unit": coefficient.unit,
-        "error": "" if error is None else format_error(error),
-        "interval": _ends(coefficient.interval, error),
-        "profile": _ends(profile, error),
-        "known": coefficient.known,
-        "true": "" if true is None else format_value(true),
-    }
 
 
 def _ends(interval: tuple[float, float] | None, error: float | None) -> str:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -114,10 +113,8 @@ def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Mapping
         methods=[method for method in table.methods if method not in comparison.classical],
         conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
         meanings={name: _meaning(report.study, name) for name in comparison.classical},
-        rows=[_row(report, number) for number in range(len(comparison.cells))],
+        percent=percent,
         reasons=_reasons(comparison),
-        exact=[_exact(success) for success in report.success],
-        others=_others(report),
         coverages=_coverages(table),
         illustrations=illustrations,
         missing=_missing(table),
@@ -136,28 +133,6 @@ def percent(value: float | None) -> str:
         return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
     mantissa, _, exponent = f"{value:.1e}".partition("e")
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
-
-
-def _row(report: StudyReport, number: int) -> dict[str, Any]:
-    """A line of Table 2 on the page; `medians` by method, `spreads` what stands on them when pointed at."""
-    cells, best = report.comparison.cells, report.comparison.best
-    cell = cells[number]
-    ratio = None if best is None else cell.ratio(best)
-    return {
-        "first": number == 0 or cells[number - 1].snr_db != cell.snr_db,
-        "snr_db": cell.snr_db,
-        "masses": cell.masses,
-        "paper": f"{cell.paper:g}",
-        "ratio": "–" if ratio is None else f"{ratio:.2g}",
-        "near": best is not None and cell.near(best),
-        "medians": {method: percent(cell.nmse(method)) for method in report.table.methods},
-        "spreads": {method: _spread(study_cell) for method, study_cell in cell.cells.items()},
-    }
-
-
-def _spread(cell: Cell) -> str:
-    cycles = f"{cell.done} of {cell.expected} cycles, {len(cell.failures)} without answer"
-    return f"{percent(cell.low)} to {percent(cell.high)} % over {cycles}"
 
 
 def _reasons(comparison: Table2) -> list[tuple[str, str]]:
@@ -203,25 +178,6 @@ def _failures(table: StudySummary) -> list[str]:
         why = reason or "the error is not a number"
         sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
     return sentences
-
-
-def _exact(success: SuccessMap) -> tuple[str, str, int, Mapping[str, str]]:
-    """A line of the table of right terms: structure, method, cases, and parts of them in %."""
-    cases = int(success.cases.sum())
-    counts = (success.exact, success.wrong_trusted, success.extra_trusted)
-    parts = [percent(100.0 * float(count.sum()) / cases if cases else None) for count in counts]
-    names = ("exact", "wrong, trusted", "extra, trusted")
-    return success.name, success.method, cases, dict(zip(names, parts, strict=True))
-
-
-def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
-    """What Table 2 does not have: the medians of all methods."""
-    lines: list[tuple[str, float, Mapping[str, str]]] = []
-    for name, level in report.beyond:
-        cells = {method: report.table.cell(name, level, method) for method in report.table.methods}
-        medians = {method: percent(cell.nmse if cell else None) for method, cell in cells.items()}
-        lines.append((name, level, medians))
-    return lines
 
 
 def _coverages(table: StudySummary) -> list[tuple[str, float, Mapping[str, str]]]:
