@@ -12,7 +12,7 @@ TESTS = 34_480  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2250),
+    "absorption": (10, 2252),
     "analysis": (4, 522),
     "cli": (20, 1970),
     "discovery": (19, 3760),
@@ -26,15 +26,15 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (7, 888),
     "model": (20, 3217),
     "paper": (3, 371),
-    "plot": (13, 1938),
+    "plot": (13, 1921),
     "records": (8, 1390),
-    "report": (10, 1099),
+    "report": (10, 1098),
     "response": (12, 1755),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 948),
     "signals": (7, 893),
     "simulation": (10, 1760),
     "sindy": (10, 1146),
-    "study": (10, 1523),
+    "study": (10, 1519),
     "weak": (13, 2140),
 }
 

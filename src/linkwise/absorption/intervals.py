@@ -268,7 +268,11 @@ def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> Quan
     return QuantityInterval(quantity, finite(value), finite(lower), finite(upper), missing)
 
 
-def without_intervals(result: Absorption | AbsorptionIntervals) -> Absorption:
+Answer = Absorption | AbsorptionIntervals
+"""What `absorb` says of a structure, and of an identified one."""
+
+
+def without_intervals(result: Answer) -> Absorption:
     """The comparison itself, of a result with intervals or of one without."""
     return result.absorption if isinstance(result, AbsorptionIntervals) else result
 

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter
 
 from linkwise.absorption.ensemble import AbsorptionQuantity
-from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
+from linkwise.absorption.intervals import AbsorptionIntervals, Answer, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
@@ -45,11 +45,7 @@ from linkwise.plot.style import (
 
 
 def absorption(
-    result: Absorption | AbsorptionIntervals,
-    mass: str | None = None,
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
+    result: Answer, mass: str | None = None, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
     """Draw the excursion of a primary mass with sinks and without, each under its envelope, and when it settles.
 
@@ -96,7 +92,7 @@ def absorption(
     return axes
 
 
-def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+def decay_figure(result: Answer) -> Figure:
     """The primary masses, each in a strip of its own; of more than 8 the first."""
     plain = without_intervals(result)
     names = [mass.name for mass in plain.masses]
@@ -321,11 +317,7 @@ _MOST = 8  # strips that one page can hold
 
 
 def crossings(
-    result: Absorption | AbsorptionIntervals,
-    sink: str | None = None,
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
+    result: Answer, sink: str | None = None, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
     """Draw the elongation of a sink over time, the tops between its wells, and its passages over them.
 
@@ -377,7 +369,7 @@ def crossings(
     return axes
 
 
-def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+def crossings_figure(result: Answer) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first."""
     names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
     return strips(names, partial(crossings, result, legend=False), (1.2, 1.3))
@@ -389,13 +381,7 @@ _PALE = "#EBEBEB"
 _POINTS = 1500  # of a band
 
 
-def energy(
-    result: Absorption | AbsorptionIntervals,
-    *,
-    with_sinks: bool = True,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+def energy(result: Answer, *, with_sinks: bool = True, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw where the energy went: what each link has dissipated and what is still there, over time.
 
     Sinks lie below in colours, the other links above them in greys, what is left on top.
@@ -433,7 +419,7 @@ def energy(
     return axes
 
 
-def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+def energy_figure(result: Answer) -> Figure:
     """Where the energy went with the sinks and, beside it, without them."""
     with sheet(columns=2, height=3.4) as (figure, panels):
         energy(result, legend=False, ax=panels[0])

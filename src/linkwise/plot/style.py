@@ -101,6 +101,7 @@ def strips(
     *,
     title: str = "",
     legend: bool = True,
+    columns: int = 3,
 ) -> Figure:
     """A figure of strips with one horizontal axis, each by ``draw(item, ax=axes)``; `height` inches around all and of each.
 
@@ -117,7 +118,7 @@ def strips(
             wrap_title(panels[0], title)
         figure.align_ylabels()
         if legend:
-            legend_below(figure, *panels)
+            legend_below(figure, *panels, columns=columns)
     return figure
 
 

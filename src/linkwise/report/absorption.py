@@ -10,13 +10,13 @@ import numpy as np
 from linkwise.absorption.design import ADDED_MASS, Design, design_headline, design_rows, trade_off_rows
 from linkwise.absorption.intervals import (
     AbsorptionIntervals,
+    Answer,
     interval_headline,
     interval_rows,
     without_intervals,
 )
 from linkwise.absorption.map import AbsorptionMap, map_headline, map_rows
 from linkwise.absorption.result import (
-    Absorption,
     crossing_rows,
     energy_rows,
     harvest_rows,
@@ -41,8 +41,6 @@ from linkwise.report.page import (
 )
 from linkwise.response.result import headline as response_headline
 from linkwise.response.result import peak_rows
-
-Answer = Absorption | AbsorptionIntervals
 
 
 def _intervals(result: Answer) -> Section | None:

@@ -35,7 +35,7 @@ from linkwise.study.methods import (
     StudyMethod,
 )
 from linkwise.study.row import Case
-from linkwise.study.subject import Subject
+from linkwise.study.subject import Subject, study_errors_at
 
 _Entry = TypeVar("_Entry", Subject, StudyMethod)
 
@@ -437,19 +437,15 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
             f"{' and '.join(given) or 'none of them'}",
             f"{source}, {path}",
         )
-    try:
+    with study_errors_at(f"{source}, {path}.{given[0]}"):
         if entry.bnes is not None:
             structure = bnes_chain(entry.bnes)
         elif entry.file is not None:
             structure = read_structure(folder / entry.file)
         else:
             structure = parse_structure(entry.toml or "", f"{source}, {path}.toml")
-    except LinkwiseError as error:
-        raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
-    try:
+    with study_errors_at(f"{source}, {path}.values"):
         structure = structure.with_values(entry.values)
-    except LinkwiseError as error:
-        raise StudyError(str(error), f"{source}, {path}.values") from None
     unknown = [p.name for p in structure.parameters if p.start is None or not isfinite(p.sigma)]
     if unknown:
         raise StudyError(

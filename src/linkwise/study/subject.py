@@ -101,15 +101,15 @@ class Subject:
         if not math.isfinite(self.scatter):
             raise StudyError(f"must be finite, got {self.scatter!r}", "scatter")
         for key, part in self._excitation_by_key.items():
-            with _named(key):
+            with study_errors_at(key):
                 check_excitation(self.structure, Excitation.of(**part, base=self.base), self.duration)
-        with _named("sensors"):
+        with study_errors_at("sensors"):
             self._channels  # noqa: B018
         if not self.unknown:
             raise StudyError("must name at least one", "unknown")
-        with _named("unknown"):
+        with study_errors_at("unknown"):
             self.unknown_structure  # noqa: B018
-        with _named("judge"):
+        with study_errors_at("judge"):
             self.judged_links  # noqa: B018
 
     @property
@@ -258,12 +258,12 @@ class Subject:
 
 
 @contextmanager
-def _named(key: str) -> Iterator[None]:
-    """Errors of what a key of a study file states, as errors of the study."""
+def study_errors_at(where: str) -> Iterator[None]:
+    """Errors of what a study file states there, as errors of the study."""
     try:
         yield
     except LinkwiseError as error:
-        raise StudyError(str(error), key) from None
+        raise StudyError(str(error), where) from None
 
 
 def _drawn(parameter: Parameter, rng: np.random.Generator) -> float:
