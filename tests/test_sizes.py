@@ -12,9 +12,9 @@ TESTS = 34_480  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2252),
+    "absorption": (10, 2243),
     "analysis": (4, 522),
-    "cli": (20, 1970),
+    "cli": (20, 1939),
     "discovery": (19, 3760),
     "estimates": (7, 1323),
     "export": (8, 781),

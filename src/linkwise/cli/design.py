@@ -35,47 +35,38 @@ class WantedOptions:
         Instead: sinks_share, power:LINK, rms_reduction, ...
     levels : str
         Factors of the excitation at which each design is judged.
+    start : float | None
+        Lowest frequency of a harmonic excitation, of which --force MASS=N or --base x|v|a=SIZE is the amplitude, as of
+        respond.
+    stop : float | None
+        Highest frequency of a harmonic excitation.
     """
 
     vary: tuple[str, ...] = typed("PARAMETER=LOW:HIGH", multiple=True, required=True)
     minimise: str | None = typed("QUANTITY")
     maximise: str | None = typed("QUANTITY")
     levels: str = typed("FACTOR,FACTOR,...", default="1", show_default=True)
-
-
-_RANGE = (
-    click.option(
-        "--from",
-        "start",
-        metavar="HZ",
-        type=POSITIVE,
-        help="Lowest frequency of a harmonic excitation, of which --force MASS=N or --base x|v|a=SIZE is the amplitude, as of "
-        "respond.",
-    ),
-    click.option(
-        "--to", "stop", metavar="HZ", type=POSITIVE, help="Highest frequency of a harmonic excitation."
-    ),
-)
+    start: float | None = typed("HZ", "--from", type=POSITIVE)
+    stop: float | None = typed("HZ", "--to", type=POSITIVE)
 
 
 def _harmonic(
-    drive: ExcitationOptions, search: dict[str, Any]
+    drive: ExcitationOptions, start: float | None, stop: float | None
 ) -> tuple[lw.response.ResponseOptions | None, ExcitationOptions]:
-    """What is harmonic between the frequencies, which are taken out of `search`, and what else drives the structure."""
-    ends = [search.pop(name, None) for name in ("start", "stop")]
-    if ends == [None, None]:
+    """What is harmonic between the frequencies, and what else drives the structure."""
+    if start is None and stop is None:
         return None, drive
-    if None in ends:
+    if start is None or stop is None:
         raise UsageError("--from and --to belong together: the frequencies of a harmonic excitation.")
     base = () if drive.base is None else (drive.base,)
-    harmonic = lw.response.ResponseOptions(**harmonic_excitation(drive.force, base, (ends[0], ends[1])))
+    harmonic = lw.response.ResponseOptions(**harmonic_excitation(drive.force, base, (start, stop)))
     return harmonic, replace(drive, force=(), base=None)
 
 
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
 @grouped(WantedOptions, "wanted")
-@method_options(lw.absorption.DesignOptions, "search", *_RANGE)
+@method_options(lw.absorption.DesignOptions, "search")
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @drive_options
 @answer_options(DESIGN)
@@ -110,7 +101,7 @@ def design(
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
     quantity = wanted.minimise or maximise or "remaining"
     with progress("simulating") as step, unstarted_is_usage():
-        harmonic, drive = _harmonic(drive, given["search"])
+        harmonic, drive = _harmonic(drive, wanted.start, wanted.stop)
         given["search"].setdefault("workers", processors())
         search = lw.absorption.DesignOptions(
             **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,29 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
-from linkwise.cli.options import FILE, method_options, nmse_lines, option_name, screen
+from linkwise.cli.options import FILE, grouped, method_options, nmse_lines, option_name, screen, stated, typed
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
 from linkwise.identification import compare as comparisons
 from linkwise.identification.identify import METHODS
 from linkwise.model import link
 from linkwise.output import COMPARISON, RESULT
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """The method, and the records that are fitted.
+
+    Parameters
+    ----------
+    method : str
+        Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone (weak); or the
+        sparse regression of the paper (sindy).
+    more : tuple[Path, ...]
+        Another record of the same structure, read with the same options and fitted together with it (ml). Repeatable.
+    """
+
+    method: str = typed(type=click.Choice(list(METHODS)), default="ml", show_default=True)
+    more: tuple[Path, ...] = typed("RECORD", "--with", multiple=True, type=FILE)
 
 
 @click.command(
@@ -27,34 +44,14 @@ from linkwise.output import COMPARISON, RESULT
 )
 @record_options
 @click.argument("structure", type=FILE)
-@click.option(
-    "--method",
-    type=click.Choice(list(METHODS)),
-    default="ml",
-    show_default=True,
-    help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
-    "(weak); or the sparse regression of the paper (sindy).",
-)
-@method_options(
-    lw.MaximumLikelihood,
-    "ml",
-    click.option(
-        "--with",
-        "more",
-        metavar="RECORD",
-        multiple=True,
-        type=FILE,
-        help="Another record of the same structure, read with the same options and fitted together with it (ml). "
-        "Repeatable.",
-    ),
-    remark=" (ml)",
-)
+@grouped(FitOptions, "chosen")
+@method_options(lw.MaximumLikelihood, "ml", remark=" (ml)")
 @method_options(lw.PhysicsInformedSindy, "sindy", remark=" (sindy)")
 @answer_options(RESULT, truth_option)
 def identify(
     source: RecordOptions,
     structure: Path,
-    method: str,
+    chosen: FitOptions,
     ml: dict[str, Any],
     sindy: dict[str, Any],
     delivery: Delivery,
@@ -82,14 +79,14 @@ def identify(
       linkwise identify run.csv unknown.toml --exact
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    estimator = _estimator(method, source, {"ml": ml, "sindy": sindy})
+    estimator = _estimator(chosen, source, {"ml": ml, "sindy": sindy})
     subject = read_told(structure)
     true = None if delivery.truth is None else lw.read_structure(delivery.truth)
     if true is not None:
         link.refuse_memory(true.links, link.COMPARISON)
     note(*source.masses_beside(subject))
     with progress("reading") as step:
-        paths = (source.record, *ml.get("more", ()))
+        paths = (source.record, *chosen.more)
         records = [replace(source, record=path).read_motion_of(subject) for path in paths]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
         tests = records if len(records) > 1 else records[0]
@@ -100,15 +97,18 @@ def identify(
 
 
 def _estimator(
-    method: str, source: RecordOptions, given: dict[str, dict[str, Any]]
+    chosen: FitOptions, source: RecordOptions, given: dict[str, dict[str, Any]]
 ) -> lw.estimates.Estimator:
     """The method with its options; UsageError for those of another method."""
+    further, method = stated({"more": chosen.more}), chosen.method
     for name, options in given.items():
-        if name != method and options:
-            raise UsageError(f"{option_name(next(iter(options)))} is for --method {name}, not for {method}.")
+        if name != method and (typed_options := {**(further if name == "ml" else {}), **options}):
+            raise UsageError(
+                f"{option_name(next(iter(typed_options)))} is for --method {name}, not for {method}."
+            )
     if method != "ml":
         source.refuse_unknown_errors()
-    options = {name: value for name, value in given.get(method, {}).items() if name != "more"}
+    options = dict(given.get(method, {}))
     for name, sizes in source.fitted_errors().items():
         options[name] = {**sizes, **options.get(name, {})}
     return METHODS.lookup(method)(**options)

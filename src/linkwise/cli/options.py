@@ -234,17 +234,16 @@ _SPELLED = {"admit": "let", "loss": "robust", "tested": "test"}
 """The names of options that are not those of their fields."""
 
 
-def method_options(kind: type, keyword: str, *further: Callable[[Any], Any], remark: str = "") -> Decorator:
+def method_options(kind: type, keyword: str, *, remark: str = "") -> Decorator:
     """A decorator that gives a command the options of `kind` as one argument `keyword`: a dict of those that were given.
 
-    `further` options stand before those of the fields; `remark` stands at the end of what each does. The names are those of
-    keywords of the library, so that a command hands the dict on and no other line names an option. Options that were not
-    given and have no default are left out.
+    `remark` stands at the end of what each does. The names are those of keywords of the library, so that a command hands the
+    dict on and no other line names an option. Options that were not given and have no default are left out.
     """
     texts = described(kind)
     typed = [field for field in fields(kind) if "typed" in field.metadata]
     options = [_method_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed]
-    return gathered(keyword, stated, *further, *options)
+    return gathered(keyword, stated, *options)
 
 
 def _method_option(field: Field[Any], text: str) -> Callable[[Any], Any]:
