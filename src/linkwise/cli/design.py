@@ -71,11 +71,7 @@ def _harmonic(
 @drive_options
 @answer_options(DESIGN)
 def design(
-    structure: Path,
-    wanted: WantedOptions,
-    drive: ExcitationOptions,
-    delivery: Delivery,
-    **given: Any,
+    structure: Path, wanted: WantedOptions, drive: ExcitationOptions, delivery: Delivery, **given: Any
 ) -> int:
     """Find the coefficients and masses at which the sinks of STRUCTURE absorb best.
 

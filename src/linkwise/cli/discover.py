@@ -88,12 +88,7 @@ def mass_value(name: str, text: str) -> float | str:
 @grouped(PriorOptions, "prior")
 @method_options(lw.discovery.DiscoveryOptions, "given")
 @answer_options(RESULT, truth_option)
-def discover(
-    source: RecordOptions,
-    prior: PriorOptions,
-    given: dict[str, Any],
-    delivery: Delivery,
-) -> int:
+def discover(source: RecordOptions, prior: PriorOptions, given: dict[str, Any], delivery: Delivery) -> int:
     """Discover which masses are linked, and by which laws, from RECORD and the masses alone.
 
     Every mass needs a sensor, unless the structure has hosts. Candidates are links between all pairs of masses, between every

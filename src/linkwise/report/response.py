@@ -12,14 +12,7 @@ from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.plot.responses import backbone_figure, basins, response_figure
 from linkwise.plot.style import single
-from linkwise.report.page import (
-    Head,
-    ResultFolder,
-    Section,
-    csv_table,
-    sectioned,
-    sections_of,
-)
+from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned, sections_of
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
 from linkwise.response.rest_basins import Basins, basins_headline, basins_rows
 from linkwise.response.result import Branch, Response, headline, peak_rows

@@ -4,7 +4,6 @@ what is missing.
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from linkwise.display import csv_cell
 from linkwise.output import atomic_file
 from linkwise.paper.figures import (
     figure_2,
@@ -31,7 +29,7 @@ from linkwise.plot.studies import accuracy_figure, success_figure
 from linkwise.plot.style import save
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.registry import Registry
-from linkwise.report.page import embedded, rendered
+from linkwise.report.page import csv_table, embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.definition import Study
@@ -354,15 +352,15 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
 def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> None:
     """Table 2: the paper's value and, for every method, median and quantiles in %, median time in s, cycles and failures."""
     columns = ("percent", "low", "high", "ratio", "seconds", "cycles", "failed")
-    with atomic_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        names = [f"{method}: {column}" for method in methods for column in columns]
-        writer.writerow(["snr_db", "masses", "paper: percent", *map(csv_cell, names)])
-        for cell in comparison.cells:
-            line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
-            for method in methods:
-                own = cell.cells[method]
-                numbers = (own.nmse, own.low, own.high, cell.ratio(method), own.seconds)
-                line += ["" if value is None else f"{value:.6g}" for value in numbers]
-                line += [own.done, len(own.failures)]
-            writer.writerow(line)
+    lines = []
+    for cell in comparison.cells:
+        line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
+        for method in methods:
+            own = cell.cells[method]
+            numbers = (own.nmse, own.low, own.high, cell.ratio(method), own.seconds)
+            line += ["" if value is None else f"{value:.6g}" for value in numbers]
+            line += [own.done, len(own.failures)]
+        lines.append(line)
+    names = [f"{method}: {column}" for method in methods for column in columns]
+    with atomic_file(path) as whole:
+        csv_table(whole, ["snr_db", "masses", "paper: percent", *names], lines)

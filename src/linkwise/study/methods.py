@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import warnings
 from abc import abstractmethod
-from collections.abc import Collection
 from functools import lru_cache
 from importlib import import_module
 from time import perf_counter
@@ -180,12 +179,7 @@ def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[
             links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
         else:
             links[name] = nmse(aligned.link(link.name), link, clean)
-    return links, term_counts(right=score.right, missing=score.missing, extra=score.extra)
-
-
-def term_counts(**terms: Collection[object]) -> dict[str, int]:
-    """The numbers of terms, by how they were judged, as a row has them."""
-    return {judged: len(those) for judged, those in terms.items()}
+    return links, {name: len(getattr(score, name)) for name in ("right", "missing", "extra")}
 
 
 def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
@@ -443,7 +437,7 @@ def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
 
 def _counted(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
     """The numbers of monomials as a row has them."""
-    return term_counts(right=truth & chosen, missing=truth - chosen, extra=chosen - truth)
+    return {"right": len(truth & chosen), "missing": len(truth - chosen), "extra": len(chosen - truth)}
 
 
 _KIND = 'methods of the kind "pysindy"'
