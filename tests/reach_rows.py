@@ -4,8 +4,7 @@ from pathlib import Path
 
 from linkwise.study.definition import Study, parse_study
 from linkwise.study.row import Case, Row
-from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import StudySummary
+from linkwise.study.summary import StudySummary, SuccessMap, maps_of
 
 TEXT = """
 name = "small reach"

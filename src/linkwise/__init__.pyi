@@ -15,7 +15,7 @@ from linkwise import report as report
 from linkwise import response as response
 from linkwise import sindy as sindy
 from linkwise import study as study
-from linkwise.absorption.absorb import absorb as absorb
+from linkwise.absorption.comparison import absorb as absorb
 from linkwise.absorption.design import design as design
 from linkwise.absorption.result import Absorption as Absorption
 from linkwise.discovery.discover import discover as discover

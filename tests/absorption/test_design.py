@@ -16,7 +16,7 @@ from structures import link, structure
 
 import linkwise as lw
 from linkwise.absorption import DesignOptions, absorption_map
-from linkwise.absorption.resonance import Resonance
+from linkwise.absorption.resonance import Resonance, curve_pool
 from linkwise.progress import silent
 
 design_module = importlib.import_module("linkwise.absorption.design")
@@ -150,6 +150,18 @@ def test_unstable_motion_alone_is_no_resonance() -> None:
     resonance = Resonance(replace(DRIVEN, harmonics=3, show=["x:frame"]), "m")
     unstable, stable = resonance.values([fed, ABSORBER.with_values({"spring.c": 0.2})], 1.0, silent)
     assert np.isnan(unstable) and stable > 0.01
+
+
+def test_curves_are_followed_side_by_side() -> None:
+    """Processes give what this one does, designs in their order, and are asked for by the number of workers."""
+    resonance = Resonance(replace(DRIVEN, show=["x:frame"]), "m")
+    designs = [ABSORBER.with_values({"spring.c": damping}) for damping in (0.1, 0.2, 0.4)]
+    alone = resonance.values(designs, 1.0, silent)
+    with curve_pool(2) as pool:
+        assert pool is not None
+        np.testing.assert_array_equal(resonance.values(designs, 1.0, silent, pool), alone)
+    with curve_pool(None) as none, curve_pool(1) as one:
+        assert none is None and one is None
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.absorption.options import AbsorptionKeywords
+from linkwise.absorption.comparison import AbsorptionKeywords
 from linkwise.simulation.simulate import ExcitationKeywords
 
 RELEASE = {"v:m1": 1.0}

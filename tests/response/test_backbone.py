@@ -41,9 +41,13 @@ def test_a_mode_of_a_chain_is_periodic_in_a_simulation_without_damping() -> None
 
 
 def test_a_curve_that_ends_too_soon_says_so() -> None:
+    """It came back to a small vibration: the headline tells of the largest."""
     curve = lw.backbone(lw.bnes_chain(2), 1, to_amplitude={"x:m1": 0.01})
     assert not curve.reached
     assert "before the end that was asked for" in str(curve)
+    largest = curve.amplitude.max(axis=1).argmax()
+    assert 0 < largest < len(curve.hz) - 1
+    assert f"to {curve.hz[largest]:.5g} Hz at {curve.energy[largest]:.3g} J." in str(curve)
 
 
 def test_what_has_no_backbone_is_refused() -> None:

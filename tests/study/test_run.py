@@ -161,10 +161,10 @@ class Gone(Executor):
 
 def test_infinite_answers_are_no_answers(study: lw.study.Study, monkeypatch: pytest.MonkeyPatch) -> None:
     case = Case("bnes2", 20.0, "weak", 1000)
-    monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: float("nan"))
+    monkeypatch.setattr("linkwise.study.methods.nmse", lambda *given: float("nan"))
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
     assert done.row.failed and done.row.reason == "the answer is not finite."
-    monkeypatch.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)
+    monkeypatch.setattr("linkwise.study.methods.nmse", lambda *given: 1 / 0)
     (done,) = run_batch(CaseBatch(study.text(), (case,)))
     assert done.row.reason == "internal error of linkwise: ZeroDivisionError: division by zero"
 
@@ -177,7 +177,7 @@ def test_what_failed_by_a_fault_of_linkwise_or_by_deaths_is_run_again(
     answered = list(lw.study.read_rows(small_folder))
     pushed = Case("bnes2", 20.0, "ml", 1001)
     with monkeypatch.context() as broken:
-        broken.setattr("linkwise.study.method.nmse", lambda *given: 1 / 0)  # of weak and ml
+        broken.setattr("linkwise.study.methods.nmse", lambda *given: 1 / 0)  # of weak and ml
         known = [row for row in answered if row.structure == "bnes4" or row.method.startswith("classical")]
         before = run_by(Here(1, {pushed: 3}, known=known), study, tmp_path / "out")
     faulty = {row.case for row in before if "ZeroDivisionError" in row.reason} | {pushed}

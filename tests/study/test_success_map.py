@@ -9,8 +9,7 @@ from reach_rows import EXACT, reach_rows, reach_study
 
 import linkwise as lw
 from linkwise.study.row import FAILED, Row
-from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import StudySummary
+from linkwise.study.summary import StudySummary, SuccessMap, maps_of
 
 
 def maps_from(rows: list[Row]) -> tuple[SuccessMap, ...]:

@@ -1,5 +1,6 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
+from linkwise.absorption.comparison import AbsorptionOptions as AbsorptionOptions
 from linkwise.absorption.design import Design as Design
 from linkwise.absorption.design import DesignAxis as DesignAxis
 from linkwise.absorption.design import DesignOptions as DesignOptions
@@ -10,7 +11,6 @@ from linkwise.absorption.intervals import absorption_intervals as absorption_int
 from linkwise.absorption.map import AbsorptionMap as AbsorptionMap
 from linkwise.absorption.map import SweepAxis as SweepAxis
 from linkwise.absorption.map import absorption_map as absorption_map
-from linkwise.absorption.options import AbsorptionOptions as AbsorptionOptions
 from linkwise.absorption.result import AbsorptionRun as AbsorptionRun
 from linkwise.absorption.result import Harvest as Harvest
 from linkwise.absorption.result import MassChange as MassChange

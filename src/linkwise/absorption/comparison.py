@@ -1,4 +1,4 @@
-"""A structure with and without its sinks under the same excitation, ready to be run.
+"""Vibration absorption (paper section 4): a structure with and without its sinks under the same excitation, and its options.
 
 Removed: the masses of the sinks and all links to them are taken away, as in the paper's Figs. 3 and 5. Locked: each sink
 is held rigid at its initial elongation, so that its mass moves with its host.
@@ -7,12 +7,15 @@ is held rigid at its initial elongation, so that its mass moves with its host.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from types import NoneType
+from typing import Any, Unpack, final
 
 import numpy as np
 
-from linkwise.absorption.options import AbsorptionOptions
+from linkwise.absorption.motion import Potentials, Runs, Vibration, rest_positions, single_run
+from linkwise.absorption.result import Absorption, AbsorptionRun, Harvest, MassChange, MassDecay, SinkResult
 from linkwise.absorption.sinks import (
     SUFFIX,
     Sink,
@@ -22,15 +25,122 @@ from linkwise.absorption.sinks import (
     with_harvesters,
 )
 from linkwise.analysis.linear_modes import modes, natural_frequencies
-from linkwise.arrays import Floats
-from linkwise.errors import SimulationError, StructureError
+from linkwise.arrays import Floats, finite
+from linkwise.errors import SimulationError, StructureError, expect, options_given
 from linkwise.expression import Expression, Number, Symbol, add, substitute, to_text
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.excitation import Excitation, InputSignal, TimeFunction
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, require_rest_at_zero
 from linkwise.model.structure import Structure, refuse_rig
+from linkwise.progress import Progress, ProgressReport, silent
+from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.run import RunSchedule, check_excitation, output_times
+from linkwise.simulation.simulate import ExcitationKeywords
+
+BASELINES = ("removed", "locked")
+
+
+class AbsorptionKeywords(ExcitationKeywords, total=False):
+    """The keywords of `AbsorptionOptions.of`: its fields, and those of `Excitation`."""
+
+    duration: float | None
+    rate: float | None
+    sinks: Sequence[str]
+    without: str
+    settle: float
+    harvesters: Mapping[str, float | str] | None
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AbsorptionOptions:
+    """The options of `absorb`, `absorption_intervals` and `absorption_map`.
+
+    Those functions take the same as keywords; an object serves for several structures.
+
+    Parameters
+    ----------
+    duration : float, optional
+        Time to simulate, in s; by default three decay times of the least damped mode without sinks, or 300 of its periods.
+    rate : float, optional
+        Samples per second in Hz; by default at least 20 in a period of the fastest mode.
+    sinks : sequence of str
+        The links that are sinks; without names, every link with more than one stable well is one.
+    without : {"removed", "locked"}
+        How the sinks are taken out for comparison: their masses and all links to these are removed, as in the paper, or
+        the sinks are locked at their initial elongation. Removed by default.
+    settle : float
+        A mass has settled when its excursion stays below this part of its peak without sinks, for the last 5 % of the run
+        at least; 0.05 by default. Excursions are counted from the stable equilibrium where it ends.
+    harvesters : mapping of str to float or str, optional
+        Harvesters by link: the damping in N s/m of a damper in parallel, or the power in W that the link itself delivers, an
+        expression in d, v, its states and its coefficients such as ``"V**2/R"``.
+    excitation : Excitation
+        What sets the structure in motion.
+
+    Raises
+    ------
+    SimulationError
+        If `settle` is not between 0 and 1.
+    StructureError
+        If `without` is neither "removed" nor "locked".
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> options = lw.absorption.AbsorptionOptions.of(duration=2.0, release={"v:m1": 1.0})
+    >>> [lw.absorb(lw.bnes_chain(2, alpha=alpha), options).trusted for alpha in (-100.0, -50.0)]
+    [True, True]
+    """
+
+    duration: float | None = field(default=None, metadata={"typed": "S"})
+    rate: float | None = field(default=None, metadata={"typed": "HZ"})
+    sinks: Sequence[str] = field(default=(), metadata={"typed": "LINK"})
+    without: str = field(
+        default="removed", metadata={"typed": "BASELINE", "choices": {name: name for name in BASELINES}}
+    )
+    settle: float = field(default=0.05, metadata={"typed": "PART"})
+    harvesters: Mapping[str, float | str] | None = field(
+        default=None, metadata={"typed": "LINK=NS/M|POWER", "example": "nes1=0.01"}
+    )
+    excitation: Excitation = field(default_factory=Excitation)
+
+    def __post_init__(self) -> None:
+        expect("AbsorptionOptions: duration", self.duration, float, NoneType)
+        expect("AbsorptionOptions: settle", self.settle, float)
+        if not 0.0 < self.settle < 1.0:
+            message = f"settle is a part of the peak and must be between 0 and 1, got {self.settle!r}"
+            raise SimulationError(message)
+        if self.without not in BASELINES:
+            known = ", ".join(map(repr, BASELINES))
+            raise StructureError(f"unknown way to take out sinks, {self.without!r}; choose from {known}")
+
+    @classmethod
+    def of(cls, **keywords: Unpack[AbsorptionKeywords]) -> AbsorptionOptions:
+        """Make options from keywords.
+
+        Parameters
+        ----------
+        **keywords
+            The fields but `excitation`, and those of `Excitation`: `release`, `impulses`, `forces`, `base`.
+
+        Returns
+        -------
+        AbsorptionOptions
+            The options.
+
+        Raises
+        ------
+        SimulationError, StructureError
+            If an option or the excitation is invalid.
+        TypeError
+            If a keyword is unknown.
+        """
+        names = {option.name for option in fields(cls)}
+        own: dict[str, Any] = {name: value for name, value in keywords.items() if name in names}
+        drives: dict[str, Any] = {name: value for name, value in keywords.items() if name not in names}
+        return cls(**own, excitation=Excitation(**drives))
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,3 +412,148 @@ def _default_rate(structure: Structure, duration: float) -> float:
         )
     power = 10.0 ** np.floor(np.log10(least))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least * (1.0 - 1e-9)))
+
+
+def absorb(
+    structure: Structure,
+    options: AbsorptionOptions | None = None,
+    *,
+    progress: Progress = silent,
+    **keywords: Unpack[AbsorptionKeywords],
+) -> Absorption:
+    """Compare the vibration of a structure with its sinks and without them.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure, every coefficient a number or a start.
+    options : AbsorptionOptions, optional
+        What to simulate.
+    progress : Progress
+        Called with a `ProgressReport` before each of the two runs.
+    **keywords
+        In place of `options`: its fields `duration` (s, required), `rate` (Hz), `sinks`, `without`, `settle` and `harvesters`
+        (N s/m by link), and the excitation, as in `simulate`: `release`, `impulses`, `forces`, `base`.
+
+    Returns
+    -------
+    Absorption
+        Decay and settling of the primary masses, the share of the energy that each link dissipates, and the crossings of
+        each sink between its wells.
+
+    Raises
+    ------
+    StructureError
+        If a link does not exist, a coefficient is unknown and has no start, or there are no sinks.
+    SimulationError
+        If nothing moves without the sinks, and as `simulate`.
+    TypeError
+        If `structure` is no `Structure`.
+
+    See Also
+    --------
+    absorption_intervals : The same for an identified structure, with intervals.
+    absorption_map : The same over a grid of parameters.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> found = lw.absorb(lw.bnes_chain(2), duration=6.0, release={"v:m1": 1.0})
+    >>> found.masses[0].name, len(found.sinks[0].crossings)
+    ('m1', 109)
+    """
+    expect("absorb(structure): structure", structure, Structure)
+    return compare(Comparison.of(structure, options_given(AbsorptionOptions.of, options, keywords)), progress)
+
+
+def compare(comparison: Comparison, progress: Progress = silent) -> Absorption:
+    """Make both runs of a comparison."""
+    progress(ProgressReport(0.0, "with sinks"))
+    potentials = Potentials.of([comparison.structure])
+    with_sinks, vibration, runs = _run(comparison, comparison.schedule, potentials, comparison.powers)
+    progress(ProgressReport(0.5, "without sinks"))
+    of_rest = Potentials.of([comparison.baseline.structure])
+    without, baseline, _ = _run(comparison, comparison.baseline_schedule, of_rest, {})
+    level = comparison.options.settle * baseline.decay.peak
+    if not np.any(baseline.runs.v):
+        raise SimulationError(
+            f"with the sinks {comparison.options.without} nothing moves, so there is nothing to compare "
+            "with: the structure starts at rest in equilibrium; give a release, an impulse, a force or a motion of the base "
+            "that moves a primary mass"
+        )
+    decays = zip(
+        comparison.primaries,
+        level[:, 0].tolist(),
+        _decays(vibration, level),
+        _decays(baseline, level),
+        strict=True,
+    )
+    return Absorption(
+        removal=comparison.options.without,
+        settle=comparison.options.settle,
+        time=comparison.times,
+        masses=tuple(MassChange(*of_mass) for of_mass in decays),
+        sinks=_sink_results(comparison, with_sinks, runs.crossings[0], potentials.tops(0)),
+        harvests=_harvests(comparison, with_sinks, runs),
+        absorbing=comparison.absorbing,
+        with_sinks=with_sinks,
+        without=without,
+    )
+
+
+def _run(
+    comparison: Comparison, schedule: RunSchedule, potentials: Potentials, powers: Mapping[str, Expression]
+) -> tuple[AbsorptionRun, Vibration, Runs]:
+    """One of the two runs, the vibration of its primary masses, and the run with its crossings and what harvesters took."""
+    motion = SimulatedMotion.of(schedule)
+    runs = single_run(motion, potentials.tops(0), powers)
+    positions = rest_positions([comparison.resting_structure], comparison.primaries)
+    vibration = Vibration(runs, [schedule.structure], comparison.primaries, positions)
+    x_base = schedule.excitation.base_at(schedule.times)
+    run = AbsorptionRun(
+        structure=schedule.structure,
+        x=motion.displacement,
+        v=motion.velocity,
+        envelope=vibration.decay.envelope[..., 0],
+        supplied=runs.supplied[:, 0] - potentials.floor[0],
+        stored=(potentials.kinetic(runs.v) + potentials.stored(runs.x, x_base))[:, 0],
+        dissipated=runs.dissipated[..., 0],
+        horizon=motion.horizon,
+    )
+    return run, vibration, runs
+
+
+def _decays(vibration: Vibration, level: Floats) -> list[MassDecay]:
+    """The decay of each primary mass; `level` (P, 1) m."""
+    of_run = vibration.decay.of_run(0)
+    settled, rates = (map(finite, column(level[:, 0])) for column in (of_run.settled, of_run.rate))
+    sizes = (vibration.rest[:, 0].tolist(), of_run.peak.tolist(), vibration.rms[:, 0].tolist())
+    return [MassDecay(*row) for row in zip(*sizes, settled, rates, strict=True)]
+
+
+def _sink_results(
+    comparison: Comparison, run: AbsorptionRun, crossed: tuple[Floats, ...], tops: list[Floats]
+) -> tuple[SinkResult, ...]:
+    names = [link.name for link in run.structure.links]
+    horizon = np.inf if run.horizon is None else run.horizon
+    d = run.structure.elongations(run.x, comparison.options.excitation.base_at(comparison.times))
+    results = []
+    for sink in comparison.sinks:
+        number = names.index(sink.link)
+        crossings, before = crossed[number], int(np.sum(crossed[number] < horizon))
+        own_tops, share = tuple(tops[number].tolist()), run.share(sink.link)
+        results.append(SinkResult(sink, own_tops, share, d[:, number], crossings, before))
+    return tuple(results)
+
+
+def _harvests(comparison: Comparison, run: AbsorptionRun, runs: Runs) -> tuple[Harvest, ...]:
+    harvests, duration = [], float(comparison.times[-1])
+    for link, given in (comparison.options.harvesters or {}).items():
+        if isinstance(given, str):
+            energy = float(runs.delivered[link][0])
+            harvest = Harvest(link, None, energy, energy / duration, energy / run.total, given)
+        else:
+            share = run.share(f"{link}{SUFFIX}")
+            harvest = Harvest(link, given, share * run.total, share * run.total / duration, share)
+        harvests.append(harvest)
+    return tuple(harvests)

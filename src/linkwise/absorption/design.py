@@ -11,6 +11,7 @@ import hashlib
 import json
 import pickle
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
@@ -21,12 +22,10 @@ import numpy as np
 import scipy
 
 from linkwise import __version__
-from linkwise.absorption.absorb import compare
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
 from linkwise.absorption.map import comparison_at, parameter_unit
-from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
-from linkwise.absorption.resonance import RESONANCE, Resonance, sweep
+from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Bools, Floats
@@ -97,7 +96,9 @@ class DesignOptions:
     seed : int
         Seed of the search and of the draws; 0 by default.
     workers : int, optional
-        Threads; one for each processor by default.
+        Threads that simulate, and processes that follow the curves of a resonance; one for each processor by default. In
+        Python there are no other processes by default, since each imports the script: a file that searches under
+        ``if __name__ == "__main__":``.
 
     Raises
     ------
@@ -409,6 +410,7 @@ class _Problem:
     options: DesignOptions
     mass_varies: bool
     resonance: Resonance | None
+    pool: Executor | None = None
 
     def judge(self, points: Floats, progress: Progress) -> Floats:
         """(E, 5) of designs (E, P): the loss, least is best and inf the worst; by what part it exceeds limits; the mass in kg;
@@ -431,7 +433,8 @@ class _Problem:
             column = {name: ensemble.column(name) for name in asked - {RESONANCE}}
             if self.resonance is not None and RESONANCE in asked:
                 structures = [own.structure for own in comparisons]
-                column[RESONANCE] = self.resonance.values(structures, factor, part(share, simulated, 1.0))
+                followed = part(share, simulated, 1.0)
+                column[RESONANCE] = self.resonance.values(structures, factor, followed, self.pool)
             diverged += np.sum(~ensemble.completed.reshape(len(named), -1), axis=1)
             closures = np.nan_to_num(ensemble.column("closure")).reshape(len(named), -1)
             closure = np.maximum(closure, closures.max(axis=1))
@@ -635,12 +638,13 @@ def design(
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
     asked = subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated
     before = _Journal(None if journal is None else Path(journal), asked)
-    search = _Search(problem, budget, before, part(progress, 0.0, 0.95))
     progress(ProgressReport(0.0, f"{budget} designs"))
     start = _given(subject, problem.axes)
-    if start is not None:
-        search.evaluate(start[None])
-    search.run()
+    with curve_pool(None if problem.resonance is None else options.workers) as pool:
+        search = _Search(replace(problem, pool=pool), budget, before, part(progress, 0.0, 0.95))
+        if start is not None:
+            search.evaluate(start[None])
+        search.run()
     merit = search.merit()
     best = int(np.argmin(merit))
     if merit[best] >= _INFEASIBLE:

@@ -7,16 +7,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
-from threading import Event
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.absorption.comparison import Comparison
-from linkwise.absorption.motion import Decay, Vibration, comparable, reduction, root_sum_square
-from linkwise.absorption.sinks import SUFFIX, dissipators, link_motion, mean_host_energies
-from linkwise.absorption.wells import Potentials, Runs, batch_runs, rest_positions
+from linkwise.absorption.motion import (
+    Decay,
+    Potentials,
+    Runs,
+    Vibration,
+    batch_runs,
+    comparable,
+    elongations,
+    reduction,
+    rest_positions,
+    root_sum_square,
+)
+from linkwise.absorption.sinks import SUFFIX, dissipators, mean_host_energies
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import SimulationError
 from linkwise.expression import Expression
@@ -187,11 +196,11 @@ def _strokes(comparison: Comparison, runs: Runs, vibration: Vibration) -> dict[s
     """The largest elongation (W,) of each sink."""
     base, structures = comparison.options.excitation.base, vibration.structures
     x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
-    strokes = {}
-    for link in (sink.link for sink in comparison.sinks):
-        moved = link_motion(structures, runs.x, link, x), link_motion(structures, runs.v, link, v)
-        strokes[f"stroke:{link}"] = Decay(runs.time, *moved).peak
-    return strokes
+    names = [link.name for link in comparison.structure.links]
+    links = [names.index(sink.link) for sink in comparison.sinks]
+    d, rate = elongations(structures, runs.x, x)[..., links], elongations(structures, runs.v, v)[..., links]
+    peaks = Decay(runs.time, d, rate).peak.T
+    return {f"stroke:{sink.link}": peak for sink, peak in zip(comparison.sinks, peaks, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,8 +247,6 @@ def _changes_baseline(comparison: Comparison, structure: Structure, name: str) -
 
 T = TypeVar("T")
 
-_TASK = 8 * LANES  # runs that a thread makes at a time
-
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
@@ -276,32 +283,24 @@ class _Runner:
         collect: Callable[[Runs, Indices], None],
     ) -> Bools:
         """Run all schedules, `collect` the completed runs with their numbers, and return which were completed."""
-        completed = np.zeros(len(schedules), dtype=bool)
-        numbers = np.arange(len(schedules))
-        stopped = Event()
+        completed, numbers = np.zeros(len(schedules), dtype=bool), np.arange(len(schedules))
 
-        def task(some: Indices) -> int:
-            for first in range(0, len(some), LANES):
-                if stopped.is_set():
-                    break
-                group = some[first : first + LANES]
-                own, batch = potentials.of_runs(group), [schedules[run] for run in group]
-                runs, ended = batch_runs(batch, own, self.powers, one_by_one=self.one_by_one)
-                completed[group] = ended
-                if ended.any():
-                    collect(runs if ended.all() else runs.of_runs(np.flatnonzero(ended)), group[ended])
-            return len(some)
+        def task(group: Indices) -> int:
+            own, batch = potentials.of_runs(group), [schedules[run] for run in group]
+            runs, ended = batch_runs(batch, own, self.powers, one_by_one=self.one_by_one)
+            completed[group] = ended
+            if ended.any():
+                collect(runs if ended.all() else runs.of_runs(np.flatnonzero(ended)), group[ended])
+            return len(group)
 
         done = 0
-        size = max(LANES, min(_TASK, -(-len(schedules) // (self.workers * LANES)) * LANES))
-        pool = ThreadPoolExecutor(max(1, min(self.workers, -(-len(schedules) // LANES))))
+        groups = [numbers[first : first + LANES] for first in range(0, len(schedules), LANES)]
+        pool = ThreadPoolExecutor(min(self.workers, len(groups)))
         try:
-            parts = (numbers[first : first + size] for first in range(0, len(schedules), size))
-            for future in as_completed([pool.submit(task, some) for some in parts]):
+            for future in as_completed([pool.submit(task, group) for group in groups]):
                 done += future.result()
                 self.progress(ProgressReport(done / len(schedules), self.activity))
         finally:  # an interrupt waits for the batches under way and starts no others
-            stopped.set()
             pool.shutdown(wait=True, cancel_futures=True)
         return completed
 

@@ -7,10 +7,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from linkwise.absorption.absorb import compare
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
-from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters
 from linkwise.arrays import Floats, finite
@@ -270,7 +268,11 @@ def _interval(quantity: AbsorptionQuantity, value: float, drawn: Floats) -> Quan
     return QuantityInterval(quantity, finite(value), finite(lower), finite(upper), missing)
 
 
-def without_intervals(result: Absorption | AbsorptionIntervals) -> Absorption:
+Answer = Absorption | AbsorptionIntervals
+"""What `absorb` says of a structure, and of an identified one."""
+
+
+def without_intervals(result: Answer) -> Absorption:
     """The comparison itself, of a result with intervals or of one without."""
     return result.absorption if isinstance(result, AbsorptionIntervals) else result
 

@@ -11,9 +11,8 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
-from linkwise.absorption.options import AbsorptionKeywords, AbsorptionOptions
 from linkwise.absorption.result import Rows, closure_verdict
 from linkwise.absorption.sinks import SUFFIX, find_sinks, with_harvesters
 from linkwise.arrays import Bools, Floats

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import multiprocessing
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +22,7 @@ from linkwise.records.channel_units import unit_in
 from linkwise.response.options import FORCE, ResponseOptions, shown_channels
 from linkwise.response.respond import respond
 from linkwise.response.result import Response
+from linkwise.runtime import one_blas_thread
 
 RESONANCE = "resonance"
 _PERIODS = 100.0  # of the lowest frequency: a sweep that no duration is given for
@@ -60,16 +65,35 @@ class Resonance:
             structure, replace(self.options, levels=[factor * size for size in self.options.sizes])
         )
 
-    def values(self, structures: Sequence[Structure], factor: float, progress: Progress) -> Floats:
-        """(R,) the largest amplitudes of structures; NaN where no steady motion is found."""
+    def values(
+        self, structures: Sequence[Structure], factor: float, progress: Progress, pool: Executor | None = None
+    ) -> Floats:
+        """(R,) the largest amplitudes of structures, side by side in a `pool`; NaN where no steady motion is found."""
         values = np.full(len(structures), np.nan)
-        for number, structure in enumerate(structures):
-            progress(ProgressReport(number / len(structures), f"{len(structures)} response curves"))
-            try:
-                values[number] = _largest(self.response(structure, factor))
-            except SimulationError:
-                continue
+        follow = partial(_largest_amplitude, self, factor)
+        followed = map(follow, structures) if pool is None else pool.map(follow, structures)
+        for number, value in enumerate(followed):
+            values[number] = value
+            progress(ProgressReport((number + 1) / len(structures), f"{len(structures)} response curves"))
         return values
+
+
+@contextmanager
+def curve_pool(workers: int | None) -> Iterator[Executor | None]:
+    """Processes that follow response curves, which is work of Python, so that threads would wait; None for a single one."""
+    if workers is None or workers < 2:
+        yield None
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=one_blas_thread) as pool:
+        yield pool
+
+
+def _largest_amplitude(resonance: Resonance, factor: float, structure: Structure) -> float:
+    try:
+        return _largest(resonance.response(structure, factor))
+    except SimulationError:
+        return np.nan
 
 
 def _largest(response: Response) -> float:

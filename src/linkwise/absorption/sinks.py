@@ -117,20 +117,6 @@ def place_motion(structures: Sequence[Structure], x: Floats, places: Sequence[st
     return moved
 
 
-def link_motion(structures: Sequence[Structure], x: Floats, link: str, base: Floats | None) -> Floats:
-    """(N, W) m: elongation of a link in W structures, from the motion (N, n, W) of their masses and modes and that of the base
-    (N,); from velocities its rate.
-    """
-    stretched = np.zeros((len(x), x.shape[2]))
-    for structure, runs in moving_alike(structures):
-        number = structure.links.index(structure.link(link))
-        for row, part in structure.topology.columns[number]:
-            stretched[:, runs] += part * x[:, row, runs]
-        if base is not None:
-            stretched[:, runs] += structure.base_incidence[number] * base[:, None]
-    return stretched
-
-
 def moving_alike(structures: Sequence[Structure]) -> Iterator[tuple[Structure, slice]]:
     """A structure and the runs that move by its shapes: all of them, or each by itself if shapes of hosts differ."""
     if have_equal_shapes(structures):

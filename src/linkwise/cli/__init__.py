@@ -46,8 +46,10 @@ HELP = {
 }
 """What each command does; `linkwise --help` shows it without loading any."""
 
+_HOMES = {"backbone": "respond", "basins": "respond", "compare": "identify"}
+"""The modules of commands that have none of their name."""
 COMMANDS: Registry[click.Command] = Registry(
-    "command", {name: f"linkwise.cli.{name}:{name}" for name in HELP}
+    "command", {name: f"linkwise.cli.{_HOMES.get(name, name)}:{name}" for name in HELP}
 )
 """The commands by name; each is loaded when it is run."""
 

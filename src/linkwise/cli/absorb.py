@@ -10,19 +10,9 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress
+from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
-from linkwise.cli.method_options import method_options
-from linkwise.cli.options import (
-    folder_option,
-    grouped,
-    json_option,
-    number,
-    pairs,
-    stated,
-    typed,
-    unstarted_is_usage,
-)
+from linkwise.cli.options import grouped, method_options, number, pairs, stated, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import ABSORPTION
 
@@ -91,15 +81,13 @@ def _values(text: str) -> list[float]:
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @grouped(RepetitionOptions, "repetition")
 @drive_options
-@folder_option(ABSORPTION)
-@json_option("absorption.json")
+@answer_options(ABSORPTION)
 def absorb(
     structure: Path,
     options: dict[str, Any],
     repetition: RepetitionOptions,
     drive: ExcitationOptions,
-    output: Path | None,
-    as_json: bool,
+    delivery: Delivery,
 ) -> int:
     """Compare the vibration of STRUCTURE with and without its sinks.
 
@@ -120,7 +108,7 @@ def absorb(
     keywords = {**options, **drive.keywords()}
     with progress("simulating") as step, unstarted_is_usage():
         result = _answer(structure, repetition, {**keywords, "progress": step})
-    return deliver(result, output, as_json=as_json, answer=structure)
+    return delivery.of(result, answer=structure)
 
 
 def _answer(

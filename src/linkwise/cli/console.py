@@ -6,8 +6,9 @@ import shutil
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -15,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
+from linkwise.cli.options import FILE, FOLDER, Decorator, gathered
 from linkwise.display import shortened
 from linkwise.errors import OutputError
-from linkwise.output import to_json
+from linkwise.output import check_result_folder, to_json
 from linkwise.progress import Progress, silent
 from linkwise.registry import lazy_module
 from linkwise.verdict import Grade
@@ -60,44 +62,72 @@ def ended(result: JudgedView, answer: Path | None = None) -> int:
     return Grade.worst((result.grade, stated)).exit_code
 
 
-def deliver(
-    result: JudgedView,
-    folder: Path | None,
-    *,
-    as_json: bool,
-    more: Sequence[str] = (),
-    truth: Structure | None = None,
-    answer: Path | None = None,
-) -> int:
-    """Print a result with `more` lines, or as JSON, then write it as a `folder`, if one was asked for,
-    even where printing fails; the exit code.
-
-    Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone. It is
-    said where. Beside a document it is not said where the folder is. The exit code counts the `answer` that it is of.
+def answer_options(mark: str, *further: Callable[[Any], Any]) -> Decorator:
+    """The options of a command whose result is a folder that `mark` marks, handed over as `delivery`: the folder, `further`
+    ones, and the document. A folder that cannot be written is refused before the work.
     """
-    unheard: OSError | None = None
-    try:
-        document = lw.report.result_of(result, truth) if as_json else {}
-        click.echo(to_json(document) if as_json else "\n".join([str(result), *more]))
-        sys.stdout.flush()
-    except OSError as error:
-        unheard = error
-    if folder is not None:
+
+    def checked(context: click.Context, option: click.Parameter, folder: Path | None) -> Path | None:
+        if folder is not None:
+            check_result_folder(folder, mark)
+        return folder
+
+    text = "Folder for the result: numbers, figures, report."
+    folder = click.option("-o", "--output", metavar="DIR", type=FOLDER, callback=checked, help=text)
+    said = f"Print {mark} on standard output and nothing else."
+    document = click.option("--json", "as_json", is_flag=True, help=said)
+    return gathered("delivery", lambda own: Delivery(**own), folder, *further, document)
+
+
+truth_option = click.option(
+    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
+)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """How a result is handed over: into a folder, if one was asked for, as JSON or as text, and the file of the truth."""
+
+    output: Path | None
+    as_json: bool
+    truth: Path | None = None
+
+    def of(
+        self,
+        result: JudgedView,
+        *,
+        more: Sequence[str] = (),
+        truth: Structure | None = None,
+        answer: Path | None = None,
+    ) -> int:
+        """Print a result with `more` lines, or as JSON, then write its folder, even where printing fails; the exit code.
+
+        Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone.
+        It is said where. Beside a document it is not said where the folder is. The exit code counts the `answer` that it is
+        of.
+        """
+        unheard: OSError | None = None
         try:
-            with progress("writing") as step:
-                lw.report.write_result(result, folder, truth=truth, progress=step)
-        except Exception as error:
-            _keep(result, folder, truth, whole=isinstance(error, OutputError))
-            raise
-        if not as_json:
-            tell(f"written to {folder}; open {folder / 'report.html'}")
-    if result.grade is Grade.REFUSED and isinstance(result, lw.Estimate | lw.Discovery):
-        note(
-            'what to do, by cause, stands on the page "If it refuses" of the documentation (how-to/if-it-refuses)'
-        )
-    if unheard is not None:
-        raise unheard
-    return ended(result, answer)
+            document = lw.report.result_of(result, truth) if self.as_json else {}
+            click.echo(to_json(document) if self.as_json else "\n".join([str(result), *more]))
+            sys.stdout.flush()
+        except OSError as error:
+            unheard = error
+        if self.output is not None:
+            try:
+                with progress("writing") as step:
+                    lw.report.write_result(result, self.output, truth=truth, progress=step)
+            except Exception as error:
+                _keep(result, self.output, truth, whole=isinstance(error, OutputError))
+                raise
+            if not self.as_json:
+                tell(f"written to {self.output}; open {self.output / 'report.html'}")
+        if result.grade is Grade.REFUSED and isinstance(result, lw.Estimate | lw.Discovery):
+            page = 'the page "If it refuses" of the documentation (how-to/if-it-refuses)'
+            note(f"what to do, by cause, stands on {page}")
+        if unheard is not None:
+            raise unheard
+        return ended(result, answer)
 
 
 def deliver_structure(
@@ -123,7 +153,7 @@ def _keep(result: object, folder: Path, truth: Structure | None, *, whole: bool)
         place = home / (folder.resolve().name or "result")
         for pictured in [True, False] if whole else [False]:
             with suppress(Exception):  # that of the folder that was asked for is the one to tell
-                pages.folder_of(result, "").write(result, place, truth=truth, pictured=pictured)
+                pages.FOLDERS[type(result).__name__].write(result, place, truth=truth, pictured=pictured)
                 lacking = "" if (place / "report.html").exists() else ", without figures and page"
                 note(f"the result was kept in {place}{lacking}")
                 return

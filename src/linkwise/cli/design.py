@@ -10,21 +10,12 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, progress
+from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
-from linkwise.cli.method_options import method_options
-from linkwise.cli.options import (
-    POSITIVE,
-    folder_option,
-    grouped,
-    json_option,
-    number,
-    ranges,
-    typed,
-    unstarted_is_usage,
-)
+from linkwise.cli.options import POSITIVE, grouped, method_options, number, ranges, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.output import DESIGN
+from linkwise.runtime import processors
 
 EXAMPLE = "nes1.alpha=-300:-20"
 
@@ -44,58 +35,43 @@ class WantedOptions:
         Instead: sinks_share, power:LINK, rms_reduction, ...
     levels : str
         Factors of the excitation at which each design is judged.
+    start : float | None
+        Lowest frequency of a harmonic excitation, of which --force MASS=N or --base x|v|a=SIZE is the amplitude, as of
+        respond.
+    stop : float | None
+        Highest frequency of a harmonic excitation.
     """
 
     vary: tuple[str, ...] = typed("PARAMETER=LOW:HIGH", multiple=True, required=True)
     minimise: str | None = typed("QUANTITY")
     maximise: str | None = typed("QUANTITY")
     levels: str = typed("FACTOR,FACTOR,...", default="1", show_default=True)
-
-
-_RANGE = (
-    click.option(
-        "--from",
-        "start",
-        metavar="HZ",
-        type=POSITIVE,
-        help="Lowest frequency of a harmonic excitation, of which --force MASS=N or --base x|v|a=SIZE is the amplitude, as of "
-        "respond.",
-    ),
-    click.option(
-        "--to", "stop", metavar="HZ", type=POSITIVE, help="Highest frequency of a harmonic excitation."
-    ),
-)
+    start: float | None = typed("HZ", "--from", type=POSITIVE)
+    stop: float | None = typed("HZ", "--to", type=POSITIVE)
 
 
 def _harmonic(
-    drive: ExcitationOptions, search: dict[str, Any]
+    drive: ExcitationOptions, start: float | None, stop: float | None
 ) -> tuple[lw.response.ResponseOptions | None, ExcitationOptions]:
-    """What is harmonic between the frequencies, which are taken out of `search`, and what else drives the structure."""
-    ends = [search.pop(name, None) for name in ("start", "stop")]
-    if ends == [None, None]:
+    """What is harmonic between the frequencies, and what else drives the structure."""
+    if start is None and stop is None:
         return None, drive
-    if None in ends:
+    if start is None or stop is None:
         raise UsageError("--from and --to belong together: the frequencies of a harmonic excitation.")
     base = () if drive.base is None else (drive.base,)
-    harmonic = lw.response.ResponseOptions(**harmonic_excitation(drive.force, base, (ends[0], ends[1])))
+    harmonic = lw.response.ResponseOptions(**harmonic_excitation(drive.force, base, (start, stop)))
     return harmonic, replace(drive, force=(), base=None)
 
 
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
 @grouped(WantedOptions, "wanted")
-@method_options(lw.absorption.DesignOptions, "search", *_RANGE)
+@method_options(lw.absorption.DesignOptions, "search")
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @drive_options
-@folder_option(DESIGN)
-@json_option("design.json")
+@answer_options(DESIGN)
 def design(
-    structure: Path,
-    wanted: WantedOptions,
-    drive: ExcitationOptions,
-    output: Path | None,
-    as_json: bool,
-    **given: Any,
+    structure: Path, wanted: WantedOptions, drive: ExcitationOptions, delivery: Delivery, **given: Any
 ) -> int:
     """Find the coefficients and masses at which the sinks of STRUCTURE absorb best.
 
@@ -116,18 +92,19 @@ def design(
         raise UsageError("--minimise and --maximise exclude each other: name one quantity.")
     over = ranges(wanted.vary, "--vary", EXAMPLE, "LOW:HIGH")
     factors = tuple(number(text, "--levels", "0.5,1,2") for text in wanted.levels.split(","))
-    place = None if output is None else output.resolve()
+    place = None if delivery.output is None else delivery.output.resolve()
     journal = None if place is None else place.with_name(f".{place.name}.designs")
     subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
     quantity = wanted.minimise or maximise or "remaining"
     with progress("simulating") as step, unstarted_is_usage():
-        harmonic, drive = _harmonic(drive, given["search"])
+        harmonic, drive = _harmonic(drive, wanted.start, wanted.stop)
+        given["search"].setdefault("workers", processors())
         search = lw.absorption.DesignOptions(
             **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic
         )
         keywords = {**given["options"], **drive.keywords(), "journal": journal, "progress": step}
         result = lw.design(subject, over, quantity, search, **keywords)
-    code = deliver(result, output, as_json=as_json, answer=structure)
+    code = delivery.of(result, answer=structure)
     if journal is not None:
         journal.unlink(missing_ok=True)
     return code

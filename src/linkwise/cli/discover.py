@@ -10,19 +10,16 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, note, progress
-from linkwise.cli.method_options import method_options
+from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
 from linkwise.cli.options import (
     FILE,
-    folder_option,
     grouped,
-    json_option,
     listing,
+    method_options,
     nmse_lines,
     pairs,
     quantity,
     screen,
-    truth_option,
     typed,
 )
 from linkwise.cli.reading_options import RecordOptions, record_options, tell_of_hosts
@@ -90,17 +87,8 @@ def mass_value(name: str, text: str) -> float | str:
 @record_options
 @grouped(PriorOptions, "prior")
 @method_options(lw.discovery.DiscoveryOptions, "given")
-@folder_option(RESULT)
-@truth_option
-@json_option("result.json")
-def discover(
-    source: RecordOptions,
-    prior: PriorOptions,
-    given: dict[str, Any],
-    output: Path | None,
-    truth: Path | None,
-    as_json: bool,
-) -> int:
+@answer_options(RESULT, truth_option)
+def discover(source: RecordOptions, prior: PriorOptions, given: dict[str, Any], delivery: Delivery) -> int:
     """Discover which masses are linked, and by which laws, from RECORD and the masses alone.
 
     Every mass needs a sensor, unless the structure has hosts. Candidates are links between all pairs of masses, between every
@@ -146,7 +134,7 @@ def discover(
     except lw.IdentificationError as error:
         raise UsageError(f"--terms: {error}") from error
     names = tuple(masses) if isinstance(masses, dict) else masses.places
-    true = None if truth is None else _true(truth, names)
+    true = None if delivery.truth is None else _true(delivery.truth, names)
     with progress("reading") as step:
         records = [_read(replace(source, record=path), names) for path in (source.record, *prior.more)]
         step(lw.estimates.ProgressReport(0.0, "looking at the record"))
@@ -156,7 +144,7 @@ def discover(
         note("a law with memory or a signal was found, so the answer is not compared with the truth")
         true = None
     more = _comparison_lines(lw.report.result_of(discovery, true))
-    return deliver(discovery, output, as_json=as_json, more=more, truth=true)
+    return delivery.of(discovery, more=more, truth=true)
 
 
 def _read(source: RecordOptions, names: tuple[str, ...]) -> lw.Record:

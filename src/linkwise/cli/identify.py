@@ -1,8 +1,8 @@
-"""`linkwise identify`: records and a structure with unknowns, to the force of every link."""
+"""`linkwise identify`, and `compare` of all methods: records and a structure with unknowns, to the force of every link."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +10,30 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, note, progress
-from linkwise.cli.method_options import method_options
-from linkwise.cli.options import (
-    FILE,
-    RegisteredChoice,
-    folder_option,
-    json_option,
-    nmse_lines,
-    option_name,
-    screen,
-    truth_option,
-)
+from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
+from linkwise.cli.options import FILE, grouped, method_options, nmse_lines, option_name, screen, stated, typed
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
+from linkwise.identification import compare as comparisons
 from linkwise.identification.identify import METHODS
 from linkwise.model import link
-from linkwise.output import RESULT
+from linkwise.output import COMPARISON, RESULT
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """The method, and the records that are fitted.
+
+    Parameters
+    ----------
+    method : str
+        Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone (weak); or the
+        sparse regression of the paper (sindy).
+    more : tuple[Path, ...]
+        Another record of the same structure, read with the same options and fitted together with it (ml). Repeatable.
+    """
+
+    method: str = typed(type=click.Choice(list(METHODS)), default="ml", show_default=True)
+    more: tuple[Path, ...] = typed("RECORD", "--with", multiple=True, type=FILE)
 
 
 @click.command(
@@ -36,41 +44,17 @@ from linkwise.output import RESULT
 )
 @record_options
 @click.argument("structure", type=FILE)
-@click.option(
-    "--method",
-    type=RegisteredChoice(METHODS),
-    default="ml",
-    show_default=True,
-    help="Maximum likelihood on the raw samples (ml); the weak form, which gives its starting values, alone "
-    "(weak); or the sparse regression of the paper (sindy).",
-)
-@method_options(
-    lw.MaximumLikelihood,
-    "ml",
-    click.option(
-        "--with",
-        "more",
-        metavar="RECORD",
-        multiple=True,
-        type=FILE,
-        help="Another record of the same structure, read with the same options and fitted together with it (ml). "
-        "Repeatable.",
-    ),
-    remark=" (ml)",
-)
+@grouped(FitOptions, "chosen")
+@method_options(lw.MaximumLikelihood, "ml", remark=" (ml)")
 @method_options(lw.PhysicsInformedSindy, "sindy", remark=" (sindy)")
-@folder_option(RESULT)
-@truth_option
-@json_option("result.json")
+@answer_options(RESULT, truth_option)
 def identify(
     source: RecordOptions,
     structure: Path,
-    method: str,
+    chosen: FitOptions,
     ml: dict[str, Any],
     sindy: dict[str, Any],
-    output: Path | None,
-    truth: Path | None,
-    as_json: bool,
+    delivery: Delivery,
 ) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD.
 
@@ -95,33 +79,62 @@ def identify(
       linkwise identify run.csv unknown.toml --exact
       linkwise identify run.csv unknown.toml --method sindy --regressor l1
     """
-    estimator = _estimator(method, source, {"ml": ml, "sindy": sindy})
+    estimator = _estimator(chosen, source, {"ml": ml, "sindy": sindy})
     subject = read_told(structure)
-    true = None if truth is None else lw.read_structure(truth)
+    true = None if delivery.truth is None else lw.read_structure(delivery.truth)
     if true is not None:
         link.refuse_memory(true.links, link.COMPARISON)
     note(*source.masses_beside(subject))
     with progress("reading") as step:
-        paths = (source.record, *ml.get("more", ()))
+        paths = (source.record, *chosen.more)
         records = [replace(source, record=path).read_motion_of(subject) for path in paths]
         step(lw.estimates.ProgressReport(0.0, "identifying"))
         tests = records if len(records) > 1 else records[0]
         estimate = lw.identify(tests, subject, method=estimator, progress=step)
     title = "\nagainst the truth: NMSE of the force (paper Eq. 8)"
     errors = nmse_lines(lw.report.result_of(estimate, true), title)
-    return deliver(estimate, output, as_json=as_json, more=errors, truth=true)
+    return delivery.of(estimate, more=errors, truth=true)
 
 
 def _estimator(
-    method: str, source: RecordOptions, given: dict[str, dict[str, Any]]
+    chosen: FitOptions, source: RecordOptions, given: dict[str, dict[str, Any]]
 ) -> lw.estimates.Estimator:
     """The method with its options; UsageError for those of another method."""
+    further, method = stated({"more": chosen.more}), chosen.method
     for name, options in given.items():
-        if name != method and options:
-            raise UsageError(f"{option_name(next(iter(options)))} is for --method {name}, not for {method}.")
+        if name != method and (typed_options := {**(further if name == "ml" else {}), **options}):
+            raise UsageError(
+                f"{option_name(next(iter(typed_options)))} is for --method {name}, not for {method}."
+            )
     if method != "ml":
         source.refuse_unknown_errors()
-    options = {name: value for name, value in given.get(method, {}).items() if name != "more"}
+    options = dict(given.get(method, {}))
     for name, sizes in source.fitted_errors().items():
         options[name] = {**sizes, **options.get(name, {})}
     return METHODS.lookup(method)(**options)
+
+
+@click.command()
+@record_options
+@click.argument("structure", type=FILE)
+@answer_options(COMPARISON)
+def compare(source: RecordOptions, structure: Path, delivery: Delivery) -> int:
+    """Identify the unknown coefficients of STRUCTURE from RECORD by maximum likelihood, the weak form and the sparse
+    regression of the paper, and by maximum likelihood with the term or link that its diagnosis misses first.
+
+    Shows coefficients with standard errors, grades, chi-square, the errors of free runs and times. A method that does not take
+    the record, as sindy where the motion of a mass is not measured, says why. The exit code is that of the answer of maximum
+    likelihood, as of identify.
+
+    \b
+    Examples:
+      linkwise compare run.csv unknown.toml -o compared
+      linkwise compare run.csv unknown.toml --mapping sensors.toml --json
+    """
+    source.refuse_unknown_errors()
+    subject = read_told(structure)
+    note(*source.masses_beside(subject))
+    with progress("reading") as step:
+        record = source.read_motion_of(subject)
+        comparison = comparisons.compare(record, subject, progress=step)
+    return delivery.of(comparison)

@@ -11,8 +11,8 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise import files
-from linkwise.cli.console import deliver, note, progress, tell
-from linkwise.cli.options import FILE, FLAGS, folder_option, grouped, typed
+from linkwise.cli.console import Delivery, answer_options, note, progress, tell
+from linkwise.cli.options import FILE, FLAGS, grouped, typed
 from linkwise.cli.reading_options import ReadingOptions, records_argument
 from linkwise.output import INSPECTION
 
@@ -67,9 +67,8 @@ class RecordsOptions(ReadingOptions):
 
 @click.command()
 @grouped(RecordsOptions, "source", records_argument)
-@folder_option(INSPECTION)
-@click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
+@answer_options(INSPECTION)
+def inspect(source: RecordsOptions, delivery: Delivery) -> None:
     """Check each RECORD without a model: what its channels contain, and what is wrong with them, worst first.
 
     Alerts leave the exit code at 0; a file that cannot be read gives 2. --levels asks whether the structure is linear, and
@@ -105,9 +104,9 @@ def inspect(source: RecordsOptions, output: Path | None, as_json: bool) -> None:
             compared = lw.inspection.compare_levels(records, modes=source.modes, progress=step)
             inspection = replace(inspection, levels=compared)
     inspection = replace(inspection, alerts=tuple(map(_with_flags, inspection.alerts)))
-    if not as_json:
+    if not delivery.as_json:
         note(*dict.fromkeys(remark for record in records for remark in record.notes))
-    deliver(inspection, output, as_json=as_json)
+    delivery.of(inspection)
 
 
 def _with_flags(alert: lw.inspection.Alert) -> lw.inspection.Alert:

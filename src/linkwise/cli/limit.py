@@ -12,7 +12,6 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import ended, progress
 from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
-from linkwise.cli.method_options import unit_of_channel
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
@@ -22,6 +21,7 @@ from linkwise.cli.options import (
     pairs,
     quantity,
     typed,
+    unit_of_channel,
     unstarted_is_usage,
 )
 from linkwise.cli.reading_options import read_told

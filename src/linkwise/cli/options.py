@@ -7,72 +7,24 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import Field, field, fields
+from dataclasses import MISSING, Field, field, fields
 from functools import wraps
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import click
 from click import UsageError
 
 import linkwise as lw
 from linkwise.errors import LinkwiseError, SimulationError
-from linkwise.output import check_result_folder
 from linkwise.registry import Registry
 
-F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
-
-
-def folder_option(mark: str) -> Callable[[F], F]:
-    """The option for a result folder that `mark` marks; one that cannot be written is refused before the work."""
-
-    def checked(context: click.Context, option: click.Parameter, folder: Path | None) -> Path | None:
-        if folder is not None:
-            check_result_folder(folder, mark)
-        return folder
-
-    text = "Folder for the result: numbers, figures, report."
-    return click.option("-o", "--output", metavar="DIR", type=FOLDER, callback=checked, help=text)
-
-
-truth_option = click.option(
-    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
-)
-
-
-def json_option(name: str) -> Callable[[F], F]:
-    """The option of a command to print the document that its result folder has under this name."""
-    return click.option(
-        "--json", "as_json", is_flag=True, help=f"Print {name} on standard output and nothing else."
-    )
-
-
-if TYPE_CHECKING:
-    _NameType = click.ParamType[str]
-else:  # which takes no argument in click 8.1
-    _NameType = click.ParamType
-
-
-class RegisteredChoice(_NameType):
-    """One of the names that a registry has when the command runs; nothing is loaded for it."""
-
-    name = "choice"
-
-    def __init__(self, registry: Registry[Any]) -> None:
-        self.registry = registry
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        return f"[{'|'.join(self.registry)}]"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The name as typed; any other is wrong usage."""
-        return click.Choice(list(self.registry)).convert(value, param, ctx)
 
 
 def split(text: str, option: str, example: str) -> tuple[str, str]:
@@ -276,6 +228,104 @@ FLAGS = {
 
 METHOD_FLAGS = {"drifts": "--sensor CHANNEL:drift[=TIME]", "hums": "--sensor CHANNEL:hum=HZ"}
 """The same of options made from fields, as far as they are loaded; an error that names one is wrong usage."""
+
+
+_SPELLED = {"admit": "let", "loss": "robust", "tested": "test"}
+"""The names of options that are not those of their fields."""
+
+
+def method_options(kind: type, keyword: str, *, remark: str = "") -> Decorator:
+    """A decorator that gives a command the options of `kind` as one argument `keyword`: a dict of those that were given.
+
+    `remark` stands at the end of what each does. The names are those of keywords of the library, so that a command hands the
+    dict on and no other line names an option. Options that were not given and have no default are left out.
+    """
+    texts = described(kind)
+    typed = [field for field in fields(kind) if "typed" in field.metadata]
+    options = [_method_option(field, f"{texts.get(field.name, '').rstrip('.')}{remark}.") for field in typed]
+    return gathered(keyword, stated, *options)
+
+
+def _method_option(field: Field[Any], text: str) -> Callable[[Any], Any]:
+    """The option of a field, which says `text` in help."""
+    about = field.metadata
+    name = _SPELLED.get(field.name, field.name)
+    repeatable = "=" in about["typed"] or field.default == ()
+    flag = "--" + (name.removesuffix("s") if repeatable else name).replace("_", "-")
+    METHOD_FLAGS[field.name] = f"{flag} {'|'.join(about.get('choices', ())) or about['typed']}".rstrip()
+    keywords: dict[str, Any] = {"help": f"{text}{' Repeatable.' if repeatable else ''}"}
+    if field.default is MISSING and field.default_factory is MISSING:
+        keywords |= {"required": True}
+    if not about["typed"]:
+        keywords |= {"is_flag": True, "default": None}
+    elif "choices" in about:
+        keywords |= _choice(about["choices"])
+    elif "=" in about["typed"]:
+        keywords |= {"callback": _pairs(about), "multiple": True}
+    elif repeatable:
+        keywords |= {"callback": comma_separated, "multiple": True}
+    elif "float" in str(field.type):
+        keywords |= {"type": float}
+    elif str(field.type).startswith("int"):
+        keywords |= {"type": int}
+    if about["typed"] and "choices" not in about:
+        keywords |= {"metavar": about["typed"]}
+    return click.option(flag, field.name, **keywords)
+
+
+def _choice(choices: Registry[Any] | Mapping[str, Any]) -> dict[str, Any]:
+    """One of the names; a table that is no registry says what each stands for."""
+    meaning: Any = {} if isinstance(choices, Registry) else choices
+    return {
+        "type": click.Choice(list(choices)),
+        "callback": lambda context, option, name: meaning.get(name, name),
+    }
+
+
+def _pairs(about: Mapping[str, Any]) -> Callable[..., dict[str, Any] | None]:
+    """A callback that reads NAME=VALUE, or names alone where the value may be left out; None where nothing was given."""
+
+    def read(
+        context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+    ) -> dict[str, Any] | None:
+        stated: dict[str, Any] = {}
+        for text in texts:
+            if "=" in text or "[=" not in about["typed"]:
+                name, value = split(text, option.opts[0], about["example"])
+                values: dict[str, Any] = {name: _value(text, name, value, about, option.opts[0])}
+            else:
+                values = dict.fromkeys(part.strip() for part in text.split(","))
+            for name, one in values.items():
+                if name in stated:
+                    raise UsageError(f"{option.opts[0]} is given twice for {name!r}.")
+                stated[name] = one
+        return stated or None
+
+    return read
+
+
+def _value(text: str, name: str, value: str, about: Mapping[str, Any], flag: str) -> float | str:
+    """A plain number, or one with a unit of its own; without a unit in the metadata any other text as it is."""
+    unit = about.get("unit")
+    if unit == "%":
+        return 0.01 * percentage(value, flag, about["example"])
+    try:
+        return float(value)
+    except ValueError:
+        if unit is None:
+            return value
+        unit = unit_of_channel(name) if unit == "channel" else unit
+    if "sqrt" in unit:
+        raise UsageError(f"{flag} takes a number in {unit}, as in {about['example']}, got {value!r}.")
+    return quantity(value, unit, f"{flag} {text}")
+
+
+def unit_of_channel(name: str) -> str:
+    """The SI unit of an input; N if the name is not a channel, which the estimator reports."""
+    try:
+        return lw.records.Channel.parse(name).unit
+    except lw.LinkwiseError:
+        return "N"
 
 
 _OF_MAPPING = {"rate": 'rate = "... Hz"', "resample": 'resample = "... Hz"', "header": 'header = "..."'}

@@ -307,10 +307,15 @@ records_argument = click.argument("records", metavar="RECORD...", nargs=-1, requ
 def read_told(path: Path) -> lw.Structure:
     """The structure of a file; notes on it and its hosts go to standard error."""
     subject = lw.read_structure(path)
-    if remark := stated_grade(path)[1]:
-        note(f"{path}: {remark}")
+    tell_grade(path)
     tell_of_hosts(subject.hosts)
     return subject
+
+
+def tell_grade(path: Path) -> None:
+    """Say what the answer is worth that a structure comes from."""
+    if remark := stated_grade(path)[1]:
+        note(f"{path}: {remark}")
 
 
 def tell_of_hosts(hosts: Iterable[lw.Host]) -> None:

@@ -1,4 +1,4 @@
-"""`linkwise respond`: steady motion of a structure under a harmonic excitation over frequency."""
+"""`linkwise respond`, `backbone` and `basins`: steady motion over frequency, free vibration, and where it ends."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import deliver, note, progress
+from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import harmonic_excitation
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
     comma_separated,
-    folder_option,
     grouped,
-    json_option,
     number,
+    numbers,
+    ranges,
     stated,
     typed,
     unstarted_is_usage,
 )
-from linkwise.cli.reading_options import tell_of_hosts
-from linkwise.estimates.estimate import stated_grade
-from linkwise.output import RESPONSE
+from linkwise.cli.reading_options import read_told, tell_grade, tell_of_hosts
+from linkwise.output import BACKBONE, BASINS, RESPONSE
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,8 @@ class HarmonicOptions:
 @click.command()
 @click.argument("structure", type=click.Path(path_type=Path))
 @grouped(HarmonicOptions, "harmonic")
-@folder_option(RESPONSE)
-@json_option("response.json")
-def respond(structure: Path, harmonic: HarmonicOptions, output: Path | None, as_json: bool) -> int:
+@answer_options(RESPONSE)
+def respond(structure: Path, harmonic: HarmonicOptions, delivery: Delivery) -> int:
     """Compute the steady motion of STRUCTURE under a harmonic force or motion of its base, over frequency.
 
     The result holds every branch that was found, stable and unstable, with the frequencies at which motion jumps (folds),
@@ -108,7 +107,106 @@ def respond(structure: Path, harmonic: HarmonicOptions, output: Path | None, as_
     with progress("steady motion") as step, unstarted_is_usage():
         result = lw.respond(structure, progress=step, **harmonic.keywords())
     result = result if measured is None else result.beside(measured)
-    if remark := stated_grade(structure)[1]:
-        note(f"{structure}: {remark}")
+    tell_grade(structure)
     tell_of_hosts(result.structure.hosts)
-    return deliver(result, output, as_json=as_json, answer=structure)
+    return delivery.of(result, answer=structure)
+
+
+_AMPLITUDE = "x:m1=0.01"
+
+
+@dataclass(frozen=True)
+class ModeOptions:
+    """Which mode, and how far it is followed.
+
+    Parameters
+    ----------
+    mode : int
+        Number of the linear mode by ascending frequency, from 1.
+    to_amplitude : tuple[str, ...]
+        End where half of peak to peak of a channel is so large (default: where the frequency has changed by a third).
+    to_energy : float | None
+        End at this energy.
+    show : tuple[str, ...]
+        Displacements and velocities that are shown (default: the displacements of all masses and points).
+    levels : Path | None
+        A record of a decay, whose frequency over amplitude, as inspect --levels follows it, is laid over the curve.
+    mapping : Path | None
+        A file that states columns, units and how to read that record, as of identify.
+    """
+
+    mode: int = typed("K", type=click.IntRange(min=1), required=True)
+    to_amplitude: tuple[str, ...] = typed("CHANNEL=SIZE", multiple=True)
+    to_energy: float | None = typed("J", type=POSITIVE)
+    show: tuple[str, ...] = typed("CHANNEL", multiple=True, callback=comma_separated)
+    levels: Path | None = typed("RECORD", type=FILE)
+    mapping: Path | None = typed("FILE", type=FILE)
+
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of `linkwise.backbone`."""
+        ends = numbers(self.to_amplitude, "--to-amplitude", _AMPLITUDE)
+        if len(ends) > 1:
+            raise UsageError("--to-amplitude is given for two channels; give one.")
+        return {"to_amplitude": ends or None, "to_energy": self.to_energy, "show": self.show}
+
+
+@click.command()
+@click.argument("structure", type=click.Path(path_type=Path))
+@grouped(ModeOptions, "chosen")
+@answer_options(BACKBONE)
+def backbone(structure: Path, chosen: ModeOptions, delivery: Delivery) -> int:
+    """Follow free vibration of STRUCTURE without its damping from a linear mode to large amplitudes.
+
+    The result holds frequency, energy and amplitudes along the curve. STRUCTURE is a structure file, or the folder of an
+    answer of identify.
+
+    \b
+    Examples:
+      linkwise backbone chain.toml --mode 1 --to-amplitude x:m1=0.01 -o mode1
+      linkwise backbone answer --mode 2 --to-energy 0.05 --levels decay.csv
+    """
+    measured = None if chosen.levels is None else lw.read_record(chosen.levels, mapping=chosen.mapping)
+    with progress("following the mode"), unstarted_is_usage():
+        result = lw.backbone(structure, chosen.mode, **chosen.keywords())
+    result = result if measured is None else result.beside(measured)
+    tell_grade(structure)
+    return delivery.of(result, answer=structure)
+
+
+_PLANE = "x:m2=-0.02:0.02,v:m2=-2:2"
+
+
+@dataclass(frozen=True)
+class PlaneOptions:
+    """A plane of initial states.
+
+    Parameters
+    ----------
+    plane : str
+        Two initial displacements or velocities with their ranges; all others begin at zero.
+    points : int
+        Values of each.
+    """
+
+    plane: str = typed("CHANNEL=FROM:TO,CHANNEL=FROM:TO", required=True)
+    points: int = typed("N", type=click.IntRange(min=2), default=31, show_default=True)
+
+
+@click.command()
+@click.argument("structure", type=click.Path(path_type=Path))
+@grouped(PlaneOptions, "chosen")
+@answer_options(BASINS)
+def basins(structure: Path, chosen: PlaneOptions, delivery: Delivery) -> int:
+    """Find at which rest position free motion of STRUCTURE ends, over a plane of two initial states.
+
+    The result holds the share of each rest position. STRUCTURE is a structure file, or the folder of an answer of identify.
+
+    \b
+    Examples:
+      linkwise basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-2:2 -o basins
+    """
+    plane = ranges(chosen.plane.split(","), "--plane", _PLANE)
+    subject = read_told(structure)
+    with progress("free motion") as step, unstarted_is_usage():
+        result = lw.response.basins(subject, plane, points=chosen.points, progress=step)
+    return delivery.of(result, answer=structure)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import click
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
-from linkwise.cli.options import FILE
+from linkwise.cli.options import FILE, grouped, typed
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 
@@ -41,37 +42,62 @@ def structure() -> None:
 structure.add_command(host)
 
 
+@dataclass(frozen=True)
+class ChainOptions:
+    """A chain of the paper, and where it goes.
+
+    Parameters
+    ----------
+    dof : int
+        Number of masses (even).
+    unknown : str | None
+        Make the coefficients of the sinks (nes) or of all links (all) unknown.
+    output : Path | None
+        File to write; without it, standard output.
+    as_json : bool
+        Print the structure as JSON and nothing else.
+    """
+
+    dof: int = typed("N", type=int, required=True)
+    unknown: str | None = typed(type=click.Choice(["nes", "all"]))
+    output: Path | None = typed("FILE", "-o", "--output", type=FILE)
+    as_json: bool = typed(None, "--json", is_flag=True)
+
+
 @structure.command()
-@click.option("--dof", metavar="N", type=int, required=True, help="Number of masses (even).")
-@click.option(
-    "--unknown",
-    type=click.Choice(["nes", "all"]),
-    help="Make the coefficients of the sinks (nes) or of all links (all) unknown.",
-)
-@click.option("-o", "--output", metavar="FILE", type=FILE, help="File to write; without it, standard output.")
-@click.option("--json", "as_json", is_flag=True, help="Print the structure as JSON and nothing else.")
-def bnes(dof: int, unknown: str | None, output: Path | None, as_json: bool) -> None:
+@grouped(ChainOptions, "options")
+def bnes(options: ChainOptions) -> None:
     """Print the paper's chain of bistable energy sinks as a structure file.
 
     \b
     Example:
       linkwise structure bnes --dof 10 --unknown nes -o chain.toml
     """
-    chain = lw.bnes_chain(dof)
-    written = chain.unknown(unknown) if unknown else chain
-    deliver_structure(written, output, as_json=as_json)
+    chain = lw.bnes_chain(options.dof)
+    written = chain.unknown(options.unknown) if options.unknown else chain
+    deliver_structure(written, options.output, as_json=options.as_json)
+
+
+@dataclass(frozen=True)
+class ShownOptions:
+    """What is shown of a structure, and how.
+
+    Parameters
+    ----------
+    shapes : Path | None
+        Draw the shapes of hosts at their points into PICTURE.png and PICTURE.svg.
+    as_json : bool
+        Print the answer as JSON and nothing else.
+    """
+
+    shapes: Path | None = typed("PICTURE", type=FILE)
+    as_json: bool = typed(None, "--json", is_flag=True)
 
 
 @structure.command()
 @click.argument("file", type=FILE)
-@click.option(
-    "--shapes",
-    metavar="PICTURE",
-    type=FILE,
-    help="Draw the shapes of hosts at their points into PICTURE.png and PICTURE.svg.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")
-def show(file: Path, shapes: Path | None, as_json: bool) -> None:
+@grouped(ShownOptions, "options")
+def show(file: Path, options: ShownOptions) -> None:
     """Show the masses, hosts and links of FILE, and where it can rest and how it vibrates there.
 
     \b
@@ -80,8 +106,8 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
       linkwise structure show wing.toml --shapes wing
     """
     subject = lw.read_structure(file)
-    if shapes is not None:
-        for path in lw.plot.save(estimates.shapes_figure(subject), _without_suffix(shapes)):
+    if options.shapes is not None:
+        for path in lw.plot.save(estimates.shapes_figure(subject), _without_suffix(options.shapes)):
             note(f"{path} is written")
     why = _why_no_rests(subject)
     rests = None
@@ -90,7 +116,7 @@ def show(file: Path, shapes: Path | None, as_json: bool) -> None:
             rests = _rests(subject)
         except lw.StructureError as error:  # as where the force of a link vanishes without end
             why = str(error)
-    if as_json:
+    if options.as_json:
         text = to_json({**tomllib.loads(lw.model.format_structure(subject)), "equilibria": rests})
         click.echo(text)
         return

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 import linkwise as lw
-from linkwise.cli.console import deliver, note, progress
-from linkwise.cli.options import POSITIVE, folder_option, grouped, json_option, typed
+from linkwise.cli.console import Delivery, answer_options, note, progress
+from linkwise.cli.options import POSITIVE, grouped, typed
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.identification.validation import answer as answers
 from linkwise.output import VALIDATION
@@ -37,11 +37,8 @@ class ScoringOptions:
 @record_options
 @click.argument("answer", type=click.Path(path_type=Path))
 @grouped(ScoringOptions, "scoring")
-@folder_option(VALIDATION)
-@json_option("validation.json")
-def validate(
-    source: RecordOptions, answer: Path, scoring: ScoringOptions, output: Path | None, as_json: bool
-) -> int:
+@answer_options(VALIDATION)
+def validate(source: RecordOptions, answer: Path, scoring: ScoringOptions, delivery: Delivery) -> int:
     """Predict RECORD with an identified structure, and report where and by how much the prediction is wrong.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number. Use a
@@ -74,4 +71,4 @@ def validate(
         record = source.read_motion_of(subject.structure)
         corrected = source.removed_errors(record)
         validation = lw.validate(record, answer, corrected=corrected, progress=step, **vars(scoring))
-    return deliver(validation, output, as_json=as_json)
+    return delivery.of(validation)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Literal
+from typing import Any, Literal
 
+import jinja2
 import numpy as np
 
 from linkwise.arrays import Floats
@@ -33,6 +35,11 @@ class ExportedCoefficient:
     value: float
     unit: str
     error: float | None
+
+    @property
+    def full_name(self) -> str:
+        """As `Name` writes it."""
+        return f"{self.owner}.{self.name}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +208,23 @@ def listed_formats(formats: Mapping[str, ExportFormat]) -> list[str]:
     """A line for each format: its suffix, and what a file of it is."""
     width = max(map(len, formats))
     return [f"{suffix:{width}}  {entry.title}" for suffix, entry in formats.items()]
+
+
+@cache
+def _templates() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("linkwise", "export"),
+        autoescape=jinja2.select_autoescape(["xml.jinja"]),  # others escape as their languages ask for
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def rendered(template: str, **parts: Any) -> str:
+    """The file in another language that a template makes of its parts."""
+    return _templates().get_template(template).render(parts)
 
 
 def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:

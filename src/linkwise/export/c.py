@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import prod
 from pathlib import Path
 
 from linkwise.display import on_one_line
-from linkwise.export.equations import Assignments, EquationsOfMotion, Notation, Place
+from linkwise.export.answer import rendered
+from linkwise.export.equations import EquationsOfMotion, Notation
 from linkwise.expression.tree import CodeStyle
 
 _FUNCTIONS = {"abs": "fabs", "sign": "sign_of", "max": "larger", "min": "smaller"}
@@ -17,38 +17,7 @@ KEYWORDS = (
     "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct",
     "switch", "typedef", "union", "unsigned", "void", "volatile", "while",
 )  # fmt: skip
-_HEAD = """// Equations of motion z' = f(t, z, u; p) of a structure, exported by linkwise {version}: {name}
-// rhs writes f into dz[STATES], jacobian its derivatives by z into dfdz[STATES * STATES], row by row, and input_jacobian those
-// by u into dfdu[STATES * INPUTS]. Where u is NULL all inputs are 0, and where p is NULL the parameters are `parameters`.
-// Compile with a C99 compiler and link the mathematical library (-lm).
-{notes}
-#include <math.h>
-#include <stddef.h>
-
-#define STATES {states}
-#define INPUTS {inputs}
-#define PARAMETERS {parameters}
-
-{tables}
-"""
-_TOOLS = """
-static const double no_inputs[INPUTS + 1] = {0.0};
-
-static inline double raised(double x, int n)
-{
-    double result = 1.0;
-    for (; n > 0; n /= 2, x *= x)
-        if (n % 2)
-            result *= x;
-    return result;
-}
-
-static inline double sign_of(double x) { return x != x ? x : (double)((x > 0.0) - (x < 0.0)); }
-
-static inline double larger(double x, double y) { return x >= y || x != x ? x : y; }
-
-static inline double smaller(double x, double y) { return x <= y || x != x ? x : y; }
-"""
+_RESULTS = {"rhs": "dz", "jacobian": "dfdz", "input_jacobian": "dfdu"}
 
 
 def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None:
@@ -59,59 +28,22 @@ def write_equations(equations: EquationsOfMotion, path: Path, name: str) -> None
 def source(equations: EquationsOfMotion) -> str:
     """The text of the file."""
     names = equations.identifiers(KEYWORDS)
-    tables = {"state": equations.states, "input": equations.inputs, "parameter": equations.units}
-    lines = [
-        f"const char *const {table}_{column}[] = {{{', '.join([*map(literal, texts), 'NULL'])}}};"
-        for table, units in tables.items()
-        for column, texts in (("names", units), ("units", units.values()))
-    ]
-    lines.append(f"const double parameters[] = {{{_numbers(equations.parameters.values())}}};")
-    lines.append(f"const double initial[] = {{{_numbers(equations.initial)}}};")
-    head = _HEAD.format(
-        version=equations.answer.version,
-        name=_comment(equations.structure.name),
-        notes="\n".join(f"// {_comment(note)}" for note in equations.notes or ["Every law is smooth."]),
-        states=len(equations.states),
-        inputs=len(equations.inputs),
-        parameters=len(equations.parameters),
-        tables="\n".join(lines),
-    )
-    size = len(equations.states)
-    functions = [
-        _function(equations, names, "rhs(double t, {}, double *dz)", equations.rates, (size, 1)),
-        _function(equations, names, "jacobian(double t, {}, double *dfdz)", equations.jacobian, (size, size)),
-        _function(
-            equations, names, "input_jacobian(double t, {}, double *dfdu)", equations.input_jacobian,
-            (size, len(equations.inputs)),
-        ),
-    ]  # fmt: skip
-    return "".join([head, _TOOLS, *functions])
+    functions = []
+    for own, assignments, columns in equations.functions:
+        lines = _notation(columns).lines(assignments, equations.arrays, names, f"    {_RESULTS[own]}")
+        functions.append((own, _RESULTS[own], columns, "\n".join(lines)))
+    written = {"comment": _comment, "strings": _strings, "numbers": _numbers, "functions": functions}
+    return rendered("equations.c.jinja", equations=equations, **written)
 
 
-def _function(
-    equations: EquationsOfMotion, names: dict[str, str], head: str, assignments: Assignments, shape: Place
-) -> str:
-    result = head.removesuffix(")").rpartition("*")[2]
-    notation = Notation(
+def _notation(columns: int) -> Notation:
+    return Notation(
         C,
         "    const double {}",
-        lambda array, place: f"{array}[{place[0] * shape[1] + place[1] if len(place) == 2 else place[0]}]",
+        lambda array, place: f"{array}[{place[0] * columns + place[1] if len(place) == 2 else place[0]}]",
         lambda text: f"    // {_comment(text)}",
         ";",
     )
-    arrays = {"z": list(equations.states), "u": list(equations.inputs), "p": list(equations.parameters)}
-    given = "const double *z, const double *u, const double *p"
-    return "\n".join([
-        f"\nvoid {head.format(given)}",
-        "{",
-        "    u = u ? u : no_inputs;",
-        "    p = p ? p : parameters;",
-        "    (void)t, (void)z, (void)u, (void)p;",
-        f"    for (int k = 0; k < {prod(shape)}; k++)",
-        f"        {result}[k] = 0.0;",
-        *notation.lines(assignments, arrays, names, f"    {result}"),
-        "}\n",
-    ])  # fmt: skip
 
 
 def literal(text: str) -> str:
@@ -132,3 +64,7 @@ def _comment(text: str) -> str:
 
 def _numbers(values: Iterable[float]) -> str:
     return ", ".join(map(repr, [*values, 0.0]))
+
+
+def _strings(texts: Iterable[str]) -> str:
+    return ", ".join([*map(literal, texts), "NULL"])

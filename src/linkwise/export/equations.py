@@ -79,10 +79,8 @@ def with_common_subexpressions(assignments: Mapping[str, Expression]) -> dict[st
 def _rebuilt(node: Expression, below: list[Expression]) -> Expression:
     """The node over other children, as it is and not in canonical form, which would take sums apart."""
     match node:
-        case Sum():
-            return Sum(tuple(below))
-        case Product():
-            return Product(tuple(below))
+        case Sum() | Product():
+            return type(node)(tuple(below))
         case Call(function, _):
             return Call(function, tuple(below))
         case Power(_, Expression()):
@@ -263,6 +261,18 @@ class EquationsOfMotion:
                     entries.setdefault((row, column), []).append(slope)
         return self._summed(entries)
 
+    @property
+    def functions(self) -> tuple[tuple[str, Assignments, int], ...]:
+        """The functions of an export: name, what it computes, and the number of columns of that."""
+        size, inputs = len(self.states), len(self.inputs)
+        jacobians = ("jacobian", self.jacobian, size), ("input_jacobian", self.input_jacobian, inputs)
+        return ("rhs", self.rates, 1), *jacobians
+
+    @property
+    def arrays(self) -> dict[str, Sequence[str]]:
+        """The names of the entries of each array that the functions take."""
+        return {"z": list(self.states), "u": list(self.inputs), "p": list(self.parameters)}
+
     def _summed(self, entries: Mapping[Place, Sequence[Expression]]) -> Assignments:
         sums = ((place, add(*parts)) for place, parts in sorted(entries.items()))
         values = self._values | {name: slope for name, slope in self._slopes.items() if slope != ZERO}
@@ -381,11 +391,10 @@ class EquationsOfMotion:
 
     def identifiers(self, reserved: Sequence[str]) -> dict[str, str]:
         """A name for every symbol, in a language with these reserved words."""
-        blocks = (self.rates, self.jacobian, self.input_jacobian)
         # a kind in front of every name, so that none is that of a macro or function of some library
         kinds = {name: name for name in self.states}
         kinds |= {name: f"p_{name}" for name in self.parameters} | {name: f"u_{name}" for name in self.inputs}
-        kinds |= {name: kinds.get(name, name) for block in blocks for name in block.values}
+        kinds |= {name: kinds.get(name, name) for _, block, _ in self.functions for name in block.values}
         chosen = identifiers(kinds.values(), reserved)
         return {name: chosen[kind] for name, kind in kinds.items()}
 

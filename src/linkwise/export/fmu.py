@@ -13,14 +13,13 @@ from functools import cached_property
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, tostring
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
 
 from linkwise.display import on_one_line
 from linkwise.errors import OutputError
-from linkwise.export.answer import identifiers
+from linkwise.export.answer import identifiers, rendered
 from linkwise.export.c import KEYWORDS, C, literal, source
 from linkwise.export.equations import EquationsOfMotion
 from linkwise.expression import symbols
@@ -30,10 +29,6 @@ _STEPS = 2000  # in the shortest period about the initial state, which shortens 
 _LONGEST = 1e-3  # s
 _PLATFORMS = {"linux": ("linux64", ".so"), "darwin": ("darwin64", ".dylib"), "win32": ("win64", ".dll")}
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
-_CAPABILITIES = (
-    "canHandleVariableCommunicationStepSize", "canNotUseMemoryManagementFunctions", "canGetAndSetFMUstate",
-    "canSerializeFMUstate",
-)  # fmt: skip
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the archive, so that equal equations give equal files
 
 
@@ -145,46 +140,20 @@ class CoSimulationUnit:
 
     def description(self, model: str) -> bytes:
         """The description of the unit in XML."""
-        equations = self.equations
-        root = Element(
-            "fmiModelDescription", fmiVersion="2.0", modelName=on_one_line(equations.structure.name) or model,
-            guid=self.guid, generationTool=f"linkwise {equations.answer.version}", variableNamingConvention="flat",
-            description=on_one_line(" ".join(["Equations of motion.", *equations.notes])),
-        )  # fmt: skip
-        capabilities = dict.fromkeys(_CAPABILITIES, "true")
-        unit = SubElement(root, "CoSimulation", {"modelIdentifier": model, **capabilities})
-        SubElement(SubElement(unit, "SourceFiles"), "File", name=f"{model}.c")
-        units = SubElement(root, "UnitDefinitions")
-        for name in dict.fromkeys(variable.unit for variable in self.variables if variable.unit):
-            SubElement(units, "Unit", name=on_one_line(name))
-        SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0")
-        listed = SubElement(root, "ModelVariables")
-        for number, variable in enumerate(self.variables):
-            _described(listed, number, variable)
-        structure = SubElement(root, "ModelStructure")
         numbered = list(enumerate(self.variables, 1))
-        outputs = [number for number, variable in numbered if variable.causality == "output"]
-        calculated = [number for number, variable in numbered if variable.start is None]
-        for name, numbers in (("Outputs", outputs), ("InitialUnknowns", calculated)):
-            if numbers:
-                parts = SubElement(structure, name)
-                for number in numbers:
-                    SubElement(parts, "Unknown", index=str(number))
-        written: bytes = tostring(root, encoding="utf-8", xml_declaration=True)
-        return written
-
-
-def _described(parent: Element, reference: int, variable: _Variable) -> None:
-    """Append a variable to the description."""
-    attributes = {"name": on_one_line(variable.name), "valueReference": str(reference)}
-    attributes |= {"description": variable.description} if variable.description else {}
-    attributes["causality"] = variable.causality
-    attributes["variability"] = "tunable" if variable.causality == "parameter" else "continuous"
-    if variable.causality != "input":
-        attributes["initial"] = "calculated" if variable.start is None else "exact"
-    real = {"unit": on_one_line(variable.unit)} if variable.unit else {}
-    real |= {} if variable.start is None else {"start": repr(variable.start)}
-    SubElement(SubElement(parent, "ScalarVariable", attributes), "Real", real)
+        text = rendered(
+            "modelDescription.xml.jinja",
+            model=model,
+            guid=self.guid,
+            equations=self.equations,
+            notes=list(self.equations.notes),
+            variables=self.variables,
+            outputs=[number for number, variable in numbered if variable.causality == "output"],
+            calculated=[number for number, variable in numbered if variable.start is None],
+            plain=on_one_line,
+            repr=repr,
+        )
+        return text.encode("utf-8")
 
 
 def _step(equations: EquationsOfMotion) -> float:

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from linkwise.absorption.comparison import without_sinks
@@ -28,8 +29,8 @@ from linkwise.paper.tables import (
 )
 from linkwise.plot.links import force_comparison_figure
 from linkwise.plot.records import displacements_figure
-from linkwise.plot.studies import CurveStyle, PublishedValues, curve_styles, draw_curves
-from linkwise.plot.style import IDENTIFIED, MEASURED, SERIES, legend_below, sheet
+from linkwise.plot.studies import curve_styles, draw_curves
+from linkwise.plot.style import IDENTIFIED, MEASURED, SERIES, TRUE, legend_below, sheet
 from linkwise.simulation.simulate import NEIGHBOURS, OrbitEnvelope, orbit_envelope
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
@@ -148,6 +149,16 @@ def _middle(table: StudySummary, name: str | None, level: float, method: str) ->
     return row if row is not None and row.coefficients else None
 
 
+_OTHERS = {"label": "SINDy, other conventions", "color": MEASURED, "lw": 0.6, "zorder": 1}
+
+
+def _draw_printed(axes: Axes, table: StudySummary, name: str, values: Mapping[str, float]) -> None:
+    """What the paper prints, by structure, beside what a study has."""
+    at = [index for index, structure in enumerate(table.structures) if structure in values]
+    printed = [values[table.structures[index]] for index in at]
+    axes.plot(at, printed, color=TRUE, ls=(0, (4, 2)), marker="s", ms=5.5, mfc="none", label=name, zorder=4)
+
+
 def figure_8(table: StudySummary, paper: PaperStudy, classical: str | None = None) -> Figure:
     """SINDy with all monomials: a to c the error at 40, 30 and 20 dB, d the time of one estimate at 20 dB.
 
@@ -156,13 +167,14 @@ def figure_8(table: StudySummary, paper: PaperStudy, classical: str | None = Non
     """
     others = [method for method in paper.classical if method != classical]
     drawn = {
-        **dict.fromkeys(others, CurveStyle("SINDy, other conventions", MEASURED, "", faint=True)),
+        **dict.fromkeys(others, _OTHERS),
         **curve_styles([method for method in table.methods if method not in (*others, *paper.informed)]),
     }
     with sheet(2, 2, height=5.9) as (figure, panels):
         for letter, axes, decibel in zip("abc", panels, DECIBELS, strict=False):
             printed = {name: TABLE_2[masses, decibel] for name, masses in paper.masses.items()}
-            draw_curves(axes, table, decibel, "nmse", drawn, PublishedValues("paper, Table 2", printed))
+            draw_curves(axes, table, decibel, "nmse", drawn)
+            _draw_printed(axes, table, "paper, Table 2", printed)
             axes.set_title(f"{letter}  {decibel:g} dB")
         draw_curves(panels[3], table, DECIBELS[-1], "seconds", drawn)
         panels[3].set_title(f"d  time of one estimate, {DECIBELS[-1]:g} dB")
@@ -177,10 +189,11 @@ def figure_9(table: StudySummary, paper: PaperStudy) -> Figure:
     error = dict.fromkeys(paper.masses, INFORMED_NMSE)
     seconds = {name: INFORMED_SECONDS[masses] for name, masses in paper.masses.items()}
     with sheet(1, 2, height=3.3) as (figure, panels):
-        draw_curves(panels[0], table, level, "nmse", drawn, PublishedValues("paper, physics-informed", error))
+        draw_curves(panels[0], table, level, "nmse", drawn)
+        _draw_printed(panels[0], table, "paper, physics-informed", error)
         panels[0].set_title(f"a  {level:g} dB")
-        published = PublishedValues("paper, physics-informed", seconds)
-        draw_curves(panels[1], table, level, "seconds", drawn, published)
+        draw_curves(panels[1], table, level, "seconds", drawn)
+        _draw_printed(panels[1], table, "paper, physics-informed", seconds)
         panels[1].set_title(f"b  time of one estimate, {level:g} dB")
         legend_below(figure, *panels)
     return figure

@@ -6,10 +6,11 @@ Liu, Li and Jiang, "On efficiency and accuracy of sparse identification of bista
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -181,7 +182,8 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
     ratio = study_cell.nmse / cell.paper
     times, side = (1.0 / ratio, "below") if ratio < 1.0 else (ratio, "above")
     deviation = f"{times:.3g} times {side} the paper"
-    readings = {name: count(study_cell.answers) for name, count in _COUNTED.items()}
+    rows = study_cell.answers
+    readings = {name: _counted(statistic, map(pick, rows)) for name, (statistic, pick) in _COUNTED.items()}
     readings |= {candidate: cell.nmse(candidate) for candidate in classical if candidate != method}
     fitting = [f"{name} ({_percent(value)})" for name, value in readings.items() if near(value, cell.paper)]
     share = study_cell.share_above(cell.paper)
@@ -195,26 +197,18 @@ def explanation(cell: Table2Cell, method: str, classical: Sequence[str]) -> str:
     return f"{deviation}; {single}; {none}{closest_text}"
 
 
-def _median_of(pick: Callable[[Row], float | None]) -> Callable[[Sequence[Row]], float | None]:
-    """The median over rows of what `pick` takes from one."""
-
-    def count(rows: Sequence[Row]) -> float | None:
-        picked = [value for row in rows if (value := pick(row)) is not None]
-        return float(np.median(picked)) if picked else None
-
-    return count
+def _counted(statistic: Callable[..., Any], numbers: Iterable[float | None]) -> float | None:
+    """A statistic of the numbers that there are."""
+    present = [number for number in numbers if number is not None]
+    return float(statistic(present)) if present else None
 
 
-def _mean(rows: Sequence[Row]) -> float | None:
-    return float(np.mean([row.nmse for row in rows if row.nmse is not None])) if rows else None
-
-
-_COUNTED: Mapping[str, Callable[[Sequence[Row]], float | None]] = {
-    "the mean over cycles": _mean,
-    "the first sink alone": _median_of(lambda row: next(iter(row.links.values()), None)),
-    "the last sink alone": _median_of(lambda row: next(reversed(list(row.links.values())), None)),
-    "the worst sink": _median_of(lambda row: row.worst),
-    "the best sink": _median_of(lambda row: min(row.links.values(), default=None)),
+_COUNTED: Mapping[str, tuple[Callable[..., Any], Callable[[Row], float | None]]] = {
+    "the mean over cycles": (np.mean, lambda row: row.nmse),
+    "the first sink alone": (np.median, lambda row: next(iter(row.links.values()), None)),
+    "the last sink alone": (np.median, lambda row: next(reversed(list(row.links.values())), None)),
+    "the worst sink": (np.median, lambda row: row.worst),
+    "the best sink": (np.median, lambda row: min(row.links.values(), default=None)),
 }
 
 

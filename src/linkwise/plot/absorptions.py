@@ -13,12 +13,12 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter
 
 from linkwise.absorption.ensemble import AbsorptionQuantity
-from linkwise.absorption.intervals import AbsorptionIntervals, without_intervals
+from linkwise.absorption.intervals import AbsorptionIntervals, Answer, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import LinkwiseError, StructureError, require_known
+from linkwise.errors import LinkwiseError
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -36,6 +36,7 @@ from linkwise.plot.style import (
     not_shown,
     over_time,
     place_legend,
+    place_of,
     scale,
     sheet,
     strips,
@@ -44,11 +45,7 @@ from linkwise.plot.style import (
 
 
 def absorption(
-    result: Absorption | AbsorptionIntervals,
-    mass: str | None = None,
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
+    result: Answer, mass: str | None = None, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
     """Draw the excursion of a primary mass with sinks and without, each under its envelope, and when it settles.
 
@@ -81,7 +78,7 @@ def absorption(
     'm1\\nmm'
     """
     plain = without_intervals(result)
-    number = _number("primary mass", mass, [change.name for change in plain.masses])
+    number = place_of("primary mass", mass, [change.name for change in plain.masses])
     with axes_for(ax, legend=legend) as axes:
         largest = max(plain.masses[number].with_sinks.peak, plain.masses[number].without.peak)
         factor, unit = scale(largest, plain.unit(plain.masses[number].name))
@@ -95,7 +92,7 @@ def absorption(
     return axes
 
 
-def decay_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+def decay_figure(result: Answer) -> Figure:
     """The primary masses, each in a strip of its own; of more than 8 the first."""
     plain = without_intervals(result)
     names = [mass.name for mass in plain.masses]
@@ -116,12 +113,6 @@ def mark_chaos(axes: Axes, result: Absorption, *, shaded: bool = True) -> None:
 def _title(result: Absorption) -> str:
     name = result.with_sinks.structure.name
     return f"{f'{name}, sinks' if name else 'Sinks'} {result.removal} for comparison"
-
-
-def _number(kind: str, name: str | None, names: Sequence[str]) -> int:
-    """The place of a name among all of its kind; the first without one."""
-    require_known(kind, names[0] if name is None else name, names, StructureError)
-    return 0 if name is None else names.index(name)
 
 
 def _draw_excursions(axes: Axes, result: Absorption, number: int, factor: float) -> None:
@@ -326,11 +317,7 @@ _MOST = 8  # strips that one page can hold
 
 
 def crossings(
-    result: Absorption | AbsorptionIntervals,
-    sink: str | None = None,
-    *,
-    legend: bool = True,
-    ax: Axes | None = None,
+    result: Answer, sink: str | None = None, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
     """Draw the elongation of a sink over time, the tops between its wells, and its passages over them.
 
@@ -363,7 +350,7 @@ def crossings(
     'time, s'
     """
     plain = without_intervals(result)
-    shown = plain.sinks[_number("sink", sink, [entry.sink.link for entry in plain.sinks])]
+    shown = plain.sinks[place_of("sink", sink, [entry.sink.link for entry in plain.sinks])]
     law = plain.with_sinks.structure.link(shown.sink.link).law
     with axes_for(ax, legend=legend) as axes:
         factor, unit = scale(float(np.abs(shown.elongation).max()), law.motion_units[0])
@@ -382,7 +369,7 @@ def crossings(
     return axes
 
 
-def crossings_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+def crossings_figure(result: Answer) -> Figure:
     """The sinks, each in a strip of its own; of more than 8 the first."""
     names = [entry.sink.link for entry in without_intervals(result).sinks[:_MOST]]
     return strips(names, partial(crossings, result, legend=False), (1.2, 1.3))
@@ -394,13 +381,7 @@ _PALE = "#EBEBEB"
 _POINTS = 1500  # of a band
 
 
-def energy(
-    result: Absorption | AbsorptionIntervals,
-    *,
-    with_sinks: bool = True,
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
+def energy(result: Answer, *, with_sinks: bool = True, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Draw where the energy went: what each link has dissipated and what is still there, over time.
 
     Sinks lie below in colours, the other links above them in greys, what is left on top.
@@ -438,7 +419,7 @@ def energy(
     return axes
 
 
-def energy_figure(result: Absorption | AbsorptionIntervals) -> Figure:
+def energy_figure(result: Answer) -> Figure:
     """Where the energy went with the sinks and, beside it, without them."""
     with sheet(columns=2, height=3.4) as (figure, panels):
         energy(result, legend=False, ax=panels[0])

@@ -151,11 +151,6 @@ def _shown(result: Design) -> tuple[Floats, str]:
     return factor * result.objectives, f"{result.quantity.title}, {unit}" if unit else result.quantity.title
 
 
-def trade_off_figure(result: Design) -> Figure:
-    """The trade-off in a figure of its own."""
-    return single(partial(trade_off, result))
-
-
 def designs_figure(result: Design) -> Figure:
     """A panel for each pair of parameters, the first ones of many."""
     pairs = list(combinations([axis.name for axis in result.axes], 2))[:_MOST]

@@ -93,11 +93,6 @@ def departures(discovery: Discovery, link: str, *, legend: bool = True, ax: Axes
     return axes
 
 
-def departures_figure(discovery: Discovery, link: str) -> Figure:
-    """The departures of the models that survive on a figure of their own."""
-    return single(partial(departures, discovery, link))
-
-
 _SELECTED = 40  # terms that are drawn
 _LONGEST = 20  # letters of a function that leave room for the bars
 _DROPPED = 16  # and those below them

@@ -18,15 +18,16 @@ from linkwise.plot.style import (
     SERIES,
     axes_for,
     label,
-    legend_below,
     literal,
     log_scale,
     pictures,
     scale,
     scattered,
     sheet,
-    single,
+    strips,
 )
+
+OfMode = Literal["frequency", "damping"]
 
 
 def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | None = None) -> Axes:
@@ -68,14 +69,9 @@ def distortion(comparison: LevelComparison, *, legend: bool = True, ax: Axes | N
     return axes
 
 
-def distortion_figure(comparison: LevelComparison) -> Figure:
-    """Odd and even distortion, and the scatter of periods, over the level on a figure of its own."""
-    return single(partial(distortion, comparison))
-
-
 def level_modes(
     comparison: LevelComparison,
-    quantity: Literal["frequency", "damping"] = "frequency",
+    quantity: OfMode = "frequency",
     *,
     legend: bool = True,
     ax: Axes | None = None,
@@ -190,18 +186,13 @@ def level_response(
 
 def level_responses_figure(comparison: LevelComparison) -> Figure:
     """The response function of every level, and its coherence."""
-    with sheet(2, height=4.6, share_time=True) as (figure, panels):
-        level_response(comparison, "magnitude", legend=False, ax=panels[0])
-        level_response(comparison, "coherence", legend=False, ax=panels[1])
-        panels[0].label_outer()
-        figure.align_ylabels()
-        legend_below(figure, panels[0], columns=4)
-    return figure
+    draw = partial(level_response, comparison, legend=False)
+    return strips(("magnitude", "coherence"), draw, (0.0, 2.3), columns=4)
 
 
 def ring_down(
     comparison: LevelComparison,
-    quantity: Literal["frequency", "damping"] = "frequency",
+    quantity: OfMode = "frequency",
     *,
     number: int = 0,
     legend: bool = True,

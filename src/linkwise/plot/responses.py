@@ -12,8 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError, require_known
-from linkwise.plot.style import SERIES, axes_for, label, not_shown, scale, single, strips
+from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.free_motion import Backbone, Basins
 from linkwise.response.measured import MeasuredPoints
@@ -61,9 +60,8 @@ def response(
     >>> lw.plot.response(answer).get_ylabel()
     'x:m1\\nmm'
     """
-    name = channel or result.channels[0]
-    require_known("channel", name, result.channels, StructureError)
-    column = result.channels.index(name)
+    column = place_of("channel", channel, result.channels)
+    name = result.channels[column]
     largest = max(
         [branch.amplitude[:, column].max() for level in result.levels for branch in level.branches]
         + [np.ptp([m.lower[column], m.upper[column]]) / 2 for level in result.levels for m in level.irregular]
@@ -166,9 +164,8 @@ def backbone(
     >>> lw.plot.backbone(curve, "x:m2").get_xlabel()
     'frequency, Hz'
     """
-    name = channel or result.channels[0]
-    require_known("channel", name, result.channels, StructureError)
-    column = result.channels.index(name)
+    column = place_of("channel", channel, result.channels)
+    name = result.channels[column]
     values = result.amplitude[:, column]
     factor, unit = scale(float(values.max()), unit_in(result.structure, name))
     outside = np.array([bool(link) for link in result.outside] or np.zeros(len(values), dtype=bool))
@@ -235,11 +232,6 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
         axes.set(xlabel=names[0], ylabel=names[1])
         axes.grid(visible=False)
     return axes
-
-
-def basins_figure(result: Basins) -> Figure:
-    """The plane with its legend."""
-    return single(partial(basins, result))
 
 
 def response_figure(result: Response) -> Figure:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import cycle
 from typing import Any
 
@@ -16,7 +15,6 @@ from linkwise.errors import StudyError, require_known
 from linkwise.plot.style import (
     MEASURED,
     SERIES,
-    TRUE,
     WELL,
     axes_for,
     label,
@@ -26,33 +24,15 @@ from linkwise.plot.style import (
     sheet,
 )
 from linkwise.study.row import Row
-from linkwise.study.success_map import SuccessMap
-from linkwise.study.summary import Cell, StudySummary
+from linkwise.study.summary import Cell, StudySummary, SuccessMap
 
 QUANTITIES = {"nmse": "NMSE of the force, %", "seconds": "time of one estimate, s"}
 _KNOWN = {"ml": (SERIES[0], "o"), "weak": (SERIES[4], "^"), "physics-informed": (SERIES[2], "D")}
 _OTHERS, _MARKERS = (SERIES[1], SERIES[5], SERIES[3], MEASURED), "sv<>"
 
 
-@dataclass(frozen=True)
-class CurveStyle:
-    """How the curve of a method is drawn and what the legend calls it.
-
-    A `faint` curve is one of several that stand behind the others: it has no marker and no spread.
-    """
-
-    label: str
-    color: str
-    marker: str
-    faint: bool = False
-
-
-@dataclass(frozen=True)
-class PublishedValues:
-    """Numbers that a paper prints, by structure, to stand beside those of a study; `label` says which they are."""
-
-    label: str
-    values: Mapping[str, float] = field(default_factory=dict)
+CurveStyle = Mapping[str, Any]
+"""How the curve of a method is drawn, as keywords of `Axes.plot`; without a marker it stands behind others, with no spread."""
 
 
 def study(
@@ -134,28 +114,25 @@ def accuracy_figure(result: StudySummary | Iterable[Row]) -> Figure:
 def curve_styles(methods: Sequence[str]) -> dict[str, CurveStyle]:
     """A style for each method; linkwise's own estimators look the same in every figure, whatever stands beside them."""
     others = cycle(zip(_OTHERS, _MARKERS, strict=False))
-    return {method: CurveStyle(method, *(_KNOWN.get(method) or next(others))) for method in methods}
+    looks = {method: _KNOWN.get(method) or next(others) for method in methods}
+    return {
+        method: {"label": label(method), "color": color, "marker": marker, "ms": 4, "zorder": 3}
+        for method, (color, marker) in looks.items()
+    }
 
 
 def draw_curves(
-    axes: Axes,
-    table: StudySummary,
-    snr_db: float,
-    quantity: str,
-    styles: Mapping[str, CurveStyle],
-    published: PublishedValues | None = None,
+    axes: Axes, table: StudySummary, snr_db: float, quantity: str, styles: Mapping[str, CurveStyle]
 ) -> None:
-    """Draw the medians of each method of `styles` over the structures, the spread of errors, and what a paper prints."""
+    """Draw the medians of each method of `styles` over the structures, and the spread of errors."""
     for method, style in styles.items():
         cells = [table.cell(structure, snr_db, method) for structure in table.structures]
         values = _values(cells, quantity)
         if np.isfinite(values).any():
-            _draw_curve(axes, style, values)
-        if quantity == "nmse" and not style.faint:
+            axes.plot(range(len(values)), values, **style)
+        if quantity == "nmse" and "marker" in style:
             low, high = _values(cells, "low"), _values(cells, "high")
-            axes.fill_between(range(len(cells)), low, high, color=style.color, alpha=0.16, lw=0, zorder=2)
-    if published is not None:
-        _draw_published(axes, table, published)
+            axes.fill_between(range(len(cells)), low, high, color=style["color"], alpha=0.16, lw=0, zorder=2)
     counts = list(table.masses.values())
     distinct = len(set(counts)) == len(counts)
     ticks = [str(count) for count in counts] if distinct else [literal(name) for name in table.structures]
@@ -172,20 +149,6 @@ def _table(result: StudySummary | Iterable[Row]) -> StudySummary:
     if not table.cells:
         raise StudyError("nothing to draw: the study has no rows")
     return table
-
-
-def _draw_curve(axes: Axes, style: CurveStyle, values: Floats) -> None:
-    look: dict[str, Any] = {"marker": style.marker, "ms": 4, "zorder": 3}
-    if style.faint:
-        look = {"lw": 0.6, "zorder": 1}
-    axes.plot(range(len(values)), values, color=style.color, label=label(style.label), **look)
-
-
-def _draw_published(axes: Axes, table: StudySummary, published: PublishedValues) -> None:
-    at = [index for index, structure in enumerate(table.structures) if structure in published.values]
-    values = [published.values[table.structures[index]] for index in at]
-    text = published.label
-    axes.plot(at, values, color=TRUE, ls=(0, (4, 2)), marker="s", ms=5.5, mfc="none", label=text, zorder=4)
 
 
 def _values(cells: Iterable[Cell | None], name: str) -> Floats:

@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, MaxNLocator, NullFormatter
 
 from linkwise.arrays import Floats
-from linkwise.errors import expect
+from linkwise.errors import StructureError, expect, require_known
 from linkwise.model.structure import Link
 from linkwise.output import atomic_file
 
@@ -101,6 +101,7 @@ def strips(
     *,
     title: str = "",
     legend: bool = True,
+    columns: int = 3,
 ) -> Figure:
     """A figure of strips with one horizontal axis, each by ``draw(item, ax=axes)``; `height` inches around all and of each.
 
@@ -117,7 +118,7 @@ def strips(
             wrap_title(panels[0], title)
         figure.align_ylabels()
         if legend:
-            legend_below(figure, *panels)
+            legend_below(figure, *panels, columns=columns)
     return figure
 
 
@@ -134,6 +135,12 @@ def axes_for(
         yield axes
         if legend and axes.get_legend_handles_labels()[0]:
             axes.legend()
+
+
+def place_of(kind: str, name: str | None, names: Sequence[str]) -> int:
+    """The place of a name among all of its kind, the first without one; StructureError for one that is not there."""
+    require_known(kind, names[0] if name is None else name, names, StructureError)
+    return 0 if name is None else names.index(name)
 
 
 def literal(text: str) -> str:

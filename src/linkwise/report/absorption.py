@@ -4,53 +4,28 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from linkwise.absorption.design import ADDED_MASS, Design, design_headline, design_rows, trade_off_rows
 from linkwise.absorption.intervals import (
     AbsorptionIntervals,
+    Answer,
     interval_headline,
     interval_rows,
     without_intervals,
 )
 from linkwise.absorption.map import AbsorptionMap, map_headline, map_rows
-from linkwise.absorption.result import (
-    Absorption,
-    crossing_rows,
-    energy_rows,
-    harvest_rows,
-    headline,
-    mass_rows,
-    primary,
-)
+from linkwise.absorption.result import crossing_rows, energy_rows, harvest_rows, headline, mass_rows, primary
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION, DESIGN
-from linkwise.registry import lazy_module
-from linkwise.report.page import (
-    Build,
-    Head,
-    ResultFolder,
-    Section,
-    csv_table,
-    sectioned,
-    sections_of,
-)
+from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure, map_figure
+from linkwise.plot.design import designs_figure, trade_off
+from linkwise.plot.responses import response_figure
+from linkwise.plot.style import single
+from linkwise.report.page import Build, Head, ResultFolder, Section, csv_table, sectioned, sections_of
 from linkwise.response.result import headline as response_headline
 from linkwise.response.result import peak_rows
-
-if TYPE_CHECKING:
-    from linkwise.plot import absorptions as absorption_figures
-    from linkwise.plot import design as design_figures
-    from linkwise.plot import responses as response_figures
-else:  # matplotlib loads where a figure is drawn
-    absorption_figures = lazy_module("linkwise.plot.absorptions")
-    design_figures = lazy_module("linkwise.plot.design")
-    response_figures = lazy_module("linkwise.plot.responses")
-
-
-Answer = Absorption | AbsorptionIntervals
 
 
 def _intervals(result: Answer) -> Section | None:
@@ -68,7 +43,7 @@ def _masses(result: Answer) -> Section:
         "done so for the last 5 % of the run at least. The envelope is the largest excursion still to come; decay is the rate "
         "of an exponential through the peaks that none later exceeds."
     )
-    figure = partial(absorption_figures.decay_figure, result)
+    figure = partial(decay_figure, result)
     return Section(primary(plain).capitalize(), [text], rows=mass_rows(plain), figure=figure)
 
 
@@ -79,15 +54,13 @@ def _energy(result: Answer) -> Section:
         "Energies count from the lowest wells of all links, so the energy supplied is the energy stored and "
         f"dissipated: the balance closes to {max(plain.with_sinks.closure, plain.without.closure):.0e}."
     )
-    figure = partial(absorption_figures.energy_figure, result)
-    return Section("Energy", [text], rows=energy_rows(plain), figure=figure)
+    return Section("Energy", [text], rows=energy_rows(plain), figure=partial(energy_figure, result))
 
 
 def _crossings(result: Answer) -> Section:
     """How the sinks cross from well to well."""
     plain = without_intervals(result)
-    figure = partial(absorption_figures.crossings_figure, result)
-    return Section("Wells crossed", rows=crossing_rows(plain), figure=figure)
+    return Section("Wells crossed", rows=crossing_rows(plain), figure=partial(crossings_figure, result))
 
 
 def _harvesters(result: Answer) -> Section | None:
@@ -100,7 +73,7 @@ def _harvesters(result: Answer) -> Section | None:
 
 def _map(swept: AbsorptionMap) -> Section:
     """The quantities over the swept parameters."""
-    return Section("Map", rows=map_rows(swept), figure=partial(absorption_figures.map_figure, swept))
+    return Section("Map", rows=map_rows(swept), figure=partial(map_figure, swept))
 
 
 SECTIONS: dict[str, Build[Answer]] = {
@@ -170,19 +143,20 @@ def _trade_off(result: Design) -> Section | None:
     if len(result.trade_off) < 2:
         return None
     text = "No lighter design that was tried is as good. Grey: the other designs within the limits."
-    figure = partial(design_figures.trade_off_figure, result)
-    return Section("Trade-off", [text], rows=trade_off_rows(result), figure=figure)
+    return Section(
+        "Trade-off", [text], rows=trade_off_rows(result), figure=partial(single, partial(trade_off, result))
+    )
 
 
 def _designs(result: Design) -> Section:
     """Where the designs lie that were tried."""
     text = "Every design that was simulated; where neighbours differ, thresholds or chance decide, and no surface is smooth."
-    return Section("Designs", [text], figure=partial(design_figures.designs_figure, result))
+    return Section("Designs", [text], figure=partial(designs_figure, result))
 
 
 def _best_motion(result: Design) -> Section:
     """The motion with the best sinks, and without."""
-    figure = partial(absorption_figures.decay_figure, result.absorption)
+    figure = partial(decay_figure, result.absorption)
     return Section("Motion of the best", rows=mass_rows(result.absorption), figure=figure)
 
 
@@ -191,7 +165,7 @@ def _best_response(result: Design) -> Section | None:
     response = result.response
     if response is None:
         return None
-    figure = partial(response_figures.response_figure, response)
+    figure = partial(response_figure, response)
     return Section(
         "Steady motion of the best", response_headline(response), rows=peak_rows(response), figure=figure
     )

@@ -9,11 +9,9 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from linkwise import __version__
 from linkwise.discovery.criterion import CERTAIN
 from linkwise.discovery.result import (
     PATH_TITLE,
@@ -34,38 +32,12 @@ from linkwise.discovery.result import (
 )
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.estimates.estimate import Estimate
-from linkwise.model.structure import Structure
-from linkwise.registry import lazy_module
-from linkwise.report.estimate import estimate_figures, force_errors, page_parts, write_numbers
-from linkwise.report.page import (
-    Build,
-    Reported,
-    ResultFolder,
-    Section,
-    csv_table,
-    rendered,
-    sections_of,
-)
+from linkwise.plot.discoveries import departures, evidence_figure, path_figure
+from linkwise.plot.graphs import graph_figure
+from linkwise.plot.style import single
+from linkwise.report.estimate import estimate_figures, page_parts, write_numbers
+from linkwise.report.page import Build, Reported, ResultFolder, Section, csv_table, rendered, sections_of
 from linkwise.verdict import admit_intervals
-
-if TYPE_CHECKING:
-    from linkwise.plot import discoveries as result_figures
-    from linkwise.plot import graphs as graph_figures
-else:  # matplotlib loads where a figure is drawn
-    result_figures = lazy_module("linkwise.plot.discoveries")
-    graph_figures = lazy_module("linkwise.plot.graphs")
-
-
-def _document(discovery: Discovery, truth: Structure | None) -> dict[str, Any]:
-    """The discovery as plain data, and beside a true structure its terms and the errors of the forces."""
-    result = {**discovery.to_dict(), "version": __version__}
-    if truth is None:
-        return result
-    score = term_score(discovery.structure, truth)
-    names = ("right", "missing", "extra", "missing_links", "extra_links")
-    errors = force_errors(discovery.estimate, align_truth(discovery.structure, truth))
-    return {**result, "nmse_percent": errors, "truth": {name: list(getattr(score, name)) for name in names}}
-
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
@@ -110,8 +82,7 @@ def _doubts(reported: Reported[Discovery]) -> Section | None:
 def _path(reported: Reported[Discovery]) -> Section:
     """The path over model sizes and the next best models."""
     discovery = reported.result
-    figure = partial(result_figures.path_figure, discovery)
-    return Section("Why these terms", rows=runner_up_rows(discovery), figure=figure)
+    return Section("Why these terms", rows=runner_up_rows(discovery), figure=partial(path_figure, discovery))
 
 
 def _sizes(reported: Reported[Discovery]) -> Section | None:
@@ -127,20 +98,20 @@ def _average(reported: Reported[Discovery]) -> Section | None:
     link = discovery.average.departing(discovery.estimate.links) if trusted else None
     if link is None:
         return None
-    figure = partial(result_figures.departures_figure, discovery, link)
     text = "Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."
+    figure = partial(single, partial(departures, discovery, link))
     return Section("Other models that survive", [text], figure=figure, folded=True)
 
 
 def _evidence(reported: Reported[Discovery]) -> Section:
     """What each term explains."""
-    figure = partial(result_figures.evidence_figure, reported.result)
     text = ["terms.csv lists all candidates that were tested."]
+    figure = partial(evidence_figure, reported.result)
     return Section("The evidence term by term", text, figure=figure, folded=True)
 
 
 def _graph(reported: Reported[Discovery]) -> Section:
-    return Section("Discovered links", figure=partial(graph_figures.graph_figure, reported.result))
+    return Section("Discovered links", figure=partial(graph_figure, reported.result))
 
 
 SECTIONS: dict[str, Build[Reported[Discovery]]] = {
@@ -237,7 +208,6 @@ def _cell(value: object) -> object:
 
 
 DISCOVERY_FOLDER: ResultFolder[Discovery] = ResultFolder(
-    document=_document,
     data=_write_data,
     sections=discovery_figures,
     page=lambda reported, _, pictures: discovery_page(reported, pictures),

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
-from linkwise import __version__
 from linkwise.display import (
     JudgedView,
     format_both,
@@ -21,18 +21,19 @@ from linkwise.display import (
     format_value,
     listed,
 )
-from linkwise.errors import RecordError
 from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
-from linkwise.identification.identify import nmse
+from linkwise.identification.compare import Comparison
 from linkwise.likelihood.noise import whiteness_text
-from linkwise.model.structure import Link, Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.output import COMPARISON
-from linkwise.records.record import Record
-from linkwise.registry import Registry, lazy_module
+from linkwise.plot import style
+from linkwise.plot.estimates import fit_figure, residuals_figure
+from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figure
+from linkwise.plot.records import histories_figure
+from linkwise.registry import Registry
 from linkwise.report.page import (
     Build,
     Head,
@@ -45,20 +46,6 @@ from linkwise.report.page import (
 )
 from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from linkwise.identification.compare import Comparison
-    from linkwise.plot import estimates as fit_figures
-    from linkwise.plot import links as link_figures
-    from linkwise.plot import records as record_figures
-    from linkwise.plot import style
-else:  # matplotlib is for those who want a page
-    fit_figures = lazy_module("linkwise.plot.estimates")
-    link_figures = lazy_module("linkwise.plot.links")
-    record_figures = lazy_module("linkwise.plot.records")
-    style = lazy_module("linkwise.plot.style")
 
 PICTURED = 24  # links with figures; the others have their numbers and their force file
 FIRST = 3  # links whose laws stand on the first screen
@@ -82,10 +69,10 @@ def _record(reported: Reported[Estimate]) -> Section:
         f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
         f"{record.time[-1]:g} s."
     )
-    figure = partial(record_figures.histories_figure, record)
     noise = estimate.noise.items()
     rows = [(name, f"{one.sigma:.3g}", one.unit, f"{one.snr_db:.1f}") for name, one in noise]
     rows = [NOISE_HEAD, *rows] if rows else []
+    figure = partial(histories_figure, record)
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
@@ -117,16 +104,19 @@ def _residuals(reported: Reported[Estimate]) -> Section | None:
         "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
         "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
     )
-    figure = partial(fit_figures.residuals_figure, estimate)
     items = [whiteness_text(name, values) for name, values in left.items()]
+    figure = partial(residuals_figure, estimate)
     return Section("Residuals", text=[text], items=items, figure=figure, folded=True)
 
 
 def _fit(reported: Reported[Estimate]) -> Section | None:
     """Measured over fitted, where the method fits samples."""
     overlaid = fitted_channels(reported.result)
-    figure = partial(fit_figures.fit_figure, reported.result.record, overlaid)
-    return Section("Measured and fitted", figure=figure) if overlaid else None
+    return (
+        Section("Measured and fitted", figure=partial(fit_figure, reported.result.record, overlaid))
+        if overlaid
+        else None
+    )
 
 
 SECTIONS: dict[str, Build[Reported[Estimate]]] = {
@@ -144,15 +134,15 @@ def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
     estimate = reported.result
     at_rest = estimate.force_band(link, np.linspace(*estimate.link(link).d_range, GRID))[0]
     if not at_rest.any() and not estimate.link(link).link.law.states:
-        return lambda: style.single(partial(link_figures.loop, estimate, link, over="v"))
-    return lambda: link_figures.force_figure(estimate, link, truth=reported.truth)
+        return lambda: style.single(partial(loop, estimate, link, over="v"))
+    return lambda: force_figure(estimate, link, truth=reported.truth)
 
 
 def _loop(reported: Reported[Estimate], link: str) -> Callable[[], Figure] | None:
     """The force over one cycle, of a link with memory."""
     if not has_loop(reported.result, link):
         return None
-    return lambda: link_figures.loop_figure(reported.result, link)
+    return lambda: loop_figure(reported.result, link)
 
 
 LINK_FIGURES: Registry[Callable[[Reported[Estimate], str], Callable[[], Figure] | None]] = Registry(
@@ -187,24 +177,35 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
     of_modes = (*(c for mode in estimate.modes for c in mode.coefficients), *estimate.shapes)
     chi_square = estimate.chi_square_per_sample
 
-    def rows(coefficients: Iterable[CoefficientEstimate]) -> list[dict[str, Any]]:
-        return [_row(estimate, c, truth.coefficient(c.name).value if truth else None) for c in coefficients]
+    def true_value(coefficient: CoefficientEstimate) -> str:
+        name = coefficient.name
+        linked = truth is not None and any(name.owner == link.link.name for link in estimate.links)
+        values = truth.link(name.owner).values if truth and linked else {}
+        value = values.get(name.key) if linked else truth.coefficient(name).value if truth else None
+        return "" if value is None else format_value(value)
 
     return {
         "estimate": estimate,
-        "laws": [_law(link) for link in identified_first[:FIRST] if link.free],
+        "laws": [link for link in identified_first[:FIRST] if link.free],
         "grade": grade.value,
         "doubt": _doubt(estimate, grade),
         "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
-        "links": [_link_section(reported, link.link.name, pictures) for link in identified_first],
-        "masses": rows(estimate.masses),
-        "modes": rows(of_modes),
+        "links": identified_first,
+        "figures_of": lambda link: [name for kind in LINK_FIGURES if (name := f"{kind}_{link}") in pictures],
+        "modes": of_modes,
+        "nmse": reported.nmse,
         "chi_square": "" if chi_square is None else format_chi_square(chi_square),
         "sections": {name: one for name, one in sections_of(SECTIONS, reported).items() if name != "fit"},
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
         "compared": truth is not None,
         "profiled": bool(estimate.profile_intervals),
+        "format_value": format_value,
+        "force_title": style.force_title,
+        **{
+            own.__name__.lstrip("_"): own
+            for own in (true_value, _ends, _numbered, _derived, _within, _length)
+        },
     }
 
 
@@ -214,16 +215,10 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
     return f"force_{max(links, key=lambda link: len(link.free)).link.name}" if links else ""
 
 
-def _law(link: LinkEstimate) -> dict[str, Any]:
-    """The law of a link with its numbers within half of their 95 % intervals, in the unit of length of its figure."""
+def _length(link: LinkEstimate) -> str:
+    """The unit of length of the figure of a link."""
     of_d = link.link.law.motion_units[0]
-    length = style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
-    derived = [f"{label} = {_within(quantity, length)}" for label, quantity in _numbered(link)]
-    return {
-        "title": style.force_title(link.link),
-        "values": [f"{one.name.key} = {_within(one, length)}" for one in link.coefficients if not one.known],
-        "derived": derived,
-    }
+    return style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
 
 
 def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
@@ -273,39 +268,6 @@ def _pictured(estimate: Estimate) -> list[str]:
     return sorted(links, key=lambda name: name in known)[:PICTURED]
 
 
-def _link_section(reported: Reported[Estimate], name: str, pictures: Mapping[str, Markup]) -> dict[str, Any]:
-    """One link: heading, rates of states, coefficients, derived quantities, error against the truth, names of its figures."""
-    estimate = reported.result.link(name)
-    true = {} if reported.truth is None else reported.truth.link(name).values
-    error, (of_d, of_v) = reported.nmse.get(name), estimate.link.law.motion_units
-    return {
-        "name": name,
-        "title": style.force_title(estimate.link),
-        "rates": estimate.link.rate_texts,
-        "rows": [_row(reported.result, one, true.get(one.name.key)) for one in estimate.coefficients],
-        "derived": [f"{label}: {_derived(quantity)}" for label, quantity in _numbered(estimate)],
-        "visited": f"d from {estimate.d_range[0]:.3g} to {estimate.d_range[1]:.3g} {of_d}, "
-        f"v from {estimate.v_range[0]:.3g} to {estimate.v_range[1]:.3g} {of_v}",
-        "nmse": "" if error is None else f"{error:.3g} %",
-        "pictures": [f"{kind}_{name}" for kind in LINK_FIGURES if f"{kind}_{name}" in pictures],
-    }
-
-
-def _row(estimate: Estimate, coefficient: CoefficientEstimate, true: float | None) -> dict[str, Any]:
-    """One coefficient as the table shows it."""
-    error, profile = coefficient.standard_error, estimate.profile_intervals.get(coefficient.name)
-    return {
-        "name": coefficient.name,
-        "value": format_value(coefficient.value, error),
-        "unit": coefficient.unit,
-        "error": "" if error is None else format_error(error),
-        "interval": _ends(coefficient.interval, error),
-        "profile": _ends(profile, error),
-        "known": coefficient.known,
-        "true": "" if true is None else format_value(true),
-    }
-
-
 def _ends(interval: tuple[float, float] | None, error: float | None) -> str:
     return "" if interval is None else " … ".join(format_value(end, error) for end in interval)
 
@@ -314,25 +276,6 @@ def _derived(quantity: DerivedQuantity) -> str:
     value, interval = quantity.texts
     of_95 = f" (95 %: {interval.replace(' to ', ' … ')})" if interval else ""
     return f"{value} {quantity.unit}{of_95}"
-
-
-def force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
-    """The NMSE of the force of each link in %, None where the record does not determine it."""
-    links = (link for link in estimate.structure.links if link.name not in estimate.structure.modes)
-    return {link.name: _error(truth.link(link.name), link, estimate.record) for link in links}
-
-
-def _document(estimate: Estimate, truth: Structure | None) -> dict[str, Any]:
-    """The estimate as plain data, and beside a true structure the errors of the forces."""
-    result = {**estimate.to_dict(), "version": __version__}
-    return result if truth is None else {**result, "nmse_percent": force_errors(estimate, truth)}
-
-
-def _error(true: Link, identified: Link, record: Record) -> float | None:
-    try:
-        return nmse(true, identified, record)
-    except RecordError:  # an end without displacement, or a force that does not vary
-        return None
 
 
 def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
@@ -361,7 +304,6 @@ def _write_force(estimate: Estimate, name: str, path: Path) -> None:
 
 
 ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
-    document=_document,
     data=lambda reported, folder: write_numbers(reported.result, folder, reported.result),
     sections=estimate_figures,
     page=lambda reported, _, pictures: estimate_page(reported, pictures),
@@ -381,7 +323,7 @@ def _side_by_side(comparison: Comparison) -> Section:
 
 def _compared_forces(comparison: Comparison) -> Section:
     text = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
-    return Section("Forces", [text], figure=partial(link_figures.comparison_figure, comparison))
+    return Section("Forces", [text], figure=partial(comparison_figure, comparison))
 
 
 COMPARISON_SECTIONS: dict[str, Build[Comparison]] = {"table": _side_by_side, "forces": _compared_forces}

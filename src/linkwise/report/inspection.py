@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from linkwise.inspection.levels.compare import (
     LevelComparison,
@@ -17,17 +18,16 @@ from linkwise.inspection.levels.compare import headline as level_headline
 from linkwise.inspection.levels.quantities import labels
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline
 from linkwise.output import INSPECTION
-from linkwise.registry import lazy_module
+from linkwise.plot.levels import (
+    acceleration_surfaces_figure,
+    distortion,
+    level_responses_figure,
+    levels_figure,
+    ring_down_figure,
+)
+from linkwise.plot.records import coherences_figure, histories_figure, spectra_figure, spectrograms_figure
+from linkwise.plot.style import single
 from linkwise.report.page import Build, Head, Section, sectioned, sections_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from linkwise.plot import levels as level_figures
-    from linkwise.plot import records as record_figures
-else:  # matplotlib loads where a figure is drawn
-    level_figures = lazy_module("linkwise.plot.levels")
-    record_figures = lazy_module("linkwise.plot.records")
 
 PICTURED = 8  # records with figures; the others have their table
 
@@ -38,7 +38,7 @@ def _levels(result: Inspection) -> Section | None:
         return None
     title, figure = "Modes", None
     if len(levels.levels) > 1:
-        title, figure = "Modes over level", lambda: level_figures.levels_figure(levels)
+        title, figure = "Modes over level", partial(levels_figure, levels)
     return Section(title, level_headline(levels), rows=mode_rows(levels), figure=figure)
 
 
@@ -65,14 +65,14 @@ _responses = _of_levels(
     "Response functions",
     "Absolute value of the response per force, and the part of its power that follows from the force linearly.",
     lambda levels: bool(levels.responses),
-    lambda levels: level_figures.level_responses_figure(levels),
+    level_responses_figure,
 )
 _distortion = _of_levels(
     "Distortion",
     "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
     "what of the start has not died out.",
     lambda levels: any(levels.distortions),
-    lambda levels: level_figures.distortion_figure(levels),
+    lambda levels: single(partial(distortion, levels)),
     distortion_rows,
 )
 _ring_down = _of_levels(
@@ -80,7 +80,7 @@ _ring_down = _of_levels(
     "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
     "the decay.",
     lambda levels: bool(levels.ring_downs),
-    lambda levels: level_figures.ring_down_figure(levels),
+    ring_down_figure,
     ring_down_rows,
 )
 _surfaces = _of_levels(
@@ -89,7 +89,7 @@ _surfaces = _of_levels(
     "acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight line "
     "at no velocity.",
     lambda levels: bool(levels.surfaces),
-    lambda levels: level_figures.acceleration_surfaces_figure(levels),
+    acceleration_surfaces_figure,
 )
 
 
@@ -108,7 +108,7 @@ def _histories(inspection: Inspection, number: int) -> Section:
         [f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."],
         record.notes,
         [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))],
-        (lambda: record_figures.histories_figure(record)) if number < PICTURED else None,
+        partial(histories_figure, record) if number < PICTURED else None,
     )
 
 
@@ -130,18 +130,18 @@ def _pictured(
 _spectra = _pictured(
     "Spectra",
     "Amplitude spectral density; dashed is white noise of the level that was found.",
-    lambda inspection, number: record_figures.spectra_figure(inspection, number),
+    spectra_figure,
 )
 _maps = _pictured(
     "Time and frequency",
     "Power spectral density over time and frequency, dark where it is large; a steady line may be hum.",
-    lambda inspection, number: record_figures.spectrograms_figure(inspection, number),
+    spectrograms_figure,
 )
 _coherence = _pictured(
     "Coherence",
     "The part of the power of a channel that follows linearly from the one before it; dashed is what independent noise "
     "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it.",
-    lambda inspection, number: record_figures.coherences_figure(inspection, number),
+    coherences_figure,
     channels=2,
 )
 

@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from linkwise.plot import style
+    from linkwise.report import truth as truths
 else:  # what draws and renders loads where a page is written: who wants the numbers alone does not wait for it
     style = lazy_module("linkwise.plot.style")
     jinja2 = lazy_module("jinja2")
+    truths = lazy_module("linkwise.report.truth")
 
 _PIXELS = 96  # of a page in an inch of a figure
 _PAGE = 1_200_000  # characters of figures on a page; further ones lie beside it
@@ -137,17 +139,17 @@ def rendered(template: str, **parts: Any) -> str:
     return _templates().get_template(template).render(parts, version=__version__)
 
 
-def _document(result: Any, _: Structure | None) -> dict[str, Any]:
-    """What a result says of itself, and the version."""
-    return {**result.to_dict(), "version": __version__}
+def _document(result: Any, truth: Structure | None) -> dict[str, Any]:
+    """What a result says of itself, and beside a true structure; and the version."""
+    beside = {} if truth is None else truths.compared(result, truth)
+    return {**result.to_dict(), "version": __version__, **beside}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResultFolder(Generic[R]):
     """One kind of result folder, for results of one type.
 
-    `document` is what the JSON file `mark`, which marks the folder as one of this kind, says of a result: the key
-    "method", and beside the true structure "nmse_percent" where one is given; the names of the files are added to it.
+    The JSON file `mark`, which marks the folder as one of this kind, holds `result_of` a result and the names of the files.
     `data` writes the files beside it, figures and page aside, into an empty folder. `sections` are those of the page, by the
     name of the files of their figures, and `page` the page as text, from them and the figures as `write_figures` returns them.
     `shown` is what is written of a result.
@@ -156,7 +158,6 @@ class ResultFolder(Generic[R]):
     data: Callable[[Reported[R], Path], None]
     sections: Callable[[Reported[R]], Mapping[str, Section]]
     page: Callable[[Reported[R], Mapping[str, Section], Mapping[str, Markup]], str]
-    document: Callable[[R, Structure | None], dict[str, Any]] = _document
     mark: str = RESULT
     shown: Callable[[R], R] = lambda result: result
 
@@ -175,7 +176,7 @@ class ResultFolder(Generic[R]):
         something else.
         """
         shown = self.shown(result)
-        document = self.document(shown, truth)
+        document = _document(shown, truth)
         reported = Reported(shown, truth, document.get("nmse_percent", {}))
         with atomic_folder(Path(folder), self.mark) as partial:
             self.data(reported, partial)
@@ -262,11 +263,10 @@ FOLDERS: Registry[ResultFolder[Any]] = Registry(
 """The folder of a result by its type, loaded when one is written."""
 
 
-def folder_of(result: object, call: str) -> ResultFolder[Any]:
-    """The kind of folder that holds a result; ArgumentTypeError, which names the `call`, for what is none."""
+def _require_result(result: object, call: str) -> None:
+    """ArgumentTypeError, which names the `call`, for what no folder holds."""
     if type(result).__name__ not in FOLDERS:
         raise wrong_type(f"{call}: result", result, list(FOLDERS))
-    return FOLDERS[type(result).__name__]
 
 
 def result_of(result: Any, truth: Structure | None = None) -> dict[str, Any]:
@@ -303,7 +303,8 @@ def result_of(result: Any, truth: Structure | None = None) -> dict[str, Any]:
     >>> sorted(result["levels"][0])
     ['branches', 'folds_hz', 'force', 'irregular']
     """
-    return folder_of(result, "result_of(result, truth)").document(result, truth)
+    _require_result(result, "result_of(result, truth)")
+    return _document(result, truth)
 
 
 def write_result(
@@ -353,6 +354,6 @@ def write_result(
     ['report.html', 'result.json', 'structure.toml']
     """
     call = "write_result(result, folder)"
-    kind = folder_of(result, call)
+    _require_result(result, call)
     expect(f"{call}: folder", folder, str, Path)
-    return kind.write(result, folder, truth=truth, progress=progress)
+    return FOLDERS[type(result).__name__].write(result, folder, truth=truth, progress=progress)

@@ -5,21 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
-from linkwise.registry import lazy_module
-from linkwise.report.page import (
-    Head,
-    ResultFolder,
-    Section,
-    csv_table,
-    sectioned,
-    sections_of,
-)
+from linkwise.plot.responses import backbone_figure, basins, response_figure
+from linkwise.plot.style import single
+from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned, sections_of
 from linkwise.response.free_motion import (
     Backbone,
     Basins,
@@ -30,11 +23,6 @@ from linkwise.response.free_motion import (
 )
 from linkwise.response.result import Branch, Response, headline, peak_rows
 
-if TYPE_CHECKING:
-    from linkwise.plot import responses as response_figures
-else:  # matplotlib loads where a figure is drawn
-    response_figures = lazy_module("linkwise.plot.responses")
-
 
 def _amplitudes(result: Response) -> Section:
     """Amplitudes over frequency."""
@@ -43,7 +31,7 @@ def _amplitudes(result: Response) -> Section:
         "the motion jumps from one stable branch to another."
     )
     text += " Grey points are measured." if result.measured else ""
-    figure = partial(response_figures.response_figure, result)
+    figure = partial(response_figure, result)
     return Section("Amplitude over frequency", [text], rows=peak_rows(result), figure=figure)
 
 
@@ -84,8 +72,8 @@ RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
 
 def _curve(result: Backbone) -> Section:
     """Amplitudes over the frequency of a mode."""
-    figure = partial(response_figures.backbone_figure, result)
     text = ["Grey points are measured."] if result.measured else []
+    figure = partial(backbone_figure, result)
     return Section("Amplitude over frequency", text, rows=backbone_rows(result), figure=figure)
 
 
@@ -115,8 +103,9 @@ def _write_basins_data(result: Basins, folder: Path) -> None:
 
 def _plane(result: Basins) -> Section:
     """The plane of initial states."""
-    figure = partial(response_figures.basins_figure, result)
-    return Section("Where motion ends", rows=basins_rows(result), figure=figure)
+    return Section(
+        "Where motion ends", rows=basins_rows(result), figure=partial(single, partial(basins, result))
+    )
 
 
 BASINS_FOLDER: ResultFolder[Basins] = sectioned(

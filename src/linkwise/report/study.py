@@ -4,17 +4,14 @@ what is missing.
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
-from linkwise.display import csv_cell
 from linkwise.output import atomic_file
 from linkwise.paper.figures import (
     figure_2,
@@ -28,23 +25,18 @@ from linkwise.paper.figures import (
     motion_captions,
 )
 from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, explanation
-from linkwise.plot import save
+from linkwise.plot.studies import accuracy_figure, success_figure
+from linkwise.plot.style import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.registry import Registry, lazy_module
-from linkwise.report.page import embedded, rendered
+from linkwise.registry import Registry
+from linkwise.report.page import csv_table, embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.definition import Study
 from linkwise.study.row import Row
 from linkwise.study.store import read_rows, stored_study
-from linkwise.study.success_map import SuccessMap, maps_of
-from linkwise.study.summary import SPREAD, Cell, StudySummary, covered
+from linkwise.study.summary import SPREAD, Cell, StudySummary, SuccessMap, covered, maps_of
 from linkwise.verdict import Verdict, admit_intervals
-
-if TYPE_CHECKING:
-    from linkwise.plot import studies as study_figures
-else:  # matplotlib loads where a figure is drawn
-    study_figures = lazy_module("linkwise.plot.studies")
 
 _READING = {
     "coefficients": "the force read from the coefficients of the sink's own x and x³",
@@ -119,10 +111,8 @@ def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Mapping
         methods=[method for method in table.methods if method not in comparison.classical],
         conventions=[(name, name.removeprefix("classical, ")) for name in comparison.classical],
         meanings={name: _meaning(report.study, name) for name in comparison.classical},
-        rows=[_row(report, number) for number in range(len(comparison.cells))],
+        percent=percent,
         reasons=_reasons(comparison),
-        exact=[_exact(success) for success in report.success],
-        others=_others(report),
         coverages=_coverages(table),
         illustrations=illustrations,
         missing=_missing(table),
@@ -141,28 +131,6 @@ def percent(value: float | None) -> str:
         return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
     mantissa, _, exponent = f"{value:.1e}".partition("e")
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
-
-
-def _row(report: StudyReport, number: int) -> dict[str, Any]:
-    """A line of Table 2 on the page; `medians` by method, `spreads` what stands on them when pointed at."""
-    cells, best = report.comparison.cells, report.comparison.best
-    cell = cells[number]
-    ratio = None if best is None else cell.ratio(best)
-    return {
-        "first": number == 0 or cells[number - 1].snr_db != cell.snr_db,
-        "snr_db": cell.snr_db,
-        "masses": cell.masses,
-        "paper": f"{cell.paper:g}",
-        "ratio": "–" if ratio is None else f"{ratio:.2g}",
-        "near": best is not None and cell.near(best),
-        "medians": {method: percent(cell.nmse(method)) for method in report.table.methods},
-        "spreads": {method: _spread(study_cell) for method, study_cell in cell.cells.items()},
-    }
-
-
-def _spread(cell: Cell) -> str:
-    cycles = f"{cell.done} of {cell.expected} cycles, {len(cell.failures)} without answer"
-    return f"{percent(cell.low)} to {percent(cell.high)} % over {cycles}"
 
 
 def _reasons(comparison: Table2) -> list[tuple[str, str]]:
@@ -208,25 +176,6 @@ def _failures(table: StudySummary) -> list[str]:
         why = reason or "the error is not a number"
         sentences.append(f"{method} gave no answer {counts[method, reason]} times ({where}{more}): {why}")
     return sentences
-
-
-def _exact(success: SuccessMap) -> tuple[str, str, int, Mapping[str, str]]:
-    """A line of the table of right terms: structure, method, cases, and parts of them in %."""
-    cases = int(success.cases.sum())
-    counts = (success.exact, success.wrong_trusted, success.extra_trusted)
-    parts = [percent(100.0 * float(count.sum()) / cases if cases else None) for count in counts]
-    names = ("exact", "wrong, trusted", "extra, trusted")
-    return success.name, success.method, cases, dict(zip(names, parts, strict=True))
-
-
-def _others(report: StudyReport) -> list[tuple[str, float, Mapping[str, str]]]:
-    """What Table 2 does not have: the medians of all methods."""
-    lines: list[tuple[str, float, Mapping[str, str]]] = []
-    for name, level in report.beyond:
-        cells = {method: report.table.cell(name, level, method) for method in report.table.methods}
-        medians = {method: percent(cell.nmse if cell else None) for method, cell in cells.items()}
-        lines.append((name, level, medians))
-    return lines
 
 
 def _coverages(table: StudySummary) -> list[tuple[str, float, Mapping[str, str]]]:
@@ -295,11 +244,11 @@ def _figure_9(report: StudyReport) -> Figure | None:
 def _accuracy(report: StudyReport) -> Figure | None:
     counts = list(report.table.masses.values())
     readable = len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)
-    return study_figures.accuracy_figure(report.table) if report.beyond and readable else None
+    return accuracy_figure(report.table) if report.beyond and readable else None
 
 
 def _success(report: StudyReport) -> Figure | None:
-    return study_figures.success_figure(report.success) if report.success else None
+    return success_figure(report.success) if report.success else None
 
 
 def _success_caption(report: StudyReport) -> str:
@@ -403,15 +352,15 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
 def _write_table(comparison: Table2, methods: tuple[str, ...], path: Path) -> None:
     """Table 2: the paper's value and, for every method, median and quantiles in %, median time in s, cycles and failures."""
     columns = ("percent", "low", "high", "ratio", "seconds", "cycles", "failed")
-    with atomic_file(path) as whole, whole.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        names = [f"{method}: {column}" for method in methods for column in columns]
-        writer.writerow(["snr_db", "masses", "paper: percent", *map(csv_cell, names)])
-        for cell in comparison.cells:
-            line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
-            for method in methods:
-                own = cell.cells[method]
-                numbers = (own.nmse, own.low, own.high, cell.ratio(method), own.seconds)
-                line += ["" if value is None else f"{value:.6g}" for value in numbers]
-                line += [own.done, len(own.failures)]
-            writer.writerow(line)
+    lines = []
+    for cell in comparison.cells:
+        line: list[object] = [f"{cell.snr_db:g}", cell.masses, f"{cell.paper:g}"]
+        for method in methods:
+            own = cell.cells[method]
+            numbers = (own.nmse, own.low, own.high, cell.ratio(method), own.seconds)
+            line += ["" if value is None else f"{value:.6g}" for value in numbers]
+            line += [own.done, len(own.failures)]
+        lines.append(line)
+    names = [f"{method}: {column}" for method in methods for column in columns]
+    with atomic_file(path) as whole:
+        csv_table(whole, ["snr_db", "masses", "paper: percent", *names], lines)

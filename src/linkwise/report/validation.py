@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from linkwise.files import write_record
 from linkwise.identification.validation.result import (
@@ -19,13 +18,13 @@ from linkwise.identification.validation.result import (
 )
 from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
-from linkwise.registry import lazy_module
+from linkwise.plot.validations import (
+    prediction_error_figure,
+    prediction_figure,
+    prediction_profile_figure,
+    prediction_spectrum_figure,
+)
 from linkwise.report.page import Build, Head, ResultFolder, Section, sectioned, sections_of
-
-if TYPE_CHECKING:
-    from linkwise.plot import validations as validation_figures
-else:  # matplotlib loads where a figure is drawn
-    validation_figures = lazy_module("linkwise.plot.validations")
 
 
 def _scores(validation: Validation) -> Section:
@@ -38,8 +37,8 @@ def _scores(validation: Validation) -> Section:
         "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
         "samples, fit is 100 % minus its root."
     )
-    figure = partial(validation_figures.prediction_figure, validation)
     rows = [CHANNEL_HEAD, *channel_rows(validation)]
+    figure = partial(prediction_figure, validation)
     return Section("Prediction", [text], items=record.notes, rows=rows, figure=figure)
 
 
@@ -51,8 +50,7 @@ def _findings(result: Validation) -> Section | None:
 def _error(result: Validation) -> Section:
     """The error over time."""
     text = "The band is twice the standard deviation that noise and the errors of the answer give the difference."
-    figure = partial(validation_figures.prediction_error_figure, result)
-    return Section("Error over time", [text], figure=figure)
+    return Section("Error over time", [text], figure=partial(prediction_error_figure, result))
 
 
 def _profiles(result: Validation) -> Section:
@@ -61,8 +59,7 @@ def _profiles(result: Validation) -> Section:
         "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
         "of the links along the predicted motion."
     )
-    figure = partial(validation_figures.prediction_profile_figure, result)
-    return Section("Where in the motion it fails", [text], figure=figure)
+    return Section("Where in the motion it fails", [text], figure=partial(prediction_profile_figure, result))
 
 
 def _spectra(result: Validation) -> Section | None:
@@ -70,8 +67,7 @@ def _spectra(result: Validation) -> Section | None:
     if not result.spectra:
         return None
     text = "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
-    figure = partial(validation_figures.prediction_spectrum_figure, result)
-    return Section("Error over frequency", [text], figure=figure)
+    return Section("Error over frequency", [text], figure=partial(prediction_spectrum_figure, result))
 
 
 def _coefficients(validation: Validation) -> Section | None:

@@ -21,8 +21,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.expression import Number
 from linkwise.model.link import refuse_memory
-from linkwise.model.structure import Structure, refuse_rig
-from linkwise.model.topology import LinkShape
+from linkwise.model.structure import LinkShape, Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
@@ -265,11 +264,10 @@ class Backbone(JudgedView):
 
 
 def backbone_headline(result: Backbone) -> tuple[str, ...]:
-    """What was computed, in a sentence."""
-    return (
-        f"Mode {result.mode} of {result.structure.name} without its damping goes from {result.hz[0]:.5g} to "
-        f"{result.hz[-1]:.5g} Hz at {result.energy[-1]:.3g} J.",
-    )
+    """What was computed up to the largest amplitude, from which a curve may come back, in a sentence."""
+    largest = int(result.amplitude.max(axis=1).argmax())
+    end = f"{result.hz[0]:.5g} to {result.hz[largest]:.5g} Hz at {result.energy[largest]:.3g} J"
+    return (f"Mode {result.mode} of {result.structure.name} without its damping goes from {end}.",)
 
 
 def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:

@@ -65,7 +65,7 @@ class RigDiagnostics:
 
 
 class ExcitationKeywords(TypedDict, total=False):
-    """The keywords of `Excitation.of`."""
+    """The keywords of `Excitation`."""
 
     release: Mapping[str, float]
     impulses: Iterable[Impulse]
@@ -138,7 +138,7 @@ def simulate(
     grid = output_times(duration, rate, times)
     drive = Excitation(**excitation)
     check_excitation(structure, drive, float(grid[-1]))
-    channels = _channels(structure, drive, sensors)
+    channels = recorded_channels(structure, drive, sensors)
     moved = with_mass_at_rest(structure)
     motion = SimulatedMotion.of(RunSchedule(moved, drive, grid), progress)
     states = {
@@ -202,7 +202,7 @@ def _derived(
     return derived
 
 
-def _channels(structure: Structure, excitation: Excitation, sensors: Iterable[str]) -> list[Channel]:
+def recorded_channels(structure: Structure, excitation: Excitation, sensors: Iterable[str]) -> list[Channel]:
     """Responses in the order of `sensors`, then the inputs."""
     wanted = sensors.split() if isinstance(sensors, str) else list(sensors)
     if structure.on_rig and wanted == ["x"]:

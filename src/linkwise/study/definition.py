@@ -11,9 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
+from itertools import product
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -24,10 +25,17 @@ from linkwise.model.excitation import Impulse
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import parse_structure, read_structure
 from linkwise.model.toml import decode, parse_toml, read_toml_text
-from linkwise.registry import Registry
-from linkwise.study.method import StudyMethod
+from linkwise.study.methods import (
+    DiscoveryMethod,
+    LinkByLink,
+    MonomialMethod,
+    PhysicsInformedMethod,
+    PySindyMethod,
+    SindyMethod,
+    StudyMethod,
+)
 from linkwise.study.row import Case
-from linkwise.study.subject import Subject
+from linkwise.study.subject import Subject, study_errors_at
 
 _Entry = TypeVar("_Entry", Subject, StudyMethod)
 
@@ -280,19 +288,15 @@ class _Structure(msgspec.Struct, forbid_unknown_fields=True):
     variant: list[dict[str, Any]] = []
 
 
-METHOD_KINDS: Registry[type[StudyMethod]] = Registry(
-    "kind of method",
-    {
-        "ml": "linkwise.study.method:LinkByLink",
-        "weak": "linkwise.study.method:LinkByLink",
-        "physics-informed": "linkwise.study.method:PhysicsInformedMethod",
-        "discover": "linkwise.study.methods:DiscoveryMethod",
-        "sindy": "linkwise.study.methods:SindyMethod",
-        "pysindy": "linkwise.study.methods:PySindyMethod",
-        "monomial": "linkwise.study.methods:MonomialMethod",
-    },
-    StudyError,
-)
+METHOD_KINDS: dict[str, type[StudyMethod]] = {
+    "ml": LinkByLink,
+    "weak": LinkByLink,
+    "physics-informed": PhysicsInformedMethod,
+    "discover": DiscoveryMethod,
+    "sindy": SindyMethod,
+    "pysindy": PySindyMethod,
+    "monomial": MonomialMethod,
+}
 """The class of each kind of method in a study file."""
 
 
@@ -387,41 +391,35 @@ def _with_variants(
         yield msgspec.structs.replace(own, name=name, values={**entry.values, **own.values}), place
 
 
-class _Length(NamedTuple):
-    """The length of a record in s, its samples per second in Hz, and what of these a name must say."""
-
-    duration: float
-    rate: float
-    named: tuple[str, ...]
-
-
-def _lengths(entry: _Structure, where: str) -> Iterator[_Length]:
-    """Each duration of a structure at each of its rates; where it lists several, its name says which."""
-    for duration, first in _listed(entry.duration, "s", f"{where}.duration"):
-        for rate, second in _listed(entry.rate, "Hz", f"{where}.rate"):
-            yield _Length(duration, rate, (*first, *second))
-
-
-def _listed(given: float | list[float], unit: str, where: str) -> list[tuple[float, tuple[str, ...]]]:
-    if not isinstance(given, list):
-        return [(given, ())]
-    if not given:
-        raise StudyError("must be a number, or a list of at least one", where)
-    return [(value, (f"{value:.6g} {unit}",)) for value in given]
+def _lengths(entry: _Structure, where: str) -> Iterator[tuple[float, float, tuple[str, ...]]]:
+    """Each duration of a structure in s at each of its rates in Hz; where it lists several, what of these its name says."""
+    listed = []
+    for key, unit in (("duration", "s"), ("rate", "Hz")):
+        given = getattr(entry, key)
+        if given == []:
+            raise StudyError("must be a number, or a list of at least one", f"{where}.{key}")
+        several = isinstance(given, list)
+        listed.append(
+            [(value, (f"{value:.6g} {unit}",) * several) for value in (given if several else [given])]
+        )
+    for (duration, first), (rate, second) in product(*listed):
+        yield duration, rate, (*first, *second)
 
 
 def _name(entry: _Structure) -> str:
     return entry.name or (f"bnes{entry.bnes}" if entry.bnes else "")
 
 
-def _subject(entry: _Structure, length: _Length, path: str, source: str, folder: Path) -> Subject:
-    structure = _structure(entry, path, source, folder)
+def _subject(
+    entry: _Structure, length: tuple[float, float, tuple[str, ...]], path: str, source: str, folder: Path
+) -> Subject:
+    structure, (duration, rate, named) = _structure(entry, path, source, folder), length
     try:
         return Subject(
-            name=", ".join((_name(entry) or structure.name or path, *length.named)),
+            name=", ".join((_name(entry) or structure.name or path, *named)),
             structure=structure,
-            duration=length.duration,
-            rate=length.rate,
+            duration=duration,
+            rate=rate,
             impulses=tuple(Impulse(**msgspec.structs.asdict(impulse)) for impulse in entry.impulse),
             **{key: getattr(entry, key) for key in _AS_GIVEN},
         )
@@ -439,19 +437,15 @@ def _structure(entry: _Structure, path: str, source: str, folder: Path) -> Struc
             f"{' and '.join(given) or 'none of them'}",
             f"{source}, {path}",
         )
-    try:
+    with study_errors_at(f"{source}, {path}.{given[0]}"):
         if entry.bnes is not None:
             structure = bnes_chain(entry.bnes)
         elif entry.file is not None:
             structure = read_structure(folder / entry.file)
         else:
             structure = parse_structure(entry.toml or "", f"{source}, {path}.toml")
-    except LinkwiseError as error:
-        raise StudyError(str(error), f"{source}, {path}.{given[0]}") from None
-    try:
+    with study_errors_at(f"{source}, {path}.values"):
         structure = structure.with_values(entry.values)
-    except LinkwiseError as error:
-        raise StudyError(str(error), f"{source}, {path}.values") from None
     unknown = [p.name for p in structure.parameters if p.start is None or not isfinite(p.sigma)]
     if unknown:
         raise StudyError(

@@ -14,11 +14,11 @@ import os
 import signal
 import threading
 from abc import ABC, abstractmethod
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -67,8 +67,7 @@ def run_batch(batch: CaseBatch) -> list[CaseResult]:
         raise StudyError(
             f"the worker has linkwise {version('linkwise')}, but the study is run by {batch.linkwise}; install that version"
         )
-    with _ONE_AT_A_TIME:
-        _use_one_blas_thread()
+    with _ONE_AT_A_TIME, one_blas_thread():  # workers share the processors, and sums do not depend on threads
         study = _study(batch.study)
         return [_run(study, batch.study, case) for case in batch.cases]
 
@@ -107,31 +106,15 @@ def _row(case: Case, masses: int, result: MethodResult) -> Row:
     return row_of(case, masses, result)
 
 
-@lru_cache(maxsize=1)
-def _use_one_blas_thread() -> AbstractContextManager[object]:
-    """Use one BLAS thread from now on: workers share the processors, and sums do not depend on the number of threads."""
-    return one_blas_thread()
-
-
 @lru_cache(maxsize=2)
 def _study(text: str) -> Study:
     return build_study(json.loads(text), "study", Path())
 
 
 @lru_cache(maxsize=_RECORDS)
-def _simulated(text: str, name: str, cycle: int) -> Record | LinkwiseError:
-    try:
-        return _study(text).subject(name).simulate(cycle)
-    except LinkwiseError as error:  # cached too: a structure that diverges does so for every case
-        return error
-
-
 def _clean(text: str, name: str, cycle: int) -> Record:
     """The clean record of a structure in a cycle, simulated once in this process."""
-    record = _simulated(text, name, cycle)
-    if isinstance(record, LinkwiseError):
-        raise record
-    return record
+    return _study(text).subject(name).simulate(cycle)
 
 
 #: Structure, noise level in dB and method.
@@ -142,27 +125,26 @@ class Timing:
     """Measured times of cases by cell, and the expected times of those pending; `masses` by structure, at least 1."""
 
     def __init__(self, done: list[Row], pending: list[Case], masses: Mapping[str, int]) -> None:
-        self._seconds: dict[CellKey, float] = {}
+        self._seconds: dict[CellKey, float] = defaultdict(float)  # in all
         self._counts: Counter[CellKey] = Counter()
-        self._left: Counter[CellKey] = Counter(map(_cell, pending))
+        self._left: Counter[CellKey] = Counter(case.cell for case in pending)
         self._masses = masses
-        self._guesses: dict[str, float] = {}
         self._began = perf_counter()
         self._worked = 0.0
         self.done = 0
         for row in done:
-            self._record(_cell(row.case), row.seconds)
+            self._record(row.case.cell, row.seconds)
 
     def finished(self, case: Case, seconds: float) -> None:
         """Note that a case took `seconds` of a worker."""
-        self._record(_cell(case), seconds)
-        self._left[_cell(case)] -= 1
+        self._record(case.cell, seconds)
+        self._left[case.cell] -= 1
         self._worked += seconds
         self.done += 1
 
     def known(self, case: Case) -> bool:
         """Whether a case of the same cell was run."""
-        return self._counts[_cell(case)] > 0
+        return self._counts[case.cell] > 0
 
     def expected(self, case: Case) -> float:
         """The expected time of a case in s: the mean of its cell.
@@ -170,7 +152,7 @@ class Timing:
         Without such, the mean of the same method (or any) on the largest structure so far, times the square of the ratio of
         masses.
         """
-        return self._expected(_cell(case))
+        return self._expected(case.cell)
 
     @property
     def rate(self) -> float:
@@ -188,27 +170,16 @@ class Timing:
         return sum(count * self._expected(cell) for cell, count in self._left.items() if count)
 
     def _record(self, cell: CellKey, seconds: float) -> None:
-        count = self._counts[cell]
-        self._seconds[cell] = (self._seconds.get(cell, 0.0) * count + seconds) / (count + 1)
-        self._counts[cell] = count + 1
-        if not count:
-            self._guesses.clear()
+        self._seconds[cell] += seconds
+        self._counts[cell] += 1
 
     def _expected(self, cell: CellKey) -> float:
-        if cell in self._seconds:
-            return self._seconds[cell]
-        if cell[2] not in self._guesses:
-            self._guesses[cell[2]] = self._guess(cell[2])
-        return self._guesses[cell[2]] * self._masses[cell[0]] ** 2
-
-    def _guess(self, method: str) -> float:
-        """Time in s over the square of the number of masses, of the largest structure so far; 0 before any."""
-        cells = [cell for cell in self._seconds if cell[2] == method] or list(self._seconds)
-        if not cells:
-            return 0.0
-        largest = max(self._masses[structure] for structure, _, _ in cells)
-        seconds = [self._seconds[cell] for cell in cells if self._masses[cell[0]] == largest]
-        return sum(seconds) / len(seconds) / largest**2
+        if self._counts[cell]:
+            return self._seconds[cell] / self._counts[cell]
+        known = [other for other in self._counts if other[2] == cell[2]] or list(self._counts)
+        largest = max((self._masses[structure] for structure, _, _ in known), default=1)
+        means = [self._expected(other) for other in known if self._masses[other[0]] == largest]
+        return sum(means) / max(len(means), 1) * (self._masses[cell[0]] / largest) ** 2
 
 
 def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
@@ -228,10 +199,6 @@ def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[
             break
         chosen.append(pending.popleft())
     return tuple(chosen)
-
-
-def _cell(case: Case) -> CellKey:
-    return case.structure, case.snr_db, case.method
 
 
 MOST_WORKERS = 1000  # each takes 0.2 GB of memory

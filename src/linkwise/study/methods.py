@@ -1,11 +1,11 @@
-"""Methods of a study that look for terms, discovery, the paper's monomials, SINDy and PySINDy (extra [peers]), and how
-what they find compares with the true links and terms.
+"""The methods of a study: those that identify the coefficients of links, those that look for terms, discovery, the paper's
+monomials, SINDy and PySINDy (extra [peers]), and how what they find compares with the true links and terms.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection
+from abc import abstractmethod
 from functools import lru_cache
 from importlib import import_module
 from time import perf_counter
@@ -20,8 +20,9 @@ from linkwise.discovery.discover import discover
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
+from linkwise.estimates.estimate import Estimator
 from linkwise.expression import Expression, Number, Symbol, add, multiply, polynomial, substitute
-from linkwise.identification.identify import nmse
+from linkwise.identification.identify import IdentificationMethod, identify, nmse
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, LENGTH, Link, refuse_memory
 from linkwise.model.structure import Structure, refuse_hosts, refuse_rig
@@ -29,17 +30,130 @@ from linkwise.records.record import Record
 from linkwise.signals.states import DifferentiationMethod as Derivative
 from linkwise.signals.states import differentiate
 from linkwise.sindy.conventions import Convention, noisy_states
-from linkwise.sindy.estimate import MAX_UNEXPLAINED
+from linkwise.sindy.estimate import MAX_UNEXPLAINED, PhysicsInformedSindy
 from linkwise.sindy.force_reading import Reading, monomial_force, monomial_nmse
 from linkwise.sindy.library import Monomials, link_columns, monomial_equations, tags
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.linear_system import StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit, Regressor
-from linkwise.study.method import StudyMethod
 from linkwise.study.row import MethodResult
 from linkwise.study.subject import Subject
-from linkwise.verdict import Verdict, status_of
+from linkwise.verdict import Grade, Verdict, status_of
+
+
+class StudyMethod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A method of a study; its fields are the keys of its table in a study file.
+
+    Attributes
+    ----------
+    name : str
+        Its name in the study; by default the kind of method.
+    looks_for_terms : bool
+        Whether it is not told the terms, and its answers are judged by them.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> method = lw.study.read_study("paper").method("physics-informed")
+    >>> isinstance(method, lw.study.StudyMethod), method.document()["kind"]
+    (True, 'physics-informed')
+    """
+
+    name: str = ""
+    looks_for_terms: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            msgspec.structs.force_setattr(self, "name", self.usual_name)
+
+    @property
+    def usual_name(self) -> str:
+        """The name where none is given."""
+        return str(getattr(self, "kind", type(self).__name__))
+
+    @abstractmethod
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        """Add noise to a record, identify the structure from it, and compare the result with the truth.
+
+        Parameters
+        ----------
+        subject : Subject
+            The structure, with what is measured, unknown and judged.
+        clean : Record
+            A record of it without noise.
+        snr_db : float
+            The signal-to-noise ratio in dB of the noise that is added.
+        seed : int
+            The seed of the noise.
+
+        Returns
+        -------
+        MethodResult
+            Errors of the forces, and the coefficients.
+
+        Raises
+        ------
+        LinkwiseError
+            If nothing can be identified.
+        """
+
+    def document(self) -> dict[str, Any]:
+        """The table of a study file that defines this method.
+
+        Returns
+        -------
+        dict
+            Plain data, with the keys "name" and "kind" and the options of the method.
+        """
+        return {key: value for key, value in msgspec.to_builtins(self).items() if value is not None}
+
+
+@final
+class LinkByLink(StudyMethod, frozen=True, kw_only=True):
+    """Maximum likelihood or the weak form (METHODS sections 5 and 4)."""
+
+    kind: Literal["ml", "weak"]
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        return _identify(subject, clean, snr_db, seed, self.kind)
+
+
+@final
+class PhysicsInformedMethod(StudyMethod, frozen=True):
+    """The paper's physics-informed SINDy: derivatives, the columns of the links' own laws, sparse regression."""
+
+    derivative: Derivative = "spline"
+    regressor: str = "stlsq"
+    kind: Literal["physics-informed"] = "physics-informed"
+
+    def __post_init__(self) -> None:
+        StudyMethod.__post_init__(self)
+        PhysicsInformedSindy(self.derivative, self.regressor)
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        return _identify(subject, clean, snr_db, seed, PhysicsInformedSindy(self.derivative, self.regressor))
+
+
+def _identify(
+    subject: Subject, clean: Record, snr_db: float, seed: int, estimator: IdentificationMethod | Estimator
+) -> MethodResult:
+    record = subject.measured(clean).with_noise(snr_db, seed=seed)
+    estimate = identify(record, subject.stated_structure(seed), method=estimator)
+    names = [parameter.name for parameter in estimate.parameters]
+    errors = np.sqrt(np.maximum(estimate.covariance.diagonal(), 0.0))
+    if estimate.grade is Grade.REFUSED:
+        errors = errors[:0]
+    true, found = subject.true_structure, estimate.structure
+    return MethodResult(
+        status=estimate.status,
+        seconds=estimate.seconds,
+        links={name: nmse(true.link(name), found.link(name), clean) for name in subject.judged_links},
+        coefficients=dict(zip(names, map(float, estimate.values), strict=True)),
+        standard_errors=dict(zip(names, map(float, errors), strict=False)),
+        reason="" if estimate.trusted else estimate.explanation,
+    )
+
 
 _NO_FORCE = Law.parse("0")
 
@@ -64,12 +178,7 @@ def judged(structure: Structure, subject: Subject, clean: Record) -> tuple[dict[
             links[name] = nmse(true, Link(name, true.between, _NO_FORCE, {}), clean)
         else:
             links[name] = nmse(aligned.link(link.name), link, clean)
-    return links, term_counts(right=score.right, missing=score.missing, extra=score.extra)
-
-
-def term_counts(**terms: Collection[object]) -> dict[str, int]:
-    """The numbers of terms, by how they were judged, as a row has them."""
-    return {judged: len(those) for judged, those in terms.items()}
+    return links, {name: len(getattr(score, name)) for name in ("right", "missing", "extra")}
 
 
 def masses_alone(subject: Subject, method: str) -> dict[str, float | str]:
@@ -327,7 +436,7 @@ def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
 
 def _counted(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
     """The numbers of monomials as a row has them."""
-    return term_counts(right=truth & chosen, missing=truth - chosen, extra=chosen - truth)
+    return {"right": len(truth & chosen), "missing": len(truth - chosen), "extra": len(chosen - truth)}
 
 
 _KIND = 'methods of the kind "pysindy"'

@@ -37,6 +37,11 @@ class Case:
     method: str
     seed: int
 
+    @property
+    def cell(self) -> tuple[str, float, str]:
+        """Structure, noise level and method: what cases of several seeds share."""
+        return self.structure, self.snr_db, self.method
+
     def __str__(self) -> str:
         return f"{self.structure}, {self.snr_db:g} dB, {self.method}, seed {self.seed}"
 

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from linkwise.display import near_miss
-from linkwise.errors import LinkwiseError, SimulationError, StudyError
+from linkwise.errors import LinkwiseError, StudyError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.excitation import Excitation, Impulse
-from linkwise.model.link import BASE
 from linkwise.model.parameters import Parameter, coefficient_slots, replace_coefficients, replace_shapes
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.simulation.run import check_place
-from linkwise.simulation.simulate import simulate
+from linkwise.simulation.run import check_excitation
+from linkwise.simulation.simulate import recorded_channels, simulate
 
 _ALL = ("x", "v", "a")
-_KINDS = (*_ALL, "f", "state")
 # beside the seed: the stream of what is known to within, the noise being drawn from the seed alone
 _PRIOR = 1
 
@@ -102,19 +100,30 @@ class Subject:
                 raise StudyError(f"must be positive and finite, got {value!r}", key)
         if not math.isfinite(self.scatter):
             raise StudyError(f"must be finite, got {self.scatter!r}", "scatter")
-        self._check_excitation()
-        for key, names in (("sensors", self.sensors), ("unknown", self.unknown)):
-            if not names:
-                raise StudyError("must name at least one", key)
-        for name in self.sensors:
-            if name not in _KINDS:
-                self._channel(name, "sensors", _KINDS)
-        unknowns = ("unknown", lambda: self.unknown_structure.parameters)
-        for key, check in (unknowns, ("judge", lambda: self.judged_links)):
-            try:
-                check()
-            except LinkwiseError as error:
-                raise StudyError(str(error), key) from None
+        for key, part in self._excitation_by_key.items():
+            with study_errors_at(key):
+                check_excitation(self.structure, Excitation(**part, base=self.base), self.duration)
+        with study_errors_at("sensors"):
+            self._channels  # noqa: B018
+        if not self.unknown:
+            raise StudyError("must name at least one", "unknown")
+        with study_errors_at("unknown"):
+            self.unknown_structure  # noqa: B018
+        with study_errors_at("judge"):
+            self.judged_links  # noqa: B018
+
+    @property
+    def _excitation_by_key(self) -> dict[str, dict[str, Any]]:
+        """The parts of the excitation, each by the key that an error names, the base aside."""
+        parts: dict[str, dict[str, Any]] = {"base": {}}
+        parts |= {f"release.{name}": {"release": {name: value}} for name, value in self.release.items()}
+        parts |= {f"impulse[{k}]": {"impulses": (impulse,)} for k, impulse in enumerate(self.impulses)}
+        return parts | {f"forces.{mass}": {"forces": {mass: text}} for mass, text in self.forces.items()}
+
+    @cached_property
+    def _channels(self) -> list[Channel]:
+        """What the sensors measure."""
+        return recorded_channels(self.structure, Excitation(base=self.base), self.sensors)
 
     @cached_property
     def true_structure(self) -> Structure:
@@ -213,16 +222,7 @@ class Subject:
         Record
             The channels of the sensors, in their order, and the inputs.
         """
-        structure, channels = self.structure, dict[str, None]()
-        owners = {
-            **dict.fromkeys(_ALL, structure.places),
-            "f": [link.name for link in structure.links],
-            "state": [f"{structure.links[k].name}.{state}" for k, state in structure.topology.states],
-        }
-        for sensor in self._sensors:
-            named = [f"{sensor}:{owner}" for owner in owners[sensor]] if sensor in owners else [sensor]
-            channels.update(dict.fromkeys(named))
-        return clean.select([*channels, *clean.inputs])
+        return clean.select(list(dict.fromkeys([*self._channels, *clean.inputs])))
 
     @property
     def _sensors(self) -> tuple[str, ...]:
@@ -256,60 +256,14 @@ class Subject:
             **({} if self.frequency is None else {"frequency": float(self.frequency)}),
         }
 
-    def _check_excitation(self) -> None:
-        for channel in self.release:
-            self._check_release(channel, f"release.{channel}")
-        for index, impulse in enumerate(self.impulses):
-            self._check_mass(impulse.mass, f"impulse[{index}].mass")
-        for mass, text in self.forces.items():
-            self._check_mass(mass, f"forces.{mass}")
-            self._check_time_function(f"forces.{mass}", forces={mass: text})
-        if self.base is not None:
-            self._check_time_function("base", base=self.base)
-        if (self.base is not None) != bool(self.structure.base_incidence.any()):
-            when = 'if, and only if, a link ends at "base"'
-            raise StudyError(f"the motion of the base must be given {when}", "base")
 
-    def _check_release(self, name: str, key: str) -> None:
-        channel = self._channel(name, key)
-        got = {"a": "an acceleration", "f": "a force"}.get(channel.kind)
-        if got is not None:
-            raise StudyError(f"a release takes displacements (x) and velocities (v), got {got}", key)
-        for host in self.structure.hosts:
-            if channel.place in host.points:
-                mode = f"release these, such as {channel.kind}:{host.coordinates[0]}"
-                raise StudyError(f"a point moves as the modes of its host do; {mode}", key)
-
-    def _check_time_function(self, key: str, **excitation: Any) -> None:
-        try:
-            Excitation(**excitation)
-        except LinkwiseError as error:
-            raise StudyError(f"not a function of time: {error}", key) from None
-
-    def _channel(self, name: str, key: str, kinds: tuple[str, ...] = ()) -> Channel:
-        try:
-            channel = Channel.parse(name)
-        except LinkwiseError as error:
-            others = f", or one of the kinds {', '.join(kinds)}" if kinds else ""
-            places, links = self.structure.places, self.structure.links
-            example = f"v:{places[0]}" if places else f"f:{links[0].name}"
-            raise StudyError(f"{error}; expected a channel such as {example}{others}", key) from None
-        if channel.is_input or channel.place == BASE:
-            raise StudyError(f'"{name}" is an input, not the motion of a mass', key)
-        if channel.is_motion:
-            self._check_mass(channel.place, key)
-            return channel
-        try:
-            check_place(channel, self.structure, name)
-        except SimulationError as error:
-            raise StudyError(error.message, key) from None
-        return channel
-
-    def _check_mass(self, name: str, key: str) -> None:
-        names = self.structure.places
-        if name not in (*names, *self.structure.modes):
-            hint = near_miss(name, names)
-            raise StudyError(f'unknown mass "{name}"{hint}; choose from {", ".join(names)}', key)
+@contextmanager
+def study_errors_at(where: str) -> Iterator[None]:
+    """Errors of what a study file states there, as errors of the study."""
+    try:
+        yield
+    except LinkwiseError as error:
+        raise StudyError(str(error), where) from None
 
 
 def _drawn(parameter: Parameter, rng: np.random.Generator) -> float:
