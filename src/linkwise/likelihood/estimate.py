@@ -40,6 +40,7 @@ from linkwise.likelihood.fit import (
     motion_of_links,
     require_told,
     with_sizes,
+    with_values,
 )
 from linkwise.likelihood.harmonics import estimated_harmonics, harmonic_forces, with_harmonics
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
@@ -673,13 +674,6 @@ def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) 
     )
 
 
-def _with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
-    """The structure with the values of a fit."""
-    return structure.with_values(
-        dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
-    )
-
-
 def estimate_of(
     structure: Structure,
     fit: LikelihoodFit,
@@ -694,14 +688,14 @@ def estimate_of(
     IdentificationError where the records do not tell a gain.
     """
     require_told(fit)
-    identified, fit = _with_values(structure, fit), with_limits(fit)
+    identified, fit = with_values(structure, fit), with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
     examined = Examined(fit, identified, structures, records, searched=offered is not None)
     judgement = judge(examined)
     residuals = fit.misfit.residuals
     approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
     if approximate is not None:
-        fit, identified = approximate, _with_values(structure, approximate)
+        fit, identified = approximate, with_values(structure, approximate)
         judgement = replace(judgement, added={})  # the scatter of blocks and the path hold all that
     covariance, faint = with_faint_modes(fit, identified)
     of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)

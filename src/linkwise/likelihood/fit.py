@@ -24,15 +24,15 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
-from linkwise.likelihood.noise import ColouredNoise, with_noise_of_residuals
+from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions, mean_by_precision
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
-from linkwise.likelihood.search import ExplainedFit, explained_fit, searched
-from linkwise.likelihood.shooting.loss import Loss, with_bounds_for
+from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
+from linkwise.likelihood.shooting.loss import with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import Disturbance, Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import Disturbance, Segments
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import Structure
@@ -109,40 +109,6 @@ def require_told(fit: LikelihoodFit) -> None:
 _MOST_WORKERS = 8
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """The optimum of a fit, for profiles and score tests.
-
-    Attributes
-    ----------
-    segments : Segments
-        The records in segments.
-    point : Iterate
-        The unknowns at the optimum.
-    scales : Scales
-        Units of the unknowns.
-    q : float
-        Relaxation of the continuity of the segments.
-    noise : float
-        Factor on the standard deviations in `scales`.
-    loss : Loss
-        Loss of a residual.
-    coloured : ColouredNoise or None
-        The noise where it is coloured; the cost takes it for white.
-    of_white : array of shape (p, p) or None
-        The covariance that the cost alone gives, where the noise is coloured.
-    """
-
-    segments: Segments
-    point: Iterate
-    scales: Scales
-    q: float
-    noise: float
-    loss: Loss
-    coloured: ColouredNoise | None = None
-    of_white: Floats | None = None
-
-
 class CostShape(Enum):
     """What is known of the cost around an optimum.
 
@@ -160,8 +126,8 @@ class LikelihoodFit:
 
     Attributes
     ----------
-    values, covariance, free : array of shape (p,), (p, p) and (p,)
-        Estimates, their covariance, and False for those at a bound.
+    covariance, free : array of shape (p, p) and (p,)
+        The covariance of the estimates, and False for those at a bound.
     offsets, gains, noise : dict of str to float
         Estimates by channel, and the standard deviations of the noise in the first record.
     sensor_deviations : array of shape (o + g + l,)
@@ -181,8 +147,8 @@ class LikelihoodFit:
         from the scatter between blocks of the records; None where the records are too short for blocks.
     samples, status, path
         Number of samples, how the search ended, and its steps.
-    segments, misfit, optimum
-        The segments, the residuals and defects at the maximum, and what a later search starts from.
+    optimum
+        The segments with the residuals and defects at the maximum, and what a later search starts from.
     others : tuple of array of shape (p,)
         Values at other maxima that are as likely.
     random_forces : tuple of RandomForceEstimate
@@ -197,7 +163,6 @@ class LikelihoodFit:
         What it was asked for with.
     """
 
-    values: Floats
     covariance: Floats
     free: Bools
     offsets: dict[str, float]
@@ -216,8 +181,6 @@ class LikelihoodFit:
     samples: int
     status: AnnealingStatus
     path: tuple[AnnealingStep, ...]
-    segments: Segments
-    misfit: Misfit
     optimum: Optimum
     prior_conflicts: Floats
     others: tuple[Floats, ...] = ()
@@ -227,10 +190,41 @@ class LikelihoodFit:
     options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
 
     @property
+    def values(self) -> Floats:
+        """(p,) the estimates."""
+        return self.optimum.point.theta
+
+    @property
+    def segments(self) -> Segments:
+        """The records in segments."""
+        return self.optimum.segments
+
+    @property
+    def misfit(self) -> Misfit:
+        """The residuals and defects at the maximum."""
+        return self.optimum.misfit
+
+    def at(self, optimum: Optimum, found: AnnealingFit, covariance: Floats) -> LikelihoodFit:
+        """The fit moved to where another search ended, from `optimum`, with the `covariance` (P, P) there."""
+        p = len(self.values)
+        return replace(
+            self,
+            covariance=covariance[:p, :p],
+            free=~found.at_bound[:p],
+            optimum=replace(optimum, misfit=found.misfit, q=found.q),
+        )
+
+    @property
     def has_errors(self) -> bool:
         """Whether the free unknowns have variances: finite, and not negative as those of singular equations by rounding."""
         variances = self.covariance.diagonal()[self.free]
         return bool((np.isfinite(variances) & (variances >= 0.0)).all())
+
+
+def with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
+    """The structure with the values of a fit."""
+    names = fit.segments.system.parameters.names
+    return structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
@@ -467,7 +461,6 @@ def _fitted(
     waveforms = np.stack([point.offsets[sized], deviations[sized]])
     untold = untold_gains(sensing.gains, point.gains, explained.covariance, p + len(point.offsets))
     return LikelihoodFit(
-        values=point.theta,
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
         offsets=_by_channel(sensing.offsets, point.offsets[: sized.start], frame),
@@ -486,11 +479,9 @@ def _fitted(
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
-        segments=segments,
-        misfit=fit.misfit,
         optimum=Optimum(
             segments,
-            point,
+            fit.misfit,
             fit.scales,
             fit.q,
             explained.noise,

@@ -19,10 +19,11 @@ from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
-from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
+from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.residuals import SensorErrors
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.tests.score_test import augmented_quadratic
 from linkwise.model.structure import Structure
@@ -325,9 +326,8 @@ class _Unknowns:
         """Those at the optimum of a fit."""
         optimum = fit.optimum
         with one_blas_thread():
-            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
             columns, units = _columns(optimum, records, forces)
-            augmented = augmented_quadratic(optimum, misfit, columns, hums)
+            augmented = augmented_quadratic(optimum, columns, hums)
         units = np.append(units, np.ones(0 if hums is None else len(hums.kind)))
         p = len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)

@@ -37,11 +37,11 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import block_information, linear_model
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, block_information, linear_model
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
@@ -51,6 +51,67 @@ FEWEST = 5  # segments in the shortest block
 EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
 _COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The optimum of a search, of which profiles, score tests and later searches start.
+
+    Attributes
+    ----------
+    segments : Segments
+        The records in segments.
+    misfit : Misfit
+        Residuals and defects at the optimum.
+    scales : Scales
+        Units of the unknowns.
+    q : float
+        Relaxation of the continuity of the segments.
+    noise : float
+        Factor on the standard deviations in `scales`.
+    loss : Loss
+        Loss of a residual.
+    coloured : ColouredNoise or None
+        The noise where it is coloured; the cost takes it for white.
+    of_white : array of shape (p, p) or None
+        The covariance that the cost alone gives, where the noise is coloured.
+    """
+
+    segments: Segments
+    misfit: Misfit
+    scales: Scales
+    q: float
+    noise: float
+    loss: Loss
+    coloured: ColouredNoise | None = None
+    of_white: Floats | None = None
+
+    @property
+    def point(self) -> Iterate:
+        """The unknowns."""
+        return self.misfit.point
+
+    def linear(
+        self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
+    ) -> GaussNewtonModel:
+        """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
+        return linear_model(
+            self.segments,
+            self.misfit,
+            self.scales,
+            self.loss,
+            candidates=candidates,
+            errors=errors,
+            blocks=blocks,
+        )
+
+    def block_scores(self, blocks: int, candidates: CandidateForces | None = None) -> BlockScores | None:
+        """Scores of so many consecutive blocks of segments; None where the equations are singular.
+
+        The amplitudes of `candidates` follow theta among the unknowns.
+        """
+        of_blocks = block_information(self.linear(candidates, blocks=blocks), self.q)
+        return None if of_blocks is None else BlockScores(*of_blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +126,12 @@ class BlockScores:
         label = np.arange(len(self.scores)) * blocks // len(self.scores)
         firsts = np.searchsorted(label, np.arange(blocks))
         return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
+
+    def white(self, free: Bools) -> Floats:
+        """(f,) standard errors of the `free` unknowns by white noise of size one, as the information says."""
+        chosen = np.flatnonzero(free)
+        inverse = np.linalg.inv(self.information.sum(axis=0)[np.ix_(chosen, chosen)])
+        return np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
 
     def deviations(self, free: Bools) -> Floats:
         """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
@@ -159,37 +226,25 @@ class BlockScatter:
         return white * (np.outer(ratios, ratios) - 1.0)
 
 
-def block_scatter(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    *,
-    q: float,
-    noise: float,
-    free: Bools,
-    scores: BlockScores | None = None,
-) -> BlockScatter | None:
+def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = None) -> BlockScatter | None:
     """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
 
-    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound; `scores`, in
-    `blocks_of_scatter`, are known of the optimum.
+    `free` is False where an unknown was stopped by its bound; `scores`, in `blocks_of_scatter`, are known of the optimum.
     """
-    if blocks_of_scatter(segments) == 1:
+    if blocks_of_scatter(optimum.segments) == 1:
         return None
     if scores is None:
-        scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
+        scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
-    chosen, p = np.flatnonzero(free), segments.system.parameters.size
+    chosen, p = np.flatnonzero(free), optimum.segments.system.parameters.size
     ratios, chances = np.ones(len(free)), np.ones(len(free))
     try:
-        inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
-        white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
+        white = optimum.noise * scores.white(free)
         for blocks in BLOCKS:
             merged = scores.merged(blocks)
             ratios[chosen] = np.maximum(ratios[chosen], merged.deviations(free)[chosen] / white)
-            chances = np.fmin(chances, merged.chances(free, noise))
+            chances = np.fmin(chances, merged.chances(free, optimum.noise))
     except np.linalg.LinAlgError:
         return None
     tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
@@ -199,24 +254,6 @@ def block_scatter(
 def blocks_of_scatter(segments: Segments) -> int:
     """The blocks in which a linear model tells how far blocks scatter; 1 where there are too few segments."""
     return BLOCKS[0] if segments.count >= FEWEST * BLOCKS[0] else 1
-
-
-def block_scores(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    q: float,
-    blocks: int,
-    candidates: CandidateForces | None = None,
-) -> BlockScores | None:
-    """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular.
-
-    The amplitudes of `candidates` follow theta among the unknowns.
-    """
-    linear = linear_model(segments, misfit, scales, loss, candidates=candidates, blocks=blocks)
-    of_blocks = block_information(linear, q)
-    return None if of_blocks is None else BlockScores(*of_blocks)
 
 
 _ROUGH = 3.0  # cost per sample at q = 1 beyond which states are no motion: their noise leaves 1 or 2
@@ -433,9 +470,8 @@ def _with_model_error(
     chi_square = factor**2
     ratios: Floats | None = np.ones(len(fit.covariance))
     if not did_not_converge(fit):
-        scatter = block_scatter(
-            segments, fit.misfit, fit.scales, annealer.loss, q=fit.q, noise=factor, free=~fit.at_bound
-        )
+        optimum = Optimum(segments, fit.misfit, fit.scales, fit.q, factor, annealer.loss)
+        scatter = block_scatter(optimum, ~fit.at_bound)
         ratios = None if scatter is None else scatter.ratios
     judged = ratios is not None and _are_small(segments, fit)
     unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit) and not judged

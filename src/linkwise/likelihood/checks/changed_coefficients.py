@@ -20,7 +20,7 @@ from linkwise.likelihood.checks.held_closer import CloserFit
 from linkwise.likelihood.checks.judgement import LIKELIER, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
-from linkwise.likelihood.search import BLOCKS, BlockScores, block_scores, blocks_of_scatter
+from linkwise.likelihood.search import BLOCKS, BlockScores, blocks_of_scatter
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, block_ends
 from linkwise.likelihood.shooting.segments import Segments
@@ -181,13 +181,11 @@ def _significant_change(
 def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, BlockScores | None]:
     """Scores of the blocks of a fit, as they were tested or by themselves, and the segments that they consist of."""
     if tested is not None and tested.block_scores is not None:
-        return tested.longer[0].segments, tested.block_scores
-    optimum = fit.optimum
+        return tested.longer.segments, tested.block_scores
     if blocks_of_scatter(fit.segments) == 1:
         return fit.segments, None
     with one_blas_thread():
-        scores = block_scores(fit.segments, fit.misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0])
-    return fit.segments, scores
+        return fit.segments, fit.optimum.block_scores(BLOCKS[0])
 
 
 def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:

@@ -17,8 +17,9 @@ import numpy as np
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.checks.horizons import optimum_at
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
@@ -103,18 +104,9 @@ def _diagnosed(
     """A search by the equations of `tight`, whose end is `closer`, with what explains what it leaves; None where that is not
     finite. The structure is `identified` with the values of the fit.
     """
-    optimum, p = fit.optimum, len(fit.values)
-    closer_fit = replace(
-        fit,
-        values=closer.point.theta,
-        covariance=optimum.noise**2 * closer.covariance[:p, :p],
-        free=~closer.at_bound[:p],
-        misfit=closer.misfit,
-        segments=tight.segments,
-        optimum=replace(tight, point=closer.point, q=closer.q),
-    )
-    names = fit.segments.system.parameters.names
-    closer_structure = identified.with_values(dict(zip(names, map(float, closer.point.theta), strict=True)))
+    optimum = fit.optimum
+    closer_fit = fit.at(tight, closer, optimum.noise**2 * closer.covariance)
+    closer_structure = with_values(identified, closer_fit)
     left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
     if not np.isfinite(left):
         return None

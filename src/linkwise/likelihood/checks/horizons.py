@@ -16,10 +16,10 @@ from itertools import pairwise
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import held_at, is_long
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.search import BLOCKS, block_scores, blocks_of_scatter
+from linkwise.likelihood.search import BLOCKS, Optimum, blocks_of_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.runtime import one_blas_thread
 
@@ -80,20 +80,20 @@ def _largest_move(before: _Horizon, after: _Horizon, parameters: int) -> float:
 
 def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
     """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
-    optimum, point = fit.optimum, fit.optimum.point
+    optimum = fit.optimum
     exact = optimum.q <= AnnealingSchedule.final_q
     loosest = _LOOSE if exact else optimum.q
     tighter = {q: reach for q, reach in _REACH.items() if q < loosest}
     for q, reach in [(loosest, 1), *tighter.items()]:
         if optimum.segments.count < _INDEPENDENT * reach * BLOCKS[0]:
             return
-        found = optimum_at(replace(optimum, point=point), q, _STEPS)
+        found = optimum_at(optimum, q, _STEPS)
         if found is None or found.status is not AnnealingStatus.CONVERGED:
             return
         horizon = _by_blocks(optimum, found)
         if horizon is None:
             return
-        point = found.point
+        optimum = replace(optimum, misfit=found.misfit)
         yield horizon
 
 
@@ -113,17 +113,16 @@ def _by_blocks(optimum: Optimum, found: AnnealingFit) -> _Horizon | None:
         return None
     with one_blas_thread():
         noise, _ = evidence(segments, found, found.q, optimum.loss)
-        scores = block_scores(segments, found.misfit, found.scales, optimum.loss, found.q, BLOCKS[0])
+        scores = replace(optimum, misfit=found.misfit, q=found.q).block_scores(BLOCKS[0])
     if scores is None:
         return None
     free, ratios = ~found.at_bound, np.ones(len(found.covariance))
     chosen = np.flatnonzero(free)
     try:
-        inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
+        white = noise * scores.white(free)
         by_blocks = [scores.merged(blocks).by_scores(free)[chosen] for blocks in BLOCKS]
     except np.linalg.LinAlgError:
         return None
-    white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
     ratios[chosen] = np.maximum(np.max(by_blocks, axis=0) / white, 1.0)
     covariance = noise**2 * found.covariance * np.outer(ratios, ratios)
     return _Horizon(found, covariance, noise) if np.isfinite(covariance).all() else None
@@ -131,14 +130,6 @@ def _by_blocks(optimum: Optimum, found: AnnealingFit) -> _Horizon | None:
 
 def _at(fit: LikelihoodFit, horizon: _Horizon, moved: Floats) -> LikelihoodFit:
     """The fit at a horizon; `moved` (p,) are squares of the changes of the parameters to tighter horizons."""
-    found, p = horizon.fit, len(fit.values)
-    return replace(
-        fit,
-        values=found.point.theta,
-        covariance=horizon.covariance[:p, :p] + np.diag(moved),
-        free=~found.at_bound[:p],
-        misfit=found.misfit,
-        optimum=replace(
-            fit.optimum, point=found.point, q=found.q, noise=horizon.noise, coloured=None, of_white=None
-        ),
-    )
+    white = replace(fit.optimum, noise=horizon.noise, coloured=None, of_white=None)
+    there = fit.at(white, horizon.fit, horizon.covariance)
+    return replace(there, covariance=there.covariance + np.diag(moved))

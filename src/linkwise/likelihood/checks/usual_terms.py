@@ -224,23 +224,13 @@ def scatter_of_blocks(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockS
         return None
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[: len(fit.values)] = fit.free
-    longer, misfit = optimum, fit.misfit
     with one_blas_thread():
         scores = tested.block_scores if tested else None
         if scores is None:
-            longer, misfit = in_longer_segments(fit)
-            if longer.segments.count < EQUAL * BLOCKS[0]:  # short ones make more equal blocks
-                longer, misfit = optimum, fit.misfit
-        scatter = block_scatter(
-            longer.segments,
-            misfit,
-            optimum.scales,
-            optimum.loss,
-            q=optimum.q,
-            noise=optimum.noise,
-            free=free,
-            scores=scores,
-        )
+            longer = in_longer_segments(fit)
+            # short ones make more equal blocks
+            optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
+        scatter = block_scatter(optimum, free, scores)
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
 
 
@@ -312,7 +302,7 @@ def _wholes(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Sequence[int]
 ) -> Iterator[tuple[float, float]]:
     """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
-    forces = link_forces(fit.optimum, fit.misfit, identified)
+    forces = link_forces(fit.optimum, identified)
     damping = largest_damping(identified)
     for number in numbers:
         hypothesis, unit = tested.hypotheses[number], float(tested.units[number])

@@ -21,7 +21,7 @@ from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
+from linkwise.likelihood.shooting.linear_model import precise_model
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.values import regressed, starting_values
 from linkwise.model.coefficient import Coefficient
@@ -124,8 +124,7 @@ def _along_valley(
     fit = search(start[0], options=replace(options, nodes=start[1]))
     for _ in range(_VALLEY_STEPS):
         optimum = fit.optimum
-        linear = linear_model(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
-        linear, factor = precise_model(linear, optimum.q)
+        linear, factor = precise_model(optimum.linear(), optimum.q)
         free = np.concatenate([fit.free, np.ones(len(optimum.scales.theta) - len(fit.free), dtype=bool)])
         solved = None if factor is None else factor.solve(free)
         if solved is None or linear.equations(optimum.q).drop(*solved) < _CREEPING:

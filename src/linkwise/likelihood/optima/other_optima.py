@@ -45,8 +45,9 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.expression import symbols
-from linkwise.likelihood.fit import CostShape, LikelihoodFit, Optimum
+from linkwise.likelihood.fit import CostShape, LikelihoodFit
 from linkwise.likelihood.noise import evidence
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import linearise
