@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
-from typing import ClassVar, TypedDict, final
+from typing import Any, ClassVar, TypedDict, final
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
+from linkwise.likelihood.delays import clock_found
 from linkwise.likelihood.explained import answer_with_sensors, beside_exchange, explained_answer
 from linkwise.likelihood.fit import (
     LikelihoodFit,
@@ -65,7 +66,6 @@ from linkwise.likelihood.options import (
     INPUT_NOISE,
     LikelihoodOptions,
     beside_clocks,
-    clock_found,
     errors_to_find,
     mean_by_precision,
     require_known_kinds,
@@ -465,6 +465,17 @@ class MaximumLikelihood(Estimator):
         answer = (self._on_rig if structure.on_rig else self._in_motion)(records, structure, progress)
         return with_profiles(answer, progress) if self.profile else answer
 
+    @property
+    def _admitted(self) -> Sequence[str]:
+        """The kinds of errors that may be added."""
+        return (self.admit,) if isinstance(self.admit, str) else self.admit
+
+    def _errors_to_find(self, records: Sequence[Record], delays: Sequence[str]) -> dict[str, Any]:
+        """The fields of `LikelihoodOptions` for errors of sensors."""
+        return errors_to_find(
+            records, offsets=self.offsets, gains=self.gains, calibration=self.calibration, delays=delays
+        )
+
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
         for record in records:
@@ -476,13 +487,7 @@ class MaximumLikelihood(Estimator):
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         clocks = ratios_by_channel(self.clocks)
-        sensors = errors_to_find(
-            records,
-            offsets=self.offsets,
-            gains=self.gains,
-            calibration=self.calibration,
-            delays=beside_clocks(self.delays, clocks, records[0]),
-        )
+        sensors = self._errors_to_find(records, beside_clocks(self.delays, clocks, records[0]))
         if not self.ambient:
             require_force_scale(records, structure, unknown_gains(sensors))
         options = LikelihoodOptions(
@@ -497,7 +502,7 @@ class MaximumLikelihood(Estimator):
             model_error=not self.exact,
             progress=progress,
         )
-        admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
+        admitted = self._admitted
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
             added = (*options.drifts, *options.hums, *options.corners)
@@ -506,7 +511,7 @@ class MaximumLikelihood(Estimator):
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
             search = partial(self._search, structure)
-            driven, options = with_harmonics(search, records, options, lambda fit: fit)
+            driven, options = with_harmonics(search, records, options)
             finish = partial(_smoothest, structure)
             report = partial(estimate_of, structure)
             return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
@@ -526,14 +531,7 @@ class MaximumLikelihood(Estimator):
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
-        errors = errors_to_find(
-            records,
-            offsets=self.offsets,
-            gains=self.gains,
-            calibration=self.calibration,
-            delays=self.delays,
-        )
-        admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
+        errors, admitted = self._errors_to_find(records, self.delays), self._admitted
         require_known_kinds((errors["offsets"], errors["gains"], errors["delays"]), admitted)
         requests = {
             "gains": errors["gains"],

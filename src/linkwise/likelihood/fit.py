@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -36,7 +37,6 @@ from linkwise.likelihood.shooting.segments import Disturbance, Segments
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed, framed_records
@@ -95,8 +95,8 @@ def require_told(fit: LikelihoodFit) -> None:
 
     A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
     """
-    converged = fit.status is AnnealingStatus.CONVERGED
-    explained = fit.has_errors and not fit.chi_square_off and fit.status is not AnnealingStatus.INTERRUPTED
+    converged = fit.converged
+    explained = fit.has_errors and not fit.chi_square_off and not fit.interrupted
     if fit.untold and (converged or explained):
         raise IdentificationError(
             f"the records do not tell the gain of {', '.join(fit.untold)}: another scale of forces, masses or motion explains "
@@ -107,6 +107,7 @@ def require_told(fit: LikelihoodFit) -> None:
 
 
 _MOST_WORKERS = 8
+T = TypeVar("T")
 
 
 class CostShape(Enum):
@@ -213,6 +214,21 @@ class LikelihoodFit:
             free=~found.at_bound[:p],
             optimum=replace(optimum, misfit=found.misfit, q=found.q),
         )
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search found an optimum."""
+        return self.status is AnnealingStatus.CONVERGED
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user ended the search."""
+        return self.status is AnnealingStatus.INTERRUPTED
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether exact laws leave no more than noise."""
+        return not self.chi_square_off and self.model_error == 0.0
 
     @property
     def has_errors(self) -> bool:
@@ -329,8 +345,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     """The sensors of records in the coordinates of the equations."""
     names = frames[0].names
     offsets, gains, delays = (
-        [names.get(name, name) for name in named]
-        for named in (options.offsets, options.gains, options.delays)
+        [*_renamed(dict.fromkeys(named), names)] for named in (options.offsets, options.gains, options.delays)
     )
     drifting = dict.fromkeys(name for frame in frames for name in frame.drifting)
     if drifting and options.random:
@@ -339,12 +354,10 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter pieces "
             "of that (drift), or record the motion relative to the base"
         )
-    free = set(offsets) - {
-        names.get(name, name) for name in options.offset_deviations
-    }  # hold where drifts start
+    known = _renamed(options.offset_deviations, names)
+    free = set(offsets) - known.keys()  # hold where drifts start
     clocks = [names.get(name, name) for members in options.clocked.values() for name in members]
-    drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
-    calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
+    calibration = _renamed(options.calibration, names)
     noise = tuple(channel_noise(frame.record) for frame in frames)
     return SensorModel(
         offsets=tuple(offsets),
@@ -352,7 +365,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         noise=noise,
         calibration=calibration,
         delays=tuple(delays),
-        offset_deviations={names.get(name, name): sigma for name, sigma in options.offset_deviations.items()},
+        offset_deviations=known,
         delay_priors={
             names.get(name, name): (-options.shifts.get(name, 0.0), sigma)
             for name, sigma in options.delay_deviations.items()
@@ -360,16 +373,21 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         frames=tuple(frames),
         random=tuple(options.random),
         disturbances=Disturbance.of(
-            drifts,
-            {names.get(name, name): frequency for name, frequency in options.hums.items()},
+            drifting | _renamed(options.drifts, names),
+            _renamed(options.hums, names),
             [frame.record for frame in frames],
             unknown_starts=drifting.keys() - free,
-            corners={names.get(name, name): corner for name, corner in options.corners.items()},
+            corners=_renamed(options.corners, names),
             clocks=clocks,
             denoised={name: _without_noise(frames, noise, name) for name in clocks}
-            | {names.get(name, name): series for name, series in options.denoised.items()},
+            | _renamed(options.denoised, names),
         ),
     )
+
+
+def _renamed(given: Mapping[str, T], names: Mapping[str, str]) -> dict[str, T]:
+    """What is given by channel, by their `names` in the coordinates of the equations."""
+    return {names.get(name, name): value for name, value in given.items()}
 
 
 def _without_noise(
@@ -379,9 +397,8 @@ def _without_noise(
     series = []
     for frame, noise in zip(frames, noises, strict=True):
         shown = frame.record.channel(name)
-        carried = frame.carried.get(Channel.parse(name))
-        if carried is not None:
-            shown = shown + carried[0]
+        for carried in (own[0] for channel, own in frame.carried.items() if channel == name):
+            shown = shown + carried
         spectrum = np.fft.rfft(shown)
         power = uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
@@ -393,11 +410,11 @@ def denoised(
     fit: LikelihoodFit, records: Sequence[Record], corners: Iterable[str]
 ) -> dict[str, list[Floats]]:
     """What high passes leave of the motion of a fit in some channels of each record (N,), without the noise of the samples."""
-    segments, responses, shown = fit.segments, records[0].responses, {}
+    segments, responses, shown = fit.segments, list[str](records[0].responses), {}
     ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
     assert segments.waveforms is not None
     for name in corners:
-        number = responses.index(Channel.parse(name))
+        number = responses.index(name)
         left = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
         taken = left + segments.waveforms.added(number, fit.waveforms[0])
         series = []

@@ -190,19 +190,17 @@ class BlockScores:
 
         The first `parameters` are tested beside each other, each other one beside these alone.
         """
-        blocks, whole = len(self.scores), self.information.sum(axis=0)
+        whole, own = self.information.sum(axis=0), slice(0, parameters)
         scale = 1.0 / np.sqrt(np.maximum(whole.diagonal(), np.finfo(float).tiny))
-        scaled, scores = whole * np.outer(scale, scale), self.scores * scale
-        own = np.arange(parameters)
-        ratios = np.ones(len(whole))
-        for number in range(len(whole)):
-            beside = own[own != number]
-            weights = np.linalg.lstsq(scaled[np.ix_(beside, beside)], scaled[beside, number], rcond=1e-12)[0]
-            left = scaled[number, number] - scaled[number, beside] @ weights
-            pull = scores[:, number] - scores[:, beside] @ weights
-            if left > _COLLINEAR:
-                ratios[number] = np.sum((pull - pull.mean()) ** 2) * blocks / (blocks - 1) / left
-        return ratios
+        scaled = whole * np.outer(scale, scale)
+        inverse = np.linalg.pinv(scaled[own, own], rcond=1e-12, hermitian=True)
+        beside = np.eye(len(whole))  # what of the scores is left of each unknown
+        beside[own, own] = inverse / inverse.diagonal()
+        beside[own, parameters:] = -inverse @ scaled[own, parameters:]
+        left = np.einsum("ij,ij->j", beside, scaled @ beside)
+        tested = left > _COLLINEAR
+        pulls = np.var(self.scores * scale @ beside, axis=0, ddof=1) * len(self.scores)
+        return np.where(tested, pulls / np.where(tested, left, 1.0), 1.0)
 
 
 @dataclass(frozen=True, eq=False)

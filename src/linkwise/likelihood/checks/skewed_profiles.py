@@ -145,9 +145,7 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
     inside, outside = (0.0, 0.0), (np.inf, np.inf)  # distances and roots of the rise
     distance = min(_FIRST, edge)
     for _ in range(_TRIALS):
-        rise, converged = rise_of_profile(
-            fit, np.array([number]), np.array([side * distance * error]), distance
-        )
+        rise, converged = rise_of_profile(fit, number, side * distance * error, distance)
         if rise * distance**2 < _LOWER:
             return None
         root = float(np.sqrt(max(rise, 0.0))) * distance

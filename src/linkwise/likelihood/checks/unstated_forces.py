@@ -209,17 +209,13 @@ class _Sums:
         of_kicks, of_forces, of_noise = (np.concatenate(part, axis=-1) for part in parts)
         return cls(
             {
-                name: _sum_of_squares(np.einsum("kn,knd->kd", pattern, of_kicks))
+                name: SquareSum.of(np.einsum("kn,knd->kd", pattern, of_kicks))
                 for name, pattern in kicks.items()
             },
-            [_sum_of_squares(slopes) for slopes in of_forces],
-            [_sum_of_squares(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
+            [SquareSum.of(slopes) for slopes in of_forces],
+            [SquareSum.of(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
             of_forces,
         )
-
-
-def _sum_of_squares(slopes: Floats) -> SquareSum:
-    return SquareSum.of(slopes[:, 0], slopes[:, 1:])
 
 
 def _drawn(

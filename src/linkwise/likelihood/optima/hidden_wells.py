@@ -22,7 +22,6 @@ from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.linear_model import precise_model
-from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.values import regressed, starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
@@ -37,9 +36,8 @@ _NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of res
 _GRID = 161  # places on either side, at equal ratios
 _ROUNDS = 4  # of finer grids
 _VALLEY_STEPS = 4
-_CREEPING = (
-    0.02  # of -2 log likelihood: a full step that would lower it by more is one that a search did not take
-)
+# of -2 log likelihood: a full step that would lower it by more is one that a search did not take
+_CREEPING = 0.02
 _APART = 4.0  # standard errors beyond which values are others
 _CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
 
@@ -100,7 +98,7 @@ def fit_about_rest(
     try:
         theta, _ = starting_values(records, centred, stated)
         about = search(centred, theta, options=replace(options, model_error=False, tightest=_LOOSE))
-        if about.status is AnnealingStatus.INTERRUPTED:
+        if about.interrupted:
             return None
         values, nodes = _moved(structure, centred, about, hidden)
         return _along_valley(partial(search, structure), structure, hidden, options, (values, nodes))
@@ -141,9 +139,9 @@ def _along_valley(
             again = search(values, options=replace(options, nodes=nodes))
         except IdentificationError:
             break
-        if again.status is AnnealingStatus.INTERRUPTED:
+        if again.interrupted:
             return again
-        better = again.status is AnnealingStatus.CONVERGED and fit.status is not AnnealingStatus.CONVERGED
+        better = again.converged and not fit.converged
         if not better and not again.chi_square < fit.chi_square:
             break
         fit = again
@@ -220,7 +218,7 @@ def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_H
 
 def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Sequence[_HiddenLink]) -> bool:
     """Whether a fit explains the records, and every coefficient of the links that it has found is far from zero."""
-    if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square_off:
+    if not fit.converged or fit.chi_square_off:
         return False
     numbers = {link.number for link in hidden}
     own = [any(link in numbers for link, _ in parameter.members) for parameter in structure.parameters]

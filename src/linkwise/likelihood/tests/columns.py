@@ -178,17 +178,6 @@ class TestedColumns:
         )
 
     @classmethod
-    def of_sensors(cls, errors: SensorErrors, shown: Sequence[Channel]) -> TestedColumns:
-        """Each error of a sensor alone, by the channels that are `shown`."""
-        places = zip(errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True)
-        hypotheses = [
-            Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
-            for kind, channel, source in places
-        ]
-        count = len(hypotheses)
-        return cls(hypotheses, np.ones(count), None, errors, np.empty((0, count)), np.eye(count))
-
-    @classmethod
     def of_terms(cls, motion: FittedMotion, lacking: Lacking) -> TestedColumns:
         """Each missing force alone, in its root mean square, with what load cells show of it."""
         hypotheses = [hypothesis for hypothesis, _ in lacking]
@@ -247,6 +236,14 @@ class TestedColumns:
         augmented = augmented_quadratic(optimum, forces, self.errors)
         equations = self.by_sizes(augmented, optimum.segments.system.parameters.size)
         return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
+
+
+def errors_of_sensors(errors: SensorErrors, shown: Sequence[Channel]) -> Iterator[Added]:
+    """Each error of a sensor alone, by the channels that are `shown`."""
+    places = zip(errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True)
+    for number, (kind, channel, source) in enumerate(places):
+        hypothesis = Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
+        yield Added(hypothesis, samples=[(channel, errors.values[:, number])])
 
 
 _ROUNDING = 1e-9  # of a force

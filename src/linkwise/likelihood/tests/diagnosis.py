@@ -48,6 +48,7 @@ from linkwise.likelihood.tests.columns import (
     TestedColumns,
     base_errors,
     damping_between_modes,
+    errors_of_sensors,
     inertia_and_inputs,
     shape_errors,
 )
@@ -306,9 +307,8 @@ def _scatter(scores: BlockScores, own: int) -> Floats:
 _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 """What the log determinant does not see: a jump, and forces with memory."""
 
-_LATEST = (
-    20.0  # samples: the first order says nothing of a longer delay, as that of all channels of a free decay
-)
+# samples: the first order says nothing of a longer delay, as that of all channels of a free decay
+_LATEST = 20.0
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 # of a sample squared: what straight lines take off a motion is its second derivative times it
 _STRAIGHT = 1.0 / 12.0
@@ -316,9 +316,8 @@ _NEAR = 0.2  # relative, by which a filter may differ from that and still look l
 # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 _CHANCE = 16.0
 _CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
-_CHANCE_OF_CLOCK = (
-    9.0  # beside a delay, which a clock that is added has as well, so that one too many costs little
-)
+# beside a delay, which a clock that is added has as well, so that one too many costs little
+_CHANCE_OF_CLOCK = 9.0
 _SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _LISTED = 3  # hypotheses in a sentence
@@ -451,12 +450,13 @@ def _columns(
     if len(inputs) == 1 and timed.kind:
         early = replace(timed, values=-timed.values)
         together.append(Added(Hypothesis(CLOCK, inputs[0]), samples=_samples(early)))
+    of_sensors = errors_of_sensors(errors, [name for name in channels if not name.is_input])
     of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
     return [
         TestedColumns.of_terms(motion, lacking),
-        TestedColumns.of(inertia_and_inputs(motion)),
-        TestedColumns.of_sensors(errors, [name for name in channels if not name.is_input]),
-        TestedColumns.of(chain(together, base_errors(motion), *of_hosts)),
+        TestedColumns.of(
+            chain(inertia_and_inputs(motion), of_sensors, together, base_errors(motion), *of_hosts)
+        ),
     ]
 
 

@@ -67,9 +67,9 @@ class SquareSum:
     products: Floats
 
     @classmethod
-    def of(cls, slopes: Floats, draws: Floats) -> SquareSum:
-        """From slopes (K,), and those (K, d) of draws."""
-        return cls(float(slopes @ slopes), draws.T @ draws)
+    def of(cls, slopes: Floats) -> SquareSum:
+        """From slopes (K, 1 + d), those of draws last."""
+        return cls(float(slopes[:, 0] @ slopes[:, 0]), slopes[:, 1:].T @ slopes[:, 1:])
 
     def plus(self, added: SquareSum, weight: float) -> SquareSum:
         """The sum with another one times a weight."""
@@ -394,7 +394,7 @@ def noise_of_inputs(
     estimates = []
     for channel, rms, pattern in inputs:
         slopes = np.einsum("kn,knr->kr", pattern[: len(multipliers)], multipliers)
-        score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
+        score = VarianceScore.of(SquareSum.of(slopes))
         if score is not None:
             estimates.append(InputNoise(channel, rms, pattern, score, unit_in(identified, channel)))
     return tuple(estimates)
