@@ -39,6 +39,7 @@ from linkwise.likelihood.fit import (
     inflation_beside_others,
     likelihood_fit,
     motion_of_links,
+    pooled,
     require_told,
     with_sizes,
     with_values,
@@ -67,7 +68,6 @@ from linkwise.likelihood.options import (
     LikelihoodOptions,
     beside_clocks,
     errors_to_find,
-    mean_by_precision,
     require_known_kinds,
     unknown_gains,
 )
@@ -226,12 +226,10 @@ def sensor_errors(
 
 def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
     """The corners of high passes that were found; of several records their mean by precision."""
-    found: dict[str, list[tuple[float, float]]] = {}
-    for disturbance, own in with_sizes(fit.disturbances, fit.waveforms):
-        if disturbance.high_pass and disturbance.corner is None:
-            found.setdefault(disturbance.channel, []).append((float(own[0, 0]), float(own[1, 0])))
-    for channel, pairs in found.items():
-        yield SensorErrorEstimate(channel, HIGH_PASS, *mean_by_precision(pairs), "Hz")
+    sized = with_sizes(fit.disturbances, fit.waveforms)
+    found = pooled(pair for pair in sized if pair[0].high_pass and pair[0].corner is None)
+    for channel, corner in found.items():
+        yield SensorErrorEstimate(channel, HIGH_PASS, *corner, "Hz")
 
 
 def _clocks(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:

@@ -447,6 +447,14 @@ def with_sizes(disturbances: Sequence[Disturbance], found: Floats) -> Iterator[t
     yield from zip(disturbances, np.split(found, ends[:-1], axis=1), strict=True) if disturbances else ()
 
 
+def pooled(sized: Iterable[tuple[Disturbance, Floats]]) -> dict[str, tuple[float, float]]:
+    """By channel the first size of its disturbances with its standard error, of several records the mean by precision."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for disturbance, own in sized:
+        found.setdefault(disturbance.channel, []).append((float(own[0, 0]), float(own[1, 0])))
+    return {channel: mean_by_precision(pairs) for channel, pairs in found.items()}
+
+
 def _passed(motion: Floats, step: float, corner: float) -> Floats:
     """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
     half = np.pi * corner * step
@@ -520,12 +528,9 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
 
 def _clocks(sensing: SensorModel, waveforms: Floats) -> dict[str, tuple[float, float]]:
     """Ratios of clocks in ppm by the channels as the record names them, of several records their mean by precision."""
-    found: dict[str, list[tuple[float, float]]] = {}
-    for disturbance, own in with_sizes(sensing.disturbances, waveforms):
-        if disturbance.clock:
-            found.setdefault(disturbance.channel, []).append((own[0, 0], own[1, 0]))
+    found = pooled(pair for pair in with_sizes(sensing.disturbances, waveforms) if pair[0].clock)
     given: dict[str, str] = {plain: name for name, plain in sensing.frames[0].names.items()}
-    return {given.get(name, name): mean_by_precision(pairs) for name, pairs in found.items()}
+    return {given.get(name, name): ratio for name, ratio in found.items()}
 
 
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:

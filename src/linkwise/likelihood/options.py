@@ -288,16 +288,13 @@ def errors_to_find(
         )
     named |= {name: sigma for name, sigma in requested.items() if name != ALL}
     by_channel(requested, records[0].responses, forces)
-    deviations = {
-        kind: _deviations(stated, kind, own) for kind, own in (("offset", offsets), ("delay", delays))
-    }
     return {
         "offsets": _with(offsets, stated, "offset"),
         "gains": (*gains, *(name for name in free if name not in gains)),
         "calibration": by_channel(named, records[0].responses, forces),
         "delays": _with(delays, stated, "delay"),
-        "offset_deviations": deviations["offset"],
-        "delay_deviations": deviations["delay"],
+        "offset_deviations": _deviations(stated, "offset", offsets),
+        "delay_deviations": _deviations(stated, "delay", delays),
     }
 
 

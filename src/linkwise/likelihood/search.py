@@ -19,6 +19,7 @@ What explains the residuals of a fit: the noise that was expected, coloured nois
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,6 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.marginal import is_long, relaxation, search_in_pieces
 from linkwise.likelihood.noise import (
-    ColouredFit,
     ColouredNoise,
     ModelErrorCandidate,
     lag_one_autocorrelation,
@@ -127,11 +127,14 @@ class BlockScores:
         firsts = np.searchsorted(label, np.arange(blocks))
         return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
 
-    def white(self, free: Bools) -> Floats:
-        """(f,) standard errors of the `free` unknowns by white noise of size one, as the information says."""
-        chosen = np.flatnonzero(free)
+    def ratios(self, free: Bools, noise: float, deviations: Callable[[BlockScores, Bools], Floats]) -> Floats:
+        """(p,) standard errors by blocks over those of white `noise`, at least 1, in either number of blocks."""
+        chosen, ratios = np.flatnonzero(free), np.ones(len(free))
         inverse = np.linalg.inv(self.information.sum(axis=0)[np.ix_(chosen, chosen)])
-        return np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
+        white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
+        by_blocks = [deviations(self.merged(blocks), free)[chosen] for blocks in BLOCKS]
+        ratios[chosen] = np.maximum(np.max(by_blocks, axis=0) / white, 1.0)
+        return ratios
 
     def deviations(self, free: Bools) -> Floats:
         """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
@@ -235,14 +238,10 @@ def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = No
         scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
-    chosen, p = np.flatnonzero(free), optimum.segments.system.parameters.size
-    ratios, chances = np.ones(len(free)), np.ones(len(free))
+    p = optimum.segments.system.parameters.size
     try:
-        white = optimum.noise * scores.white(free)
-        for blocks in BLOCKS:
-            merged = scores.merged(blocks)
-            ratios[chosen] = np.maximum(ratios[chosen], merged.deviations(free)[chosen] / white)
-            chances = np.fmin(chances, merged.chances(free, optimum.noise))
+        ratios = scores.ratios(free, optimum.noise, BlockScores.deviations)
+        chances = np.fmin(*(scores.merged(blocks).chances(free, optimum.noise) for blocks in BLOCKS))
     except np.linalg.LinAlgError:
         return None
     tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
@@ -371,9 +370,9 @@ class ExplainedFit:
     covariance: Floats
     chi_square: float
     chi_square_off: bool
-    model_error: float
-    noise: float
-    error_ratios: Floats | None
+    model_error: float = 0.0
+    noise: float = 1.0
+    error_ratios: Floats | None = None
     coloured: ColouredNoise | None = None
 
 
@@ -422,13 +421,16 @@ def explained_fit(
     if inexact and (known or unreached or off_by_laws):
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
-        return _of_exact_laws(coloured, coloured.fit, off=any_stated and off, noise=coloured.noise)
+        stated = any_stated and off
+        return ExplainedFit(
+            coloured.fit, coloured.covariance, coloured.chi_square, stated, coloured=coloured.noise
+        )
     if candidate is not None and candidate.exact:
         fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
-        return _of_exact_laws(fit, fit, off=_is_off(segments, fit, annealer.loss, limit, lowest))
-    if candidate is not None:
+        off = _is_off(segments, fit, annealer.loss, limit, lowest)
+    elif candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
-    return _of_exact_laws(fit, fit, off=off)
+    return ExplainedFit(fit, fit.covariance, fit.chi_square, off)
 
 
 def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
@@ -447,13 +449,6 @@ def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, low
     samples = segments.observed[:, noisy].sum()
     power = float(np.sum(fit.misfit.residuals[:, noisy] ** 2)) / max(samples, 1)
     return bool(samples) and not power >= least
-
-
-def _of_exact_laws(
-    errors: AnnealingFit | ColouredFit, fit: AnnealingFit, *, off: bool, noise: ColouredNoise | None = None
-) -> ExplainedFit:
-    ones = np.ones(len(errors.covariance))
-    return ExplainedFit(fit, errors.covariance, errors.chi_square, off, 0.0, 1.0, ones, noise)
 
 
 def did_not_converge(fit: AnnealingFit) -> bool:
@@ -482,7 +477,7 @@ def _with_model_error(
         fit.covariance * np.outer(widened, widened),
         chi_square,
         bool(unexplained or (stated and abs(chi_square - 1.0) > limit)),
-        candidate.q,
+        fit.q,
         factor,
         ratios,
     )

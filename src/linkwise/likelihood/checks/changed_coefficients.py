@@ -16,7 +16,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.checks.horizons import CloserFit
 from linkwise.likelihood.checks.judgement import LIKELIER, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
@@ -53,22 +52,15 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
     """
     if before.verdict not in _JUDGED:
         return None
-    change = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis)
-    if change is not None:
-        return _with_change(before, change)
-    hidden = None if of.causes else _hidden_change(of.closer, of.records)
-    return None if hidden is None else _with_change(before, hidden, "Held closer to the laws")
+    change, beside = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis), ""
+    if change is None and not of.causes and (closer := of.closer) is not None:
+        diagnosis, beside = closer.diagnosis, "Held closer to the laws"
+        change = likeliest_change(closer.fit, of.records, diagnosis.tested, diagnosis.causes)
+        change = change if change is not None and closer.explains_most(change.gain) else None
+    return None if change is None else _with_change(before, change, beside)
 
 
-def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause | None:
-    """The change that explains most of what the laws leave in a fit held closer to them, and much more than other causes."""
-    if closer is None:
-        return None
-    change = likeliest_change(closer.fit, records, closer.diagnosis.tested, closer.diagnosis.causes)
-    return change if change is not None and closer.explains_most(change.gain) else None
-
-
-def _with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:
+def _with_change(judgement: Judgement, change: Cause, beside: str) -> Judgement:
     """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
     explained = f"{beside}, one value" if beside else "One value"
     return replace(

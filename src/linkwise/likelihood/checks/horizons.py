@@ -23,13 +23,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import held_at, is_long, relaxation
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.search import BLOCKS, Optimum, blocks_of_scatter
+from linkwise.likelihood.search import BLOCKS, BlockScores, Optimum, blocks_of_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
@@ -49,18 +48,6 @@ _LOOSE = 1.0  # the loosest relaxation of laws that were fitted as exact: near i
 _STEPS = 60  # of a search, which starts at the optimum of the looser horizon
 
 
-@dataclass(frozen=True, eq=False)
-class _Horizon:
-    """The optimum at a relaxation, with the covariance (P, P) of all unknowns by blocks and the factor on the noise."""
-
-    fit: AnnealingFit
-    covariance: Floats
-    noise: float
-
-    def deviations(self, parameters: int) -> Floats:
-        return np.sqrt(np.maximum(self.covariance.diagonal()[:parameters], 0.0))
-
-
 def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     """The approximate answer of laws that leave more than noise.
 
@@ -78,23 +65,26 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     """
     if fit.optimum.segments.random is not None:
         return None
-    p, path = len(fit.values), list(_path(fit))
-    moves = [_largest_move(before, after, p) for before, after in pairwise(path)]
+    path = list(_path(fit))
+    moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves or min(moves) > _LARGEST:
         return None
     chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), int(np.argmin(moves)))
-    later = [horizon.fit.point.theta - path[chosen].fit.point.theta for horizon in path[chosen + 1 :]]
-    return _at(fit, path[chosen], np.max(np.square(later), axis=0))
+    moved = [later.values - path[chosen].values for later in path[chosen + 1 :]]
+    return replace(
+        path[chosen], covariance=path[chosen].covariance + np.diag(np.max(np.square(moved), axis=0))
+    )
 
 
-def _largest_move(before: _Horizon, after: _Horizon, parameters: int) -> float:
+def _largest_move(before: LikelihoodFit, after: LikelihoodFit) -> float:
     """How far the parameter moves most from a horizon to the next, in its standard errors; those at bounds have none."""
-    deviations, moved = before.deviations(parameters), after.fit.point.theta - before.fit.point.theta
+    deviations = np.sqrt(np.maximum(before.covariance.diagonal(), 0.0))
+    moved = after.values - before.values
     free = deviations > 0.0
     return float(np.max(np.abs(moved[free]) / deviations[free], initial=0.0))
 
 
-def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
+def _path(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
     """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
     optimum = fit.optimum
     exact = optimum.q <= AnnealingSchedule.final_q
@@ -106,10 +96,10 @@ def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
         found = optimum_at(optimum, q, _STEPS)
         if found is None or found.status is not AnnealingStatus.CONVERGED:
             return
-        horizon = _by_blocks(optimum, found)
+        horizon = _by_blocks(fit, found)
         if horizon is None:
             return
-        optimum = replace(optimum, misfit=found.misfit)
+        optimum = horizon.optimum
         yield horizon
 
 
@@ -122,33 +112,23 @@ def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit | None:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is no horizon
-def _by_blocks(optimum: Optimum, found: AnnealingFit) -> _Horizon | None:
-    """The optimum with its covariance by blocks; None where that is not finite."""
-    segments = optimum.segments
-    if blocks_of_scatter(segments) == 1:
+def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> LikelihoodFit | None:
+    """The fit where a search ended, with its covariance by blocks; None where that is not finite."""
+    optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
+    if blocks_of_scatter(optimum.segments) == 1:
         return None
     with one_blas_thread():
-        noise, _ = evidence(segments, found, found.q, optimum.loss)
-        scores = replace(optimum, misfit=found.misfit, q=found.q).block_scores(BLOCKS[0])
+        noise, _ = evidence(optimum.segments, found, found.q, optimum.loss)
+        scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
-    free, ratios = ~found.at_bound, np.ones(len(found.covariance))
-    chosen = np.flatnonzero(free)
     try:
-        white = noise * scores.white(free)
-        by_blocks = [scores.merged(blocks).by_scores(free)[chosen] for blocks in BLOCKS]
+        ratios = scores.ratios(~found.at_bound, noise, BlockScores.by_scores)
     except np.linalg.LinAlgError:
         return None
-    ratios[chosen] = np.maximum(np.max(by_blocks, axis=0) / white, 1.0)
     covariance = noise**2 * found.covariance * np.outer(ratios, ratios)
-    return _Horizon(found, covariance, noise) if np.isfinite(covariance).all() else None
-
-
-def _at(fit: LikelihoodFit, horizon: _Horizon, moved: Floats) -> LikelihoodFit:
-    """The fit at a horizon; `moved` (p,) are squares of the changes of the parameters to tighter horizons."""
-    white = replace(fit.optimum, noise=horizon.noise, coloured=None, of_white=None)
-    there = fit.at(white, horizon.fit, horizon.covariance)
-    return replace(there, covariance=there.covariance + np.diag(moved))
+    there = fit.at(replace(optimum, noise=noise), found, covariance)
+    return there if np.isfinite(covariance).all() else None
 
 
 _CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs

@@ -157,9 +157,6 @@ def is_quadratic(
 ) -> bool:
     """Whether the cost rises as the covariance predicts where the parameters are moved by two standard errors and held.
 
-    Beside a host only parameters without a prior are moved, and all others are fitted again: dampings between modes, which
-    records hardly determine, shift frequencies by their squares, so that the cost is no parabola of all together.
-
     Parameters
     ----------
     fit : LikelihoodFit
@@ -176,14 +173,12 @@ def is_quadratic(
     bool
         Whether it does.
     """
-    tested = _tested(fit, faint)
-    chosen = _unknown_beforehand(fit, tested)
-    root = _root_of_covariance(fit, chosen)
-    moved = _along_profiles if len(chosen) < len(tested) else _held
-    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
+    free = _tested(fit, faint)
+    root = _root_of_covariance(fit, free)
+    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     return root is None or all(
-        _is_expected(*rise(fit, *moved(fit, chosen, side * (root @ direction)), _DISTANCE), factor)
+        _is_expected(*rise(fit, *_held(fit, free, side * (root @ direction)), _DISTANCE), factor)
         for direction in directions
         for side in sides
     )
@@ -275,16 +270,9 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, d
 
 def rise_of_profile(fit: LikelihoodFit, number: int, step: float, distance: float) -> tuple[float, bool]:
     """The `rise` where a parameter is moved by a step, of a `distance` in standard errors, and all others fitted again."""
-    return rise(fit, *_along_profiles(fit, np.array([number]), np.array([step])), distance)
-
-
-def _along_profiles(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Bools]:
-    """All parameters, some of them moved by a step (f,), the others as they follow, and which of them are held."""
     covariance = _covariance(fit)
-    size = np.sqrt(np.maximum(covariance.diagonal()[moved], np.finfo(float).tiny))
-    correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
-    with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
-    return fit.optimum.point.theta + with_others, np.isin(np.arange(len(fit.values)), moved)
+    theta = fit.optimum.point.theta + covariance[:, number] / covariance[number, number] * step
+    return rise(fit, theta, np.arange(len(theta)) == number, distance)
 
 
 def _held(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Bools]:
@@ -297,15 +285,6 @@ def _held(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Boo
 def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
     """The parameters that are free and not `faint`."""
     return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
-
-
-def _unknown_beforehand(fit: LikelihoodFit, parameters: Indices) -> Indices:
-    """Those of some parameters that have no prior; all of them where none is without, or the structure has no host."""
-    prior = fit.segments.prior
-    if prior is None or not len(fit.segments.system.points):
-        return parameters
-    unknown = parameters[np.isinf(prior.deviation[parameters])]
-    return unknown if len(unknown) else parameters
 
 
 def _covariance(fit: LikelihoodFit) -> Floats:

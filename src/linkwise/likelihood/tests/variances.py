@@ -197,17 +197,22 @@ def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
         for number, force in enumerate(forces)
         if force.ambient and random.present[number] and force.upper_limit is None  # else it may be chance
     ]
-    parts = _Band.of_records(fit)
-    if not ambient or sum(band.count for band in parts) < _BANDS * _FEWEST:
+    parts, counts, highest = zip(*_bands(fit), strict=True)
+    if not ambient or sum(counts) < _BANDS * _FEWEST:
         return ()
     spectra = [
-        np.concatenate([band.spectrum(slopes[number]) for band in parts], axis=0) for number in ambient
+        np.concatenate(
+            [
+                np.fft.rfft(slopes[number][part], axis=0)[1 : count + 1]
+                for part, count in zip(parts, counts, strict=True)
+            ]
+        )
+        for number in ambient
     ]
-    places = np.concatenate([band.places() for band in parts])
-    highest = max(band.highest for band in parts)
+    places = np.concatenate([np.arange(count) * _BANDS // max(count, 1) for count in counts])
     named = [forces[number] for number in ambient]
     shown = fit.optimum.segments.centred
-    coloured = _coloured(named, spectra, places, highest, of_accelerations=shown)
+    coloured = _coloured(named, spectra, places, max(highest), of_accelerations=shown)
     unsteady = _unsteady(named, [slopes[number] ** 2 for number in ambient])
     return (*coloured, *_correlated(named, spectra), *unsteady)
 
@@ -290,37 +295,19 @@ def _in_parts(values: Floats, count: int) -> Floats:
     return np.add.reduceat(values, np.arange(count) * len(values) // count)
 
 
-class _Band:
-    """The frequencies of one record, `start` to `stop` among its segments, in which its structure moves."""
-
-    def __init__(self, fit: LikelihoodFit, start: int, stop: int) -> None:
-        segments, point = fit.optimum.segments, fit.optimum.point
-        n = len(segments.system.incidence)
-        self._part = slice(start, stop)
-        velocities = np.fft.rfft(point.nodes[n : 2 * n, self._part], axis=1)
-        energy = np.cumsum(segments.system.at(point.theta).masses @ np.abs(velocities) ** 2)
-        end = int(np.searchsorted(energy, _MOTION * energy[-1]))
-        whole = len(energy) - 1
+def _bands(fit: LikelihoodFit) -> Iterator[tuple[slice, int, float]]:
+    """Of each record its segments, and how many frequencies its structure moves at, with the highest in Hz."""
+    segments, point = fit.optimum.segments, fit.optimum.point
+    n, masses = len(segments.system.incidence), segments.system.at(point.theta).masses
+    ends = np.flatnonzero(~segments.linked) + 1
+    for start, stop in pairwise([0, *ends.tolist(), segments.count]):
+        velocities = np.fft.rfft(point.nodes[n : 2 * n, start:stop], axis=1)
+        energy = np.cumsum(masses @ np.abs(velocities) ** 2)
+        end, whole = int(np.searchsorted(energy, _MOTION * energy[-1])), len(energy) - 1
         # accelerations show the forces themselves, and tell their level by all frequencies
-        self.count = whole if segments.centred else min(int(_BEYOND * end), whole)
+        count = whole if segments.centred else min(int(_BEYOND * end), whole)
         step = float(segments.step[start] * segments.refine * len(segments.samples))
-        self.highest = self.count / ((stop - start) * step)
-
-    @classmethod
-    def of_records(cls, fit: LikelihoodFit) -> list[_Band]:
-        """Those of each record."""
-        ends = np.flatnonzero(~fit.optimum.segments.linked) + 1
-        edges = [0, *ends.tolist(), fit.optimum.segments.count]
-        return [cls(fit, start, stop) for start, stop in pairwise(edges)]
-
-    def spectrum(self, slopes: Floats) -> Floats:
-        """(F, 1 + d) the complex spectrum of slopes (K, 1 + d), but for their mean."""
-        series = np.moveaxis(slopes[self._part], 1, 0)
-        return np.stack([np.fft.rfft(drawn)[1 : self.count + 1] for drawn in series], axis=1)
-
-    def places(self) -> Indices:
-        """(F,) in which of the bands each frequency lies."""
-        return np.arange(self.count) * _BANDS // max(self.count, 1)
+        yield slice(start, stop), count, count / ((stop - start) * step)
 
 
 # of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
