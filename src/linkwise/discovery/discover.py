@@ -157,7 +157,7 @@ def discover(
     def report(fit: LikelihoodFit, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
         return found[fit].judge(records, delays) if delays else found[fit].discovery
 
-    driven, sensors = with_harmonics(search, records, sensors, lambda fit: fit)
+    driven, sensors = with_harmonics(search, records, sensors)
     discovery = answer_with_sensors(search, driven, sensors, chosen.admit, report, finish=lambda fit, _: fit)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))

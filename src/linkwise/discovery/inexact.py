@@ -393,8 +393,7 @@ def _judged_by_blocks(
     noise = float(np.sqrt(closest.chi_square))
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[:p] = closest.free
-    at_optimum = closest.segments, closest.misfit, optimum.scales, optimum.loss
-    scatter = block_scatter(*at_optimum, q=optimum.q, noise=noise, free=free)
+    scatter = block_scatter(replace(optimum, noise=noise), free)
     if scatter is None:
         return None
     white = noise * np.sqrt(np.maximum(closest.covariance.diagonal(), np.finfo(float).tiny))

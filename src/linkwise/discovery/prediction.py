@@ -17,9 +17,8 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.selection import Selection
-from linkwise.likelihood.search import FEWEST, block_scores
+from linkwise.likelihood.search import FEWEST
 from linkwise.likelihood.shooting.normal_equations import add_prior
-from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.tests.score_test import candidate_forces
 from linkwise.runtime import one_blas_thread
 
@@ -99,14 +98,13 @@ def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockPar
     None where the records are too short for blocks, or random forces act.
     """
     optimum = selection.fit.optimum
-    segments, scales, loss, p = optimum.segments, optimum.scales, optimum.loss, len(selection.inside)
+    segments, scales, p = optimum.segments, optimum.scales, len(selection.inside)
     if segments.count < FEWEST * _BLOCKS or selection.fit.random_forces:
         return None
     forces = selection.candidates.forces([selection.entries[k] for k in added], selection.structure)
     with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):  # a term may be infinite somewhere
-        misfit = evaluate(segments, optimum.point, scales, loss)
-        tested, _ = candidate_forces(segments, misfit, forces)
-        scores = block_scores(segments, misfit, scales, loss, optimum.q, _BLOCKS, candidates=tested)
+        tested, _ = candidate_forces(segments, optimum.misfit, forces)
+        scores = optimum.block_scores(_BLOCKS, tested)
     if scores is None:
         return None
     values = np.zeros(scores.scores.shape[1])
@@ -115,11 +113,11 @@ def block_parabolas(selection: Selection, added: Sequence[int] = ()) -> BlockPar
     numbers = {k: place for place, k in enumerate((*range(p), *added))}
     slope, curvature = np.zeros_like(scores.scores[0]), np.zeros_like(scores.information[0])
     if segments.prior is not None:
-        add_prior(curvature, slope, segments.prior, misfit.point, scales)
+        add_prior(curvature, slope, segments.prior, optimum.point, scales)
     slopes, curvatures = (
         np.concatenate([[parts[0] - known], parts[1:]])  # the first block has what is known beforehand
         for parts, known in ((scores.scores, slope), (scores.information, curvature))
     )
     prior = slope / scale, curvature / scale
-    cost = misfit.cost(optimum.q) / scale
+    cost = optimum.misfit.cost(optimum.q) / scale
     return BlockParabolas(slopes / scale, curvatures / scale, values, numbers, p, prior, cost)

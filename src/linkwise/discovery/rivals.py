@@ -24,7 +24,6 @@ from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.tests.columns import Added, TestedColumns, errors_of_stated_values
 from linkwise.likelihood.tests.score_test import (
     Hypothesis,
@@ -227,13 +226,12 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
     optimum = selection.fit.optimum
     try:
         with one_blas_thread():
-            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-            ones = np.ones_like(misfit.residuals[:, 0])
+            ones = np.ones_like(optimum.misfit.residuals[:, 0])
             columns = TestedColumns.of(
                 Added(Hypothesis(kind, where), samples=[(number, ones) for number in numbers])
                 for kind, where, numbers in errors
             )
-            local = columns.local_quadratic(optimum, misfit)
+            local = columns.local_quadratic(optimum)
         names = [f"{kind} of {where}" for kind, where, _ in errors]
         model = selection.quadratic_beside(local, [-1] * len(names), names)
     except np.linalg.LinAlgError:

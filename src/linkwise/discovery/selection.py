@@ -16,7 +16,6 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.optima.restarts import fit_with_restarts
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
-from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.tests.diagnosis import link_forces
 from linkwise.likelihood.tests.score_test import LocalQuadratic, candidate_forces, local_quadratic
 from linkwise.model.structure import Structure
@@ -128,23 +127,21 @@ class Selection:
         optimum, of_links = self.fit.optimum, dict[frozenset[str], float]()
         ends = {k: frozenset(self.candidates.pairs[entry.pair].between) for k, entry in self.entries.items()}
         with one_blas_thread():
-            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-            sizes = link_forces(optimum, misfit, self.structure)
+            sizes = link_forces(optimum, self.structure)
             for link in self.structure.links:
                 between = frozenset(link.between)
                 of_links[between] = of_links.get(between, 0.0) + sizes[link.name]
             found = [k for k in ends if ends[k] in of_links]
             forces = self.candidates.forces([self.entries[k] for k in found], self.structure)
-            _, units = candidate_forces(optimum.segments, misfit, forces)
+            _, units = candidate_forces(optimum.segments, optimum.misfit, forces)
         ratios = (units * [of_links[ends[k]] for k in found]).tolist()
         return {k: 1.0 / ratio if ratio > 0.0 else np.inf for k, ratio in zip(found, ratios, strict=True)}
 
     def link_motions(self) -> dict[str, tuple[Floats, Floats]]:
         """Elongations and rates of each link along the fitted motion, at the ends of the steps of the flow, in m and m/s."""
         optimum, links = self.fit.optimum, self.structure.links
-        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
         order = optimum.segments.system.order.tolist()
-        motion = misfit.trajectories.links
+        motion = optimum.misfit.trajectories.links
         return {links[link].name: (motion[:, 0, k], motion[:, 1, k]) for k, link in enumerate(order)}
 
 

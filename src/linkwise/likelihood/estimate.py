@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
-from typing import ClassVar, TypedDict, final
+from typing import Any, ClassVar, TypedDict, final
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
+from linkwise.likelihood.delays import clock_found
 from linkwise.likelihood.explained import answer_with_sensors, beside_exchange, explained_answer
 from linkwise.likelihood.fit import (
     LikelihoodFit,
@@ -38,8 +39,10 @@ from linkwise.likelihood.fit import (
     inflation_beside_others,
     likelihood_fit,
     motion_of_links,
+    pooled,
     require_told,
     with_sizes,
+    with_values,
 )
 from linkwise.likelihood.harmonics import estimated_harmonics, harmonic_forces, with_harmonics
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
@@ -64,9 +67,7 @@ from linkwise.likelihood.options import (
     INPUT_NOISE,
     LikelihoodOptions,
     beside_clocks,
-    clock_found,
     errors_to_find,
-    mean_by_precision,
     require_known_kinds,
     unknown_gains,
 )
@@ -225,12 +226,10 @@ def sensor_errors(
 
 def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
     """The corners of high passes that were found; of several records their mean by precision."""
-    found: dict[str, list[tuple[float, float]]] = {}
-    for disturbance, own in with_sizes(fit.disturbances, fit.waveforms):
-        if disturbance.high_pass and disturbance.corner is None:
-            found.setdefault(disturbance.channel, []).append((float(own[0, 0]), float(own[1, 0])))
-    for channel, pairs in found.items():
-        yield SensorErrorEstimate(channel, HIGH_PASS, *mean_by_precision(pairs), "Hz")
+    sized = with_sizes(fit.disturbances, fit.waveforms)
+    found = pooled(pair for pair in sized if pair[0].high_pass and pair[0].corner is None)
+    for channel, corner in found.items():
+        yield SensorErrorEstimate(channel, HIGH_PASS, *corner, "Hz")
 
 
 def _clocks(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
@@ -464,6 +463,17 @@ class MaximumLikelihood(Estimator):
         answer = (self._on_rig if structure.on_rig else self._in_motion)(records, structure, progress)
         return with_profiles(answer, progress) if self.profile else answer
 
+    @property
+    def _admitted(self) -> Sequence[str]:
+        """The kinds of errors that may be added."""
+        return (self.admit,) if isinstance(self.admit, str) else self.admit
+
+    def _errors_to_find(self, records: Sequence[Record], delays: Sequence[str]) -> dict[str, Any]:
+        """The fields of `LikelihoodOptions` for errors of sensors."""
+        return errors_to_find(
+            records, offsets=self.offsets, gains=self.gains, calibration=self.calibration, delays=delays
+        )
+
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
         for record in records:
@@ -475,13 +485,7 @@ class MaximumLikelihood(Estimator):
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         clocks = ratios_by_channel(self.clocks)
-        sensors = errors_to_find(
-            records,
-            offsets=self.offsets,
-            gains=self.gains,
-            calibration=self.calibration,
-            delays=beside_clocks(self.delays, clocks, records[0]),
-        )
+        sensors = self._errors_to_find(records, beside_clocks(self.delays, clocks, records[0]))
         if not self.ambient:
             require_force_scale(records, structure, unknown_gains(sensors))
         options = LikelihoodOptions(
@@ -496,7 +500,7 @@ class MaximumLikelihood(Estimator):
             model_error=not self.exact,
             progress=progress,
         )
-        admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
+        admitted = self._admitted
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
             added = (*options.drifts, *options.hums, *options.corners)
@@ -505,7 +509,7 @@ class MaximumLikelihood(Estimator):
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
             search = partial(self._search, structure)
-            driven, options = with_harmonics(search, records, options, lambda fit: fit)
+            driven, options = with_harmonics(search, records, options)
             finish = partial(_smoothest, structure)
             report = partial(estimate_of, structure)
             return answer_with_sensors(search, driven, options, admitted, report, finish=finish)
@@ -522,14 +526,7 @@ class MaximumLikelihood(Estimator):
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
-        errors = errors_to_find(
-            records,
-            offsets=self.offsets,
-            gains=self.gains,
-            calibration=self.calibration,
-            delays=self.delays,
-        )
-        admitted = (self.admit,) if isinstance(self.admit, str) else self.admit
+        errors, admitted = self._errors_to_find(records, self.delays), self._admitted
         require_known_kinds((errors["offsets"], errors["gains"], errors["delays"]), admitted)
         requests = {
             "gains": errors["gains"],
@@ -670,13 +667,6 @@ def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) 
     )
 
 
-def _with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
-    """The structure with the values of a fit."""
-    return structure.with_values(
-        dict(zip((p.name for p in structure.parameters), map(float, fit.values), strict=True))
-    )
-
-
 def estimate_of(
     structure: Structure,
     fit: LikelihoodFit,
@@ -691,14 +681,14 @@ def estimate_of(
     IdentificationError where the records do not tell a gain.
     """
     require_told(fit)
-    identified, fit = _with_values(structure, fit), with_limits(fit)
+    identified, fit = with_values(structure, fit), with_limits(fit)
     structures = (structure,) if offered is None else (offered, structure)
     examined = Examined(fit, identified, structures, records, searched=offered is not None)
     judgement = judge(examined)
     residuals = fit.misfit.residuals
     approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
     if approximate is not None:
-        fit, identified = approximate, _with_values(structure, approximate)
+        fit, identified = approximate, with_values(structure, approximate)
         judgement = replace(judgement, added={})  # the scatter of blocks and the path hold all that
     covariance, faint = with_faint_modes(fit, identified)
     of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)

@@ -22,19 +22,16 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
 from linkwise.likelihood.checks.slips import slips
+from linkwise.likelihood.delays import Answer, Report, Search, with_delays
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
     ADMISSIBLE,
     OF_FORCE,
-    Answer,
-    Fit,
     LikelihoodOptions,
-    Report,
-    Search,
     beside_clocks,
     is_admissible,
     require_known_kinds,
-    with_delays,
     with_error,
 )
 from linkwise.likelihood.random_forces import noise_of_channels, random_forces
@@ -82,13 +79,13 @@ def explained(stated: Rung, beside: Callable[[Rung], Rung | None], most: int) ->
 
 
 def answer_with_sensors(
-    search: Search[Fit],
+    search: Search,
     records: Sequence[Record],
     options: LikelihoodOptions,
     admitted: Sequence[str],
-    report: Report[Fit, Answer],
+    report: Report[Answer],
     *,
-    finish: Callable[[Fit, Sequence[Record]], Fit],
+    finish: Callable[[LikelihoodFit, Sequence[Record]], LikelihoodFit],
 ) -> Answer:
     """The answer by `options`, with errors of the `admitted` kinds added as long as one of them is diagnosed first.
 

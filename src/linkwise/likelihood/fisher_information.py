@@ -6,18 +6,17 @@ of a second with free states are not (METHODS section 5).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.flow import flow
-from linkwise.likelihood.shooting.segments import A, F, Iterate, S, Scales, Segments, V, X
-from linkwise.likelihood.shooting.tangents import shown_tangents, tangents
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import chunks, whitened_jacobian
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
-_NUMBERS = 4_000_000  # in the sensitivities of one batch of segments
 _SINGULAR = 1e-9  # eigenvalue, relative to the information with known states, that single precision cannot tell from 0
 _IN_NULL_SPACE = 1e-3  # share of a combination in the null space that makes it unidentifiable
 _CONFOUNDED = 0.01  # cosine between the null-space parts of two parameters that are confounded
@@ -113,39 +112,13 @@ def fisher_information(segments: Segments, point: Iterate, scales: Scales) -> Fi
     loss of digits; of order 4 in the step, as the tangents are.
     """
     p, m = segments.system.parameters.size, len(scales.state)
-    per_segment = segments.observed[..., 0].size * (m + p)
-    size = max(1, _NUMBERS // per_segment)
+    misfit, loss = evaluate(segments, point, scales, Gaussian()), Gaussian()
     fisher, diagonal = np.zeros((p, p)), np.zeros(p)
-    for first in range(0, segments.count, size):
-        rows = _sensitivities(segments, point, scales, slice(first, min(first + size, segments.count)))
-        triangle: Floats = np.asarray(np.linalg.qr(rows, mode="r"))
+    for part in chunks(segments, p):
+        rows, _ = whitened_jacobian(segments, misfit, scales, loss, part)
+        triangle: Floats = np.asarray(np.linalg.qr(rows[..., :-1].astype(float), mode="r"))
         projected = triangle[:, m:, m:].reshape(-1, p)
         fisher += projected.T @ projected
         diagonal += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
     unit = scales.theta
     return FisherInformation(fisher / np.outer(unit, unit), diagonal / unit**2)
-
-
-def _sensitivities(segments: Segments, point: Iterate, scales: Scales, part: slice) -> Floats:
-    """(k, rows, 2n + p) of all samples observed, in standard deviations of the noise, by scaled states and theta."""
-    blocks = list(_samples(segments, point, scales, part))
-    return np.concatenate(blocks, axis=1)
-
-
-def _samples(segments: Segments, point: Iterate, scales: Scales, part: slice) -> Iterator[Floats]:
-    """(k, C, 2n + p) sample by sample."""
-    mechanics, step = segments.system.at(point.theta), segments.step[part]
-    inputs = segments.inputs.part(part)
-    orbit = flow(mechanics, point.nodes[..., part], step, segments.steps, inputs)
-    observed, sensors = segments.observed[..., part], segments.sensors.at(mechanics)
-    rates = {X: np.ones_like(step), V: 1.0 / step, A: 1.0 / step**2, F: 1.0 / step**2, S: np.ones_like(step)}
-    tangent_samples = tangents(mechanics, orbit, step, scales.state, scales.theta, inputs=inputs)
-    for sample, tangent in enumerate(tangent_samples):
-        if tangent.acceleration is None or not observed[sample].any():
-            continue
-        motion = shown_tangents(sensors, tangent, mechanics, orbit, sample, (step, scales.theta))
-        rows = np.empty((len(step), len(sensors.kind), tangent.state.shape[2]))
-        for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
-            weight = observed[sample, channel] * rates[kind] / scales.sigma[channel]
-            rows[:, channel] = (motion[kind][mass] * weight).T
-        yield rows

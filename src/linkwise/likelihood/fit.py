@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -24,19 +25,18 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
-from linkwise.likelihood.noise import ColouredNoise, with_noise_of_residuals
+from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions, mean_by_precision
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
-from linkwise.likelihood.search import ExplainedFit, explained_fit, searched
-from linkwise.likelihood.shooting.loss import Loss, with_bounds_for
+from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
+from linkwise.likelihood.shooting.loss import with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import Disturbance, Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import Disturbance, Segments
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import Structure
-from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
 from linkwise.signals.base_frame import FramedRecord, framed, framed_records
@@ -95,8 +95,8 @@ def require_told(fit: LikelihoodFit) -> None:
 
     A search that was interrupted, or ended far from the records or without standard errors, does not say what they tell.
     """
-    converged = fit.status is AnnealingStatus.CONVERGED
-    explained = fit.has_errors and not fit.chi_square_off and fit.status is not AnnealingStatus.INTERRUPTED
+    converged = fit.converged
+    explained = fit.has_errors and not fit.chi_square_off and not fit.interrupted
     if fit.untold and (converged or explained):
         raise IdentificationError(
             f"the records do not tell the gain of {', '.join(fit.untold)}: another scale of forces, masses or motion explains "
@@ -107,40 +107,7 @@ def require_told(fit: LikelihoodFit) -> None:
 
 
 _MOST_WORKERS = 8
-
-
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """The optimum of a fit, for profiles and score tests.
-
-    Attributes
-    ----------
-    segments : Segments
-        The records in segments.
-    point : Iterate
-        The unknowns at the optimum.
-    scales : Scales
-        Units of the unknowns.
-    q : float
-        Relaxation of the continuity of the segments.
-    noise : float
-        Factor on the standard deviations in `scales`.
-    loss : Loss
-        Loss of a residual.
-    coloured : ColouredNoise or None
-        The noise where it is coloured; the cost takes it for white.
-    of_white : array of shape (p, p) or None
-        The covariance that the cost alone gives, where the noise is coloured.
-    """
-
-    segments: Segments
-    point: Iterate
-    scales: Scales
-    q: float
-    noise: float
-    loss: Loss
-    coloured: ColouredNoise | None = None
-    of_white: Floats | None = None
+T = TypeVar("T")
 
 
 class CostShape(Enum):
@@ -160,8 +127,8 @@ class LikelihoodFit:
 
     Attributes
     ----------
-    values, covariance, free : array of shape (p,), (p, p) and (p,)
-        Estimates, their covariance, and False for those at a bound.
+    covariance, free : array of shape (p, p) and (p,)
+        The covariance of the estimates, and False for those at a bound.
     offsets, gains, noise : dict of str to float
         Estimates by channel, and the standard deviations of the noise in the first record.
     sensor_deviations : array of shape (o + g + l,)
@@ -181,8 +148,8 @@ class LikelihoodFit:
         from the scatter between blocks of the records; None where the records are too short for blocks.
     samples, status, path
         Number of samples, how the search ended, and its steps.
-    segments, misfit, optimum
-        The segments, the residuals and defects at the maximum, and what a later search starts from.
+    optimum
+        The segments with the residuals and defects at the maximum, and what a later search starts from.
     others : tuple of array of shape (p,)
         Values at other maxima that are as likely.
     random_forces : tuple of RandomForceEstimate
@@ -197,7 +164,6 @@ class LikelihoodFit:
         What it was asked for with.
     """
 
-    values: Floats
     covariance: Floats
     free: Bools
     offsets: dict[str, float]
@@ -216,8 +182,6 @@ class LikelihoodFit:
     samples: int
     status: AnnealingStatus
     path: tuple[AnnealingStep, ...]
-    segments: Segments
-    misfit: Misfit
     optimum: Optimum
     prior_conflicts: Floats
     others: tuple[Floats, ...] = ()
@@ -227,10 +191,56 @@ class LikelihoodFit:
     options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
 
     @property
+    def values(self) -> Floats:
+        """(p,) the estimates."""
+        return self.optimum.point.theta
+
+    @property
+    def segments(self) -> Segments:
+        """The records in segments."""
+        return self.optimum.segments
+
+    @property
+    def misfit(self) -> Misfit:
+        """The residuals and defects at the maximum."""
+        return self.optimum.misfit
+
+    def at(self, optimum: Optimum, found: AnnealingFit, covariance: Floats) -> LikelihoodFit:
+        """The fit moved to where another search ended, from `optimum`, with the `covariance` (P, P) there."""
+        p = len(self.values)
+        return replace(
+            self,
+            covariance=covariance[:p, :p],
+            free=~found.at_bound[:p],
+            optimum=replace(optimum, misfit=found.misfit, q=found.q),
+        )
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search found an optimum."""
+        return self.status is AnnealingStatus.CONVERGED
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user ended the search."""
+        return self.status is AnnealingStatus.INTERRUPTED
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether exact laws leave no more than noise."""
+        return not self.chi_square_off and self.model_error == 0.0
+
+    @property
     def has_errors(self) -> bool:
         """Whether the free unknowns have variances: finite, and not negative as those of singular equations by rounding."""
         variances = self.covariance.diagonal()[self.free]
         return bool((np.isfinite(variances) & (variances >= 0.0)).all())
+
+
+def with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
+    """The structure with the values of a fit."""
+    names = fit.segments.system.parameters.names
+    return structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
@@ -335,8 +345,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
     """The sensors of records in the coordinates of the equations."""
     names = frames[0].names
     offsets, gains, delays = (
-        [names.get(name, name) for name in named]
-        for named in (options.offsets, options.gains, options.delays)
+        [*_renamed(dict.fromkeys(named), names)] for named in (options.offsets, options.gains, options.delays)
     )
     drifting = dict.fromkeys(name for frame in frames for name in frame.drifting)
     if drifting and options.random:
@@ -345,12 +354,10 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
             "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter pieces "
             "of that (drift), or record the motion relative to the base"
         )
-    free = set(offsets) - {
-        names.get(name, name) for name in options.offset_deviations
-    }  # hold where drifts start
+    known = _renamed(options.offset_deviations, names)
+    free = set(offsets) - known.keys()  # hold where drifts start
     clocks = [names.get(name, name) for members in options.clocked.values() for name in members]
-    drifts = drifting | {names.get(name, name): seconds for name, seconds in options.drifts.items()}
-    calibration = {names.get(name, name): sigma for name, sigma in options.calibration.items()}
+    calibration = _renamed(options.calibration, names)
     noise = tuple(channel_noise(frame.record) for frame in frames)
     return SensorModel(
         offsets=tuple(offsets),
@@ -358,7 +365,7 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         noise=noise,
         calibration=calibration,
         delays=tuple(delays),
-        offset_deviations={names.get(name, name): sigma for name, sigma in options.offset_deviations.items()},
+        offset_deviations=known,
         delay_priors={
             names.get(name, name): (-options.shifts.get(name, 0.0), sigma)
             for name, sigma in options.delay_deviations.items()
@@ -366,16 +373,21 @@ def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> 
         frames=tuple(frames),
         random=tuple(options.random),
         disturbances=Disturbance.of(
-            drifts,
-            {names.get(name, name): frequency for name, frequency in options.hums.items()},
+            drifting | _renamed(options.drifts, names),
+            _renamed(options.hums, names),
             [frame.record for frame in frames],
             unknown_starts=drifting.keys() - free,
-            corners={names.get(name, name): corner for name, corner in options.corners.items()},
+            corners=_renamed(options.corners, names),
             clocks=clocks,
             denoised={name: _without_noise(frames, noise, name) for name in clocks}
-            | {names.get(name, name): series for name, series in options.denoised.items()},
+            | _renamed(options.denoised, names),
         ),
     )
+
+
+def _renamed(given: Mapping[str, T], names: Mapping[str, str]) -> dict[str, T]:
+    """What is given by channel, by their `names` in the coordinates of the equations."""
+    return {names.get(name, name): value for name, value in given.items()}
 
 
 def _without_noise(
@@ -385,9 +397,8 @@ def _without_noise(
     series = []
     for frame, noise in zip(frames, noises, strict=True):
         shown = frame.record.channel(name)
-        carried = frame.carried.get(Channel.parse(name))
-        if carried is not None:
-            shown = shown + carried[0]
+        for carried in (own[0] for channel, own in frame.carried.items() if channel == name):
+            shown = shown + carried
         spectrum = np.fft.rfft(shown)
         power = uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
@@ -399,11 +410,11 @@ def denoised(
     fit: LikelihoodFit, records: Sequence[Record], corners: Iterable[str]
 ) -> dict[str, list[Floats]]:
     """What high passes leave of the motion of a fit in some channels of each record (N,), without the noise of the samples."""
-    segments, responses, shown = fit.segments, records[0].responses, {}
+    segments, responses, shown = fit.segments, list[str](records[0].responses), {}
     ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
     assert segments.waveforms is not None
     for name in corners:
-        number = responses.index(Channel.parse(name))
+        number = responses.index(name)
         left = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
         taken = left + segments.waveforms.added(number, fit.waveforms[0])
         series = []
@@ -434,6 +445,14 @@ def with_sizes(disturbances: Sequence[Disturbance], found: Floats) -> Iterator[t
     """Each disturbance with the sizes of its waveforms and their standard deviations (2, w), of those `found` of all."""
     ends = np.cumsum([disturbance.count for disturbance in disturbances])
     yield from zip(disturbances, np.split(found, ends[:-1], axis=1), strict=True) if disturbances else ()
+
+
+def pooled(sized: Iterable[tuple[Disturbance, Floats]]) -> dict[str, tuple[float, float]]:
+    """By channel the first size of its disturbances with its standard error, of several records the mean by precision."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for disturbance, own in sized:
+        found.setdefault(disturbance.channel, []).append((float(own[0, 0]), float(own[1, 0])))
+    return {channel: mean_by_precision(pairs) for channel, pairs in found.items()}
 
 
 def _passed(motion: Floats, step: float, corner: float) -> Floats:
@@ -467,7 +486,6 @@ def _fitted(
     waveforms = np.stack([point.offsets[sized], deviations[sized]])
     untold = untold_gains(sensing.gains, point.gains, explained.covariance, p + len(point.offsets))
     return LikelihoodFit(
-        values=point.theta,
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
         offsets=_by_channel(sensing.offsets, point.offsets[: sized.start], frame),
@@ -486,11 +504,9 @@ def _fitted(
         samples=fit.samples,
         status=fit.status,
         path=fit.path,
-        segments=segments,
-        misfit=fit.misfit,
         optimum=Optimum(
             segments,
-            point,
+            fit.misfit,
             fit.scales,
             fit.q,
             explained.noise,
@@ -512,12 +528,9 @@ def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> di
 
 def _clocks(sensing: SensorModel, waveforms: Floats) -> dict[str, tuple[float, float]]:
     """Ratios of clocks in ppm by the channels as the record names them, of several records their mean by precision."""
-    found: dict[str, list[tuple[float, float]]] = {}
-    for disturbance, own in with_sizes(sensing.disturbances, waveforms):
-        if disturbance.clock:
-            found.setdefault(disturbance.channel, []).append((own[0, 0], own[1, 0]))
+    found = pooled(pair for pair in with_sizes(sensing.disturbances, waveforms) if pair[0].clock)
     given: dict[str, str] = {plain: name for name, plain in sensing.frames[0].names.items()}
-    return {given.get(name, name): mean_by_precision(pairs) for name, pairs in found.items()}
+    return {given.get(name, name): ratio for name, ratio in found.items()}
 
 
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:

@@ -9,20 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
-from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
+from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.residuals import SensorErrors
+from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.tests.score_test import augmented_quadratic
 from linkwise.model.structure import Structure
@@ -30,21 +31,17 @@ from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 
-Fit = TypeVar("Fit")
-
 _FITS = 8  # that refine a force, at most
 _SETTLED = 0.1  # standard errors, by which a step changes its unknowns
 _STEP = 0.25  # of a line's width, one over the duration, between frequencies that are tried
 _AROUND = 8  # such steps on each side of a frequency that is stated
 _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
-_ABOVE = (
-    30.0  # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
-)
+# times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
+_ABOVE = 30.0
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
-_CHANCE = (
-    16.0  # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
-)
+# with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
+_CHANCE = 16.0
 _FINE = 17  # frequencies around a line at which a hum is looked for
 _ALONE = 0.9  # of what hums of all sensors explain: a missing term leaves lines in several
 _HIGHEST = 0.4  # of the sampling rate
@@ -78,10 +75,9 @@ def harmonic_forces(
 
 
 def with_harmonics(
-    search: Callable[[Sequence[Record], LikelihoodOptions], Fit],
+    search: Callable[[Sequence[Record], LikelihoodOptions], LikelihoodFit],
     records: Sequence[Record],
     options: LikelihoodOptions,
-    likelihood: Callable[[Fit], LikelihoodFit],
 ) -> tuple[list[Record], LikelihoodOptions]:
     """The records with channels of the harmonic forces of `options` as they were found, and the options with these.
 
@@ -91,7 +87,7 @@ def with_harmonics(
     for _ in range(_FITS if forces else 0):
         options = replace(options, harmonics=forces)
         shown = [_driven(record, forces, number) for number, record in enumerate(records)]
-        fit = likelihood(search(shown, options))
+        fit = search(shown, options)
         starting = not forces[0].amplitudes
         if starting:
             forces = tuple(_at_line(fit, records, force) for force in forces)
@@ -166,7 +162,7 @@ def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
 def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
     """The record number `number` with what the forces add to channels of applied forces."""
     for force in forces if forces[0].amplitudes else ():
-        name = Channel.parse(f"force:{force.mass}")
+        name = Channel("force", force.mass)
         acting = force.acting(_centred(record.time, record), number)
         if name in record.channels:
             values = record.values.copy()
@@ -255,15 +251,19 @@ def _gains(
     return np.array(gains[: len(tried)]), np.array(sizes[: len(tried)]), of_hums
 
 
+def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indices]:
+    """Times (K M,) in s of the samples of all segments since the starts of their records, and the numbers (K,) of these."""
+    samples = len(segments.samples)
+    counts = [-(-len(record) // samples) for record in records]
+    times = [record.step * np.arange(n * samples) for n, record in zip(counts, records, strict=True)]
+    return np.concatenate(times), np.repeat(np.arange(len(records)), counts)
+
+
 def _hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> SensorErrors:
     """A cosine and a sine in each record and sensor at each of the frequencies, records within sensors within lines."""
     segments = fit.optimum.segments
-    channels, samples = segments.observed.shape[1], len(segments.samples)
-    counts = [-(-len(record) // samples) for record in records]
-    time = np.concatenate(
-        [record.step * np.arange(n * samples) for n, record in zip(counts, records, strict=True)]
-    ).reshape(-1, samples)
-    owner = np.repeat(np.arange(len(records)), counts)
+    channels, (time, owner) = segments.observed.shape[1], _times(segments, records)
+    time = time.reshape(len(owner), -1)
     waves = [
         wave(2.0 * np.pi * line * time.T) * (owner == number)
         for line in lines
@@ -280,12 +280,8 @@ def _refined_hum(
 ) -> tuple[float, bool]:
     """The frequency in Hz near a line at which a sensor shows most in what is left, and whether hardly another shows it."""
     residuals = fit.misfit.residuals
-    samples, channels, _ = residuals.shape
-    series = residuals.transpose(1, 2, 0).reshape(channels, -1)
-    counts = [-(-len(record) // samples) for record in records]
-    time = np.concatenate(
-        [record.step * np.arange(n * samples) for n, record in zip(counts, records, strict=True)]
-    )
+    series = residuals.transpose(1, 2, 0).reshape(residuals.shape[1], -1)
+    time, _ = _times(fit.segments, records)
     near = line + _STEP / max(record.duration for record in records) * np.linspace(-1.0, 1.0, _FINE)
     powers = np.array([np.abs(series @ np.exp(-2j * np.pi * frequency * time)) ** 2 for frequency in near])
     most = int(np.argmax(powers[:, channel]))
@@ -325,9 +321,8 @@ class _Unknowns:
         """Those at the optimum of a fit."""
         optimum = fit.optimum
         with one_blas_thread():
-            misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
             columns, units = _columns(optimum, records, forces)
-            augmented = augmented_quadratic(optimum, misfit, columns, hums)
+            augmented = augmented_quadratic(optimum, columns, hums)
         units = np.append(units, np.ones(0 if hums is None else len(hums.kind)))
         p = len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)
@@ -380,20 +375,14 @@ def _columns(
 ) -> tuple[CandidateForces, Floats]:
     """The forces of unit size of all unknowns along the segments, and the units of these (h,)."""
     segments = optimum.segments
-    samples, tangents = len(segments.samples), segments.steps // segments.flow_steps_per_tangent
-    step = segments.step * segments.flow_steps_per_tangent
-    counts = [-(-len(record) // samples) for record in records]
-    owner = np.repeat(np.arange(len(records)), counts)
-    before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
-    first = (
-        np.concatenate(
-            [
-                np.arange(count) * samples * record.step - 0.5 * record.duration
-                for count, record in zip(counts, records, strict=True)
-            ]
-        )
-        - before
+    tangents, step = (
+        segments.steps // segments.flow_steps_per_tangent,
+        segments.step * segments.flow_steps_per_tangent,
     )
+    since_start, owner = _times(segments, records)
+    before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
+    middle = 0.5 * np.array([record.duration for record in records])[owner]
+    first = since_start[:: len(segments.samples)] - middle - before
     ends = np.repeat([force.number for force in forces], 2 * len(records) + 1)
     halves = []
     for time in (

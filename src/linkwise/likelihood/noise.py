@@ -136,13 +136,12 @@ _WORSE = 0.1  # of the cost: a point less than this above the best is on a plate
 
 @dataclass(frozen=True, eq=False)
 class ModelErrorCandidate:
-    """A fit at relaxation q, its factor on the noise, and -2 log of its marginal likelihood.
+    """A fit at a relaxation, its factor on the noise, and -2 log of its marginal likelihood.
 
     `exact` where the laws need no model error: the search went down to them from one, and they are as likely without.
     """
 
     fit: AnnealingFit
-    q: float
     noise: float
     cost: float
     exact: bool = False
@@ -164,7 +163,7 @@ def with_model_error(
     exact = AnnealingSchedule.final_q
     above = [q for q in (_RATIO**-power for power in range(_COUNT)) if q > exact]
     best = _grid_search(segments, start, fit.scales, [*above, exact], annealer)
-    if best is not None and best.q == 1.0:
+    if best is not None and best.fit.q == 1.0:
         grid = [_RATIO**power for power in range(_COUNT)]
         return _grid_search(segments, best.fit.point, fit.scales, grid, annealer)
     return best
@@ -182,21 +181,21 @@ def _grid_search(
     for q in grid:
         fit = annealer(segments, point, scales, AnnealingSchedule(initial_q=q, final_q=q))
         if fit.status is AnnealingStatus.INTERRUPTED:
-            return ModelErrorCandidate(fit, q, 1.0, np.inf)
+            return ModelErrorCandidate(fit, 1.0, np.inf)
         steps += len(fit.path)
         if fit.status is not AnnealingStatus.CONVERGED or steps > _MOST_STEPS:
             return None
         point = fit.point
         noise, cost = evidence(segments, fit, q, annealer.loss)
         if best is None or cost < best.cost:
-            best, worse = ModelErrorCandidate(fit, q, noise, cost), 0
+            best, worse = ModelErrorCandidate(fit, noise, cost), 0
         elif cost > best.cost + _WORSE:
             worse += 1
         if worse == 2:
             return best
     if best is not None and grid[-1] < grid[0] and cost <= best.cost + _WORSE:
-        return ModelErrorCandidate(fit, q, noise, cost, exact=True)
-    return best if best is not None and best.q != grid[-1] else None
+        return ModelErrorCandidate(fit, noise, cost, exact=True)
+    return best if best is not None and best.fit.q != grid[-1] else None
 
 
 def evidence(segments: Segments, fit: AnnealingFit, q: float, loss: Loss) -> tuple[float, float]:

@@ -1,17 +1,17 @@
 """Options of a maximum-likelihood fit, and how users type those that `identify` and `discover` share.
 
-Errors of sensors that are estimated with the laws: calibrations by channel, delays of any length, and errors that the
-diagnosis names and the user admits.
+Errors of sensors that are estimated with the laws: calibrations by channel, and errors that the diagnosis names and the user
+admits.
 
 What is known beforehand of the errors of sensors: what the records state, and what the user asks for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot, inf, isinf
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +21,9 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import CLOCK, HIGH_PASS, Cause
 from linkwise.likelihood.random_forces import HarmonicForce, RandomForce
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
-from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
-from linkwise.likelihood.shooting.segments import PPM
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, Channel, SensorUncertainty
-from linkwise.records.joining import without_delays
+from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, SensorUncertainty
 from linkwise.records.record import Record
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
@@ -128,55 +126,6 @@ _FIELDS = {
 ADMISSIBLE = tuple(_FIELDS)
 OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
-_WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
-_BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
-_FAR = (
-    -4,
-    -2,
-    2,
-    4,
-)  # samples by which a channel is shifted where the nearest ones do not explain the records
-_NO_RATIO = 0.1  # standard errors
-_NO_SLIP = 0.02  # samples, over a record
-_SHRINKING = (
-    0.5  # of a ratio that a fit finds, the most that the next one leaves: of right laws it is a few percent
-)
-_SHIFTS = 8  # of channels, at most: beyond the delays wander
-
-
-class Fitted(Protocol):
-    """What a search gives: how it ended, how well the laws fit, and the delays in s that it found by channel."""
-
-    @property
-    def status(self) -> AnnealingStatus: ...
-
-    @property
-    def chi_square(self) -> float: ...
-
-    @property
-    def chi_square_off(self) -> bool: ...
-
-    @property
-    def model_error(self) -> float: ...
-
-    @property
-    def delays(self) -> Mapping[str, float]: ...
-
-    @property
-    def clocks(self) -> Mapping[str, tuple[float, float]]: ...
-
-
-class Diagnosed(Protocol):
-    """An answer with a diagnosis of what it leaves."""
-
-    @property
-    def diagnosis(self) -> tuple[Cause, ...]: ...
-
-
-Fit = TypeVar("Fit", bound=Fitted)
-Answer = TypeVar("Answer", bound=Diagnosed)
-Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], Fit]
-Report: TypeAlias = Callable[[Fit, Sequence[Record], Mapping[str, float]], Answer]
 
 
 def by_channel(
@@ -229,8 +178,8 @@ def late_channels(record: Record, channel: str) -> tuple[str, ...]:
     if channel in record.inputs and len(record.inputs) > 1:
         is_smooth = record.interpolation.get(channel, BAND_LIMITED) == BAND_LIMITED
         return (channel,) if channel.startswith(FORCE) and is_smooth else ()
-    stand_in = record.responses if channel in record.inputs else (channel,)
-    return tuple(name for name in stand_in if Channel.parse(name).is_motion)
+    of_input = channel in record.inputs
+    return tuple(name for name in record.responses if name.is_motion and (of_input or name == channel))
 
 
 def beside_clocks(delays: Sequence[str], clocks: Collection[str], record: Record) -> tuple[str, ...]:
@@ -257,16 +206,6 @@ def mean_by_precision(pairs: Sequence[tuple[float, float]]) -> tuple[float, floa
     if not weights.any():
         return float(sizes.mean()), inf
     return float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
-
-
-def clock_found(fit: Fitted, options: LikelihoodOptions, name: str) -> tuple[float, float]:
-    """What a fit finds of the ratio of a clock in ppm, beside what was taken out, and its standard error.
-
-    Sensors are late as their only input is early.
-    """
-    members = options.clocked[name]
-    ratio, error = mean_by_precision([fit.clocks[member] for member in members])
-    return (ratio if name in members else -ratio), error
 
 
 def _bases(record: Record) -> tuple[str, ...]:
@@ -296,218 +235,6 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
     if kind == CLOCK:
         return replace(wider, delays=beside_clocks(options.delays, wider.clocks, record))
     return replace(wider, near=(*options.near, *more)) if kind == "delay" else wider
-
-
-def with_delays(
-    search: Search[Fit],
-    records: Sequence[Record],
-    options: LikelihoodOptions,
-    report: Report[Fit, Answer],
-    finish: Callable[[Fit, Sequence[Record]], Fit],
-) -> tuple[Answer, bool]:
-    """The `report` on the fit, once it is finished; channels that are late by more than a part of a sample are shifted by
-    whole ones, and fitted again.
-
-    Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
-    of a period away. Also whether an interrupt ended the search.
-    """
-    best = _on_one_clock(search, records, options)
-    of_clocks = {late for name in options.clocks for late in late_channels(records[0], name)}
-    if len({record.rate for record in records}) == 1:
-        for name in options.delays:
-            if name not in (*options.delay_deviations, *options.near, *of_clocks):  # known to be near
-                best = _at_best_shift(best, name)
-    shown = best.shifts.of(best.late)
-    best = replace(best, fit=finish(best.fit, shown))
-    return report(best.fit, shown, best.delays), _interrupted(best)
-
-
-def _on_one_clock(
-    search: Search[Fit], records: Sequence[Record], options: LikelihoodOptions
-) -> _ShiftedFit[Fit]:
-    """The fit at settled delays, in records out of which the ratios of clocks are taken that it finds.
-
-    What a fit finds of them is small then, as its first order takes it for.
-    """
-    late: Mapping[str, int] = dict.fromkeys(options.delays, 0)
-    ratios = {name: stated or 0.0 for name, stated in options.clocks.items()}
-    timed = {name: late_channels(records[0], name) for name in options.clocks}
-    clocked = {name: timed[name] for name, stated in options.clocks.items() if stated is None}
-    before = dict.fromkeys(clocked, inf)
-    for _ in range(_SHIFTS):
-        slips = {
-            member: ratios[name] if name in members else -ratios[name]
-            for name, members in timed.items()
-            for member in members
-        }
-        own = [without_delays(record, {}, clocks=slips) for record in records]
-        options = replace(options, ratios=ratios, clocked=clocked)
-        best = _settled(_Shifts(search, own, options), late)
-        found = {name: clock_found(best.fit, options, name) for name in clocked}
-        if _interrupted(best) or all(_is_small(*pair, own[0]) for pair in found.values()):
-            return best
-        if any(abs(ratio) > max(_SHRINKING * before[name], error) for name, (ratio, error) in found.items()):
-            break
-        late = best.late
-        before = {name: abs(ratio) for name, (ratio, _) in found.items()}
-        ratios = {name: ratio + found[name][0] if name in found else ratio for name, ratio in ratios.items()}
-    raise IdentificationError(
-        f"the clock of {', '.join(clocked)} does not settle: fits, in each of which the ratio of the last one was taken out, "
-        "do not agree. State it (ppm), or take a shorter part of the record"
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Shifts(Generic[Fit]):
-    """A search in records of which channels are shifted by whole samples, and the fits `known` by these."""
-
-    search: Search[Fit]
-    records: Sequence[Record]
-    options: LikelihoodOptions
-    known: dict[tuple[int, ...], Fit] = field(default_factory=dict)
-
-    @property
-    def step(self) -> float:
-        return self.records[0].step
-
-    def of(self, late: Mapping[str, int]) -> list[Record]:
-        return [_shifted(record, late) for record in self.records]
-
-    def fitted(self, late: Mapping[str, int]) -> _ShiftedFit[Fit]:
-        shift = tuple(late.values())
-        if shift not in self.known:
-            taken_out = {name: samples * self.step for name, samples in late.items()}
-            self.known[shift] = self.search(self.of(late), replace(self.options, shifts=taken_out))
-        return _ShiftedFit(self, late, self.known[shift])
-
-
-@dataclass(frozen=True, eq=False)
-class _ShiftedFit(Generic[Fit]):
-    """A fit with channels that are `late` by whole samples shifted."""
-
-    shifts: _Shifts[Fit]
-    late: Mapping[str, int]
-    fit: Fit
-
-    @property
-    def delays(self) -> dict[str, float]:
-        """All of the delays in s, by channel."""
-        return {
-            name: samples * self.shifts.step + self.fit.delays[name] for name, samples in self.late.items()
-        }
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether noise explains what the laws leave."""
-        return not self.fit.chi_square_off and self.fit.model_error == 0.0
-
-    @property
-    def is_optimum(self) -> bool:
-        """Whether the delays are such that no other shift stands for them; at the end of their range they have no errors."""
-        return all(abs(delay) <= _BESIDE * self.shifts.step for delay in self.fit.delays.values())
-
-    @property
-    def misfit(self) -> tuple[bool, float]:
-        """By which fits at other shifts are ordered; a model error says little, as it depends on the noise beside it."""
-        return not self.is_exact, self.fit.chi_square
-
-    def beside(self, name: str, samples: int) -> _ShiftedFit[Fit] | None:
-        """The fit with a channel shifted by some samples more; None where there is none, as the motion runs to infinity."""
-        try:
-            return self.shifts.fitted({**self.late, name: self.late[name] + samples})
-        except IdentificationError:
-            return None
-
-
-def _settled(shifts: _Shifts[Fit], late: Mapping[str, int]) -> _ShiftedFit[Fit]:
-    """The fit at shifts beside which delays are parts of a sample."""
-    moved: dict[str, int] = {}
-    for _ in range(_SHIFTS):
-        shifted = shifts.fitted(late)
-        moved = {
-            name: round(delay / shifts.step)
-            for name, delay in shifted.fit.delays.items()
-            if abs(delay) > _WHOLE * shifts.step
-        }
-        if not moved or shifted.fit.status is AnnealingStatus.INTERRUPTED:
-            return shifted
-        if len({record.rate for record in shifts.records}) > 1:
-            raise IdentificationError(
-                f"{next(iter(moved))} is late by more than a sample, which cannot be found from records of different "
-                f"rates together: find it from one of them, and remove it from all (without_delays)"
-            )
-        late = {**late, **{name: late[name] + samples for name, samples in moved.items()}}
-    raise IdentificationError(
-        f"the delay of {', '.join(moved)} does not settle: {_SHIFTS} fits, each shifted by the last one's delay, do not "
-        "agree. Estimate it from signals that move together (inspect), and take it out (without_delays)"
-    )
-
-
-def _at_best_shift(shifted: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
-    """The fit at the shift of a channel from which one sample more or less explains the records worse."""
-    if shifted.is_exact:
-        return shifted
-    best = _nearest(shifted, name)
-    if best.is_exact or _interrupted(best):
-        return best
-    neighbours = []
-    for samples in _FAR:
-        neighbour = shifted.beside(name, samples)
-        if neighbour is not None and _interrupted(neighbour):
-            return neighbour
-        neighbours += [] if neighbour is None else [neighbour]
-    nearest = min(neighbours, key=lambda neighbour: neighbour.misfit, default=best)
-    if not nearest.misfit < best.misfit:
-        return best
-    far = _nearest(nearest, name)
-    return far if far.is_optimum or _interrupted(far) else best
-
-
-def _is_small(ratio: float, error: float, record: Record) -> bool:
-    """Whether a ratio in ppm, known to an `error`, is hardly different from one, or no sample moves by it."""
-    return abs(ratio) < max(_NO_RATIO * error, _NO_SLIP / (PPM * len(record)))
-
-
-def _interrupted(shifted: _ShiftedFit[Fit]) -> bool:
-    return shifted.fit.status is AnnealingStatus.INTERRUPTED
-
-
-def _nearest(start: _ShiftedFit[Fit], name: str) -> _ShiftedFit[Fit]:
-    """The same, sample by sample from a fit."""
-    forward = 1 if start.fit.delays[name] >= 0.0 else -1
-    for direction in (forward, -forward):
-        best = start
-        for _ in range(_SHIFTS):
-            if best.is_exact or _interrupted(best):
-                return best
-            neighbour = best.beside(name, direction)
-            if neighbour is not None and _interrupted(neighbour):
-                return neighbour
-            if neighbour is None or not neighbour.misfit < best.misfit:
-                break
-            best = neighbour
-        if best is not start and best.is_optimum:
-            return best
-    return start
-
-
-def _shifted(record: Record, late: Mapping[str, int]) -> Record:
-    """The record with channels that are `late` by whole samples set beside the others, cut to what all have."""
-    if not any(late.values()):
-        return record
-    first = max(0, *(-samples for samples in late.values()))
-    count = len(record) - first - max(0, *late.values())
-    rows: dict[str, slice] = {
-        name: slice(first + late.get(name, 0), first + late.get(name, 0) + count) for name in record.channels
-    }
-    columns = [record.values[rows[name], column] for column, name in enumerate(record.channels)]
-    return replace(
-        record,
-        start=record.start + first * record.step,
-        values=np.stack(columns, axis=1),
-        simulated=None,
-        clipped={name: clipped.rows(rows[name]) for name, clipped in record.clipped.items()},
-    )
 
 
 def errors_to_find(
@@ -561,16 +288,13 @@ def errors_to_find(
         )
     named |= {name: sigma for name, sigma in requested.items() if name != ALL}
     by_channel(requested, records[0].responses, forces)
-    deviations = {
-        kind: _deviations(stated, kind, own) for kind, own in (("offset", offsets), ("delay", delays))
-    }
     return {
         "offsets": _with(offsets, stated, "offset"),
         "gains": (*gains, *(name for name in free if name not in gains)),
         "calibration": by_channel(named, records[0].responses, forces),
         "delays": _with(delays, stated, "delay"),
-        "offset_deviations": deviations["offset"],
-        "delay_deviations": deviations["delay"],
+        "offset_deviations": _deviations(stated, "offset", offsets),
+        "delay_deviations": _deviations(stated, "delay", delays),
     }
 
 

@@ -35,9 +35,8 @@ _INPUT = "force:"
 # of the force of inertia, by root mean square: where the search for an ambient force starts
 _FIRST_GUESS = 0.3
 _FIRST_NOISE = 0.01  # of an input: where the search for the noise of its channel starts
-_FLOOR = (
-    0.1  # of an input, by root mean square: a level above it may be the input itself, which fills the band
-)
+# of an input, by root mean square: a level above it may be the input itself, which fills the band
+_FLOOR = 0.1
 _ROUNDING = 1e-6  # of an input: a level below it is that of rounded numbers
 _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 """Law of a link to the ground that carries a force; the force is constant within a segment."""

@@ -19,6 +19,7 @@ What explains the residuals of a fit: the noise that was expected, coloured nois
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,6 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.marginal import is_long, relaxation, search_in_pieces
 from linkwise.likelihood.noise import (
-    ColouredFit,
     ColouredNoise,
     ModelErrorCandidate,
     lag_one_autocorrelation,
@@ -37,11 +37,11 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import block_information, linear_model
+from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, block_information, linear_model
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
@@ -51,6 +51,67 @@ FEWEST = 5  # segments in the shortest block
 EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
 _COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The optimum of a search, of which profiles, score tests and later searches start.
+
+    Attributes
+    ----------
+    segments : Segments
+        The records in segments.
+    misfit : Misfit
+        Residuals and defects at the optimum.
+    scales : Scales
+        Units of the unknowns.
+    q : float
+        Relaxation of the continuity of the segments.
+    noise : float
+        Factor on the standard deviations in `scales`.
+    loss : Loss
+        Loss of a residual.
+    coloured : ColouredNoise or None
+        The noise where it is coloured; the cost takes it for white.
+    of_white : array of shape (p, p) or None
+        The covariance that the cost alone gives, where the noise is coloured.
+    """
+
+    segments: Segments
+    misfit: Misfit
+    scales: Scales
+    q: float
+    noise: float
+    loss: Loss
+    coloured: ColouredNoise | None = None
+    of_white: Floats | None = None
+
+    @property
+    def point(self) -> Iterate:
+        """The unknowns."""
+        return self.misfit.point
+
+    def linear(
+        self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
+    ) -> GaussNewtonModel:
+        """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
+        return linear_model(
+            self.segments,
+            self.misfit,
+            self.scales,
+            self.loss,
+            candidates=candidates,
+            errors=errors,
+            blocks=blocks,
+        )
+
+    def block_scores(self, blocks: int, candidates: CandidateForces | None = None) -> BlockScores | None:
+        """Scores of so many consecutive blocks of segments; None where the equations are singular.
+
+        The amplitudes of `candidates` follow theta among the unknowns.
+        """
+        of_blocks = block_information(self.linear(candidates, blocks=blocks), self.q)
+        return None if of_blocks is None else BlockScores(*of_blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +126,15 @@ class BlockScores:
         label = np.arange(len(self.scores)) * blocks // len(self.scores)
         firsts = np.searchsorted(label, np.arange(blocks))
         return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
+
+    def ratios(self, free: Bools, noise: float, deviations: Callable[[BlockScores, Bools], Floats]) -> Floats:
+        """(p,) standard errors by blocks over those of white `noise`, at least 1, in either number of blocks."""
+        chosen, ratios = np.flatnonzero(free), np.ones(len(free))
+        inverse = np.linalg.inv(self.information.sum(axis=0)[np.ix_(chosen, chosen)])
+        white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
+        by_blocks = [deviations(self.merged(blocks), free)[chosen] for blocks in BLOCKS]
+        ratios[chosen] = np.maximum(np.max(by_blocks, axis=0) / white, 1.0)
+        return ratios
 
     def deviations(self, free: Bools) -> Floats:
         """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
@@ -123,19 +193,17 @@ class BlockScores:
 
         The first `parameters` are tested beside each other, each other one beside these alone.
         """
-        blocks, whole = len(self.scores), self.information.sum(axis=0)
+        whole, own = self.information.sum(axis=0), slice(0, parameters)
         scale = 1.0 / np.sqrt(np.maximum(whole.diagonal(), np.finfo(float).tiny))
-        scaled, scores = whole * np.outer(scale, scale), self.scores * scale
-        own = np.arange(parameters)
-        ratios = np.ones(len(whole))
-        for number in range(len(whole)):
-            beside = own[own != number]
-            weights = np.linalg.lstsq(scaled[np.ix_(beside, beside)], scaled[beside, number], rcond=1e-12)[0]
-            left = scaled[number, number] - scaled[number, beside] @ weights
-            pull = scores[:, number] - scores[:, beside] @ weights
-            if left > _COLLINEAR:
-                ratios[number] = np.sum((pull - pull.mean()) ** 2) * blocks / (blocks - 1) / left
-        return ratios
+        scaled = whole * np.outer(scale, scale)
+        inverse = np.linalg.pinv(scaled[own, own], rcond=1e-12, hermitian=True)
+        beside = np.eye(len(whole))  # what of the scores is left of each unknown
+        beside[own, own] = inverse / inverse.diagonal()
+        beside[own, parameters:] = -inverse @ scaled[own, parameters:]
+        left = np.einsum("ij,ij->j", beside, scaled @ beside)
+        tested = left > _COLLINEAR
+        pulls = np.var(self.scores * scale @ beside, axis=0, ddof=1) * len(self.scores)
+        return np.where(tested, pulls / np.where(tested, left, 1.0), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,37 +227,21 @@ class BlockScatter:
         return white * (np.outer(ratios, ratios) - 1.0)
 
 
-def block_scatter(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    *,
-    q: float,
-    noise: float,
-    free: Bools,
-    scores: BlockScores | None = None,
-) -> BlockScatter | None:
+def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = None) -> BlockScatter | None:
     """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
 
-    `noise` is the factor on the deviations in `scales`, `free` False where an unknown was stopped by its bound; `scores`, in
-    `blocks_of_scatter`, are known of the optimum.
+    `free` is False where an unknown was stopped by its bound; `scores`, in `blocks_of_scatter`, are known of the optimum.
     """
-    if blocks_of_scatter(segments) == 1:
+    if blocks_of_scatter(optimum.segments) == 1:
         return None
     if scores is None:
-        scores = block_scores(segments, misfit, scales, loss, q, BLOCKS[0])
+        scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
-    chosen, p = np.flatnonzero(free), segments.system.parameters.size
-    ratios, chances = np.ones(len(free)), np.ones(len(free))
+    p = optimum.segments.system.parameters.size
     try:
-        inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
-        white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
-        for blocks in BLOCKS:
-            merged = scores.merged(blocks)
-            ratios[chosen] = np.maximum(ratios[chosen], merged.deviations(free)[chosen] / white)
-            chances = np.fmin(chances, merged.chances(free, noise))
+        ratios = scores.ratios(free, optimum.noise, BlockScores.deviations)
+        chances = np.fmin(*(scores.merged(blocks).chances(free, optimum.noise) for blocks in BLOCKS))
     except np.linalg.LinAlgError:
         return None
     tested = len(BLOCKS) * int(np.count_nonzero(free[:p]))
@@ -199,24 +251,6 @@ def block_scatter(
 def blocks_of_scatter(segments: Segments) -> int:
     """The blocks in which a linear model tells how far blocks scatter; 1 where there are too few segments."""
     return BLOCKS[0] if segments.count >= FEWEST * BLOCKS[0] else 1
-
-
-def block_scores(
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    q: float,
-    blocks: int,
-    candidates: CandidateForces | None = None,
-) -> BlockScores | None:
-    """Scores of `blocks` consecutive blocks of segments at the optimum `misfit`; None where its equations are singular.
-
-    The amplitudes of `candidates` follow theta among the unknowns.
-    """
-    linear = linear_model(segments, misfit, scales, loss, candidates=candidates, blocks=blocks)
-    of_blocks = block_information(linear, q)
-    return None if of_blocks is None else BlockScores(*of_blocks)
 
 
 _ROUGH = 3.0  # cost per sample at q = 1 beyond which states are no motion: their noise leaves 1 or 2
@@ -336,9 +370,9 @@ class ExplainedFit:
     covariance: Floats
     chi_square: float
     chi_square_off: bool
-    model_error: float
-    noise: float
-    error_ratios: Floats | None
+    model_error: float = 0.0
+    noise: float = 1.0
+    error_ratios: Floats | None = None
     coloured: ColouredNoise | None = None
 
 
@@ -387,13 +421,16 @@ def explained_fit(
     if inexact and (known or unreached or off_by_laws):
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
-        return _of_exact_laws(coloured, coloured.fit, off=any_stated and off, noise=coloured.noise)
+        stated = any_stated and off
+        return ExplainedFit(
+            coloured.fit, coloured.covariance, coloured.chi_square, stated, coloured=coloured.noise
+        )
     if candidate is not None and candidate.exact:
         fit = with_noise_of_residuals(segments, candidate.fit, annealer, lowest)
-        return _of_exact_laws(fit, fit, off=_is_off(segments, fit, annealer.loss, limit, lowest))
-    if candidate is not None:
+        off = _is_off(segments, fit, annealer.loss, limit, lowest)
+    elif candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
-    return _of_exact_laws(fit, fit, off=off)
+    return ExplainedFit(fit, fit.covariance, fit.chi_square, off)
 
 
 def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, lowest: Floats) -> bool:
@@ -414,13 +451,6 @@ def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, low
     return bool(samples) and not power >= least
 
 
-def _of_exact_laws(
-    errors: AnnealingFit | ColouredFit, fit: AnnealingFit, *, off: bool, noise: ColouredNoise | None = None
-) -> ExplainedFit:
-    ones = np.ones(len(errors.covariance))
-    return ExplainedFit(fit, errors.covariance, errors.chi_square, off, 0.0, 1.0, ones, noise)
-
-
 def did_not_converge(fit: AnnealingFit) -> bool:
     """Whether a search ended without an optimum, and not by an interrupt."""
     return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
@@ -433,9 +463,8 @@ def _with_model_error(
     chi_square = factor**2
     ratios: Floats | None = np.ones(len(fit.covariance))
     if not did_not_converge(fit):
-        scatter = block_scatter(
-            segments, fit.misfit, fit.scales, annealer.loss, q=fit.q, noise=factor, free=~fit.at_bound
-        )
+        optimum = Optimum(segments, fit.misfit, fit.scales, fit.q, factor, annealer.loss)
+        scatter = block_scatter(optimum, ~fit.at_bound)
         ratios = None if scatter is None else scatter.ratios
     judged = ratios is not None and _are_small(segments, fit)
     unexplained = chi_square > _LARGEST_EXCESS and _is_coloured(fit) and not judged
@@ -448,7 +477,7 @@ def _with_model_error(
         fit.covariance * np.outer(widened, widened),
         chi_square,
         bool(unexplained or (stated and abs(chi_square - 1.0) > limit)),
-        candidate.q,
+        fit.q,
         factor,
         ratios,
     )

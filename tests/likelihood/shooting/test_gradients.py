@@ -21,7 +21,7 @@ from structures import (
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.fit import Optimum, likelihood_fit
+from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
 from linkwise.likelihood.shooting.loss import ClippedReadings, Gaussian, Huber, Loss, Student
@@ -207,7 +207,7 @@ ERRORS_OF_SENSORS = {  # records, structure, what is unknown of sensors, and by 
 
 
 @cache
-def beside_optimum(kind: str) -> Optimum:
+def beside_optimum(kind: str) -> tuple[Scales, Segments, Iterate]:
     """After some steps of a search, with all but the states moved."""
     records, true, unknown, _ = ERRORS_OF_SENSORS[kind]
     asked = true.unknown("all")
@@ -215,7 +215,7 @@ def beside_optimum(kind: str) -> Optimum:
     start = likelihood_fit(records, asked, truth(true, asked), options=options).optimum
     shift = 0.03 * np.random.default_rng(3).normal(size=len(start.scales.theta)) * start.scales.theta
     shift[: len(asked.parameters)] *= 1e-3
-    return replace(start, point=start.point.moved(start.point.nodes, start.point.border + shift))
+    return start.scales, start.segments, start.point.moved(start.point.nodes, start.point.border + shift)
 
 
 @pytest.mark.parametrize("kind", ERRORS_OF_SENSORS)
@@ -223,8 +223,7 @@ def beside_optimum(kind: str) -> Optimum:
 def test_slopes_by_errors_of_sensors_are_the_costs_differences(kind: str, q: float) -> None:
     """Of data alone, and beside defects, to which errors of forces add; columns are in single precision."""
     _, true, _, tolerance = ERRORS_OF_SENSORS[kind]
-    start = beside_optimum(kind)
-    scales, segments, point = start.scales, start.segments, start.point
+    scales, segments, point = beside_optimum(kind)
 
     def cost(border: np.ndarray) -> float:
         return evaluate(segments, point.moved(point.nodes, border), scales, Gaussian()).cost(q)

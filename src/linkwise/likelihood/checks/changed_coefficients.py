@@ -16,11 +16,10 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.checks.held_closer import CloserFit
 from linkwise.likelihood.checks.judgement import LIKELIER, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
-from linkwise.likelihood.search import BLOCKS, BlockScores, block_scores, blocks_of_scatter
+from linkwise.likelihood.search import BLOCKS, BlockScores, blocks_of_scatter
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, block_ends
 from linkwise.likelihood.shooting.segments import Segments
@@ -53,22 +52,15 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
     """
     if before.verdict not in _JUDGED:
         return None
-    change = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis)
-    if change is not None:
-        return _with_change(before, change)
-    hidden = None if of.causes else _hidden_change(of.closer, of.records)
-    return None if hidden is None else _with_change(before, hidden, "Held closer to the laws")
+    change, beside = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis), ""
+    if change is None and not of.causes and (closer := of.closer) is not None:
+        diagnosis, beside = closer.diagnosis, "Held closer to the laws"
+        change = likeliest_change(closer.fit, of.records, diagnosis.tested, diagnosis.causes)
+        change = change if change is not None and closer.explains_most(change.gain) else None
+    return None if change is None else _with_change(before, change, beside)
 
 
-def _hidden_change(closer: CloserFit | None, records: Sequence[Record]) -> Cause | None:
-    """The change that explains most of what the laws leave in a fit held closer to them, and much more than other causes."""
-    if closer is None:
-        return None
-    change = likeliest_change(closer.fit, records, closer.diagnosis.tested, closer.diagnosis.causes)
-    return change if change is not None and closer.explains_most(change.gain) else None
-
-
-def _with_change(judgement: Judgement, change: Cause, beside: str = "") -> Judgement:
+def _with_change(judgement: Judgement, change: Cause, beside: str) -> Judgement:
     """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
     explained = f"{beside}, one value" if beside else "One value"
     return replace(
@@ -181,13 +173,11 @@ def _significant_change(
 def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, BlockScores | None]:
     """Scores of the blocks of a fit, as they were tested or by themselves, and the segments that they consist of."""
     if tested is not None and tested.block_scores is not None:
-        return tested.longer[0].segments, tested.block_scores
-    optimum = fit.optimum
+        return tested.longer.segments, tested.block_scores
     if blocks_of_scatter(fit.segments) == 1:
         return fit.segments, None
     with one_blas_thread():
-        scores = block_scores(fit.segments, fit.misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0])
-    return fit.segments, scores
+        return fit.segments, fit.optimum.block_scores(BLOCKS[0])
 
 
 def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:

@@ -5,22 +5,37 @@ motion tells hardly anything and what is missing goes into the coefficients. So 
 longer horizons. The answer is that of the loosest horizon from which on the coefficients hardly move: the values of this form
 of the laws that come closest over motion like that of the records (White, Econometrica 50, 1982). Its standard errors are
 those of the scores of separate blocks of the records at the common optimum, and hold the change to the tighter horizons.
+
+What a model error or noise of an input hides: a missing term that explains most of what is left without it, or a change.
+
+A model error lets the motion forget, and with it what a small term does over many periods: a score test beside the model error
+is silent on friction that would change a damping by ten standard errors. Held ten times closer, the laws leave more than that.
+Where one term would explain most of that, they lack it, and where a change of one coefficient would, it changes; an error
+that is random leaves what neither explains. Noise of an input lets the motion forget likewise, and is found where there is
+none; the motion is held closer with a tenth of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from linkwise.arrays import Floats
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.marginal import held_at, is_long
+from linkwise.estimates.causes import Cause
+from linkwise.expression import symbols
+from linkwise.likelihood.fit import LikelihoodFit, with_values
+from linkwise.likelihood.marginal import held_at, is_long, relaxation
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.search import BLOCKS, block_scores, blocks_of_scatter
+from linkwise.likelihood.search import BLOCKS, BlockScores, Optimum, blocks_of_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
+from linkwise.model.coefficient import MASS
+from linkwise.model.law import Law
+from linkwise.model.structure import Structure
+from linkwise.records.channel import Channel
 from linkwise.runtime import one_blas_thread
 
 _REACH = {10.0: 1, 3.0: 1, 1.0: 1, 0.3: 2, 0.1: 4, 0.03: 7, 0.01: 27}
@@ -31,18 +46,6 @@ _FLAT = 0.5  # of its standard error: what a coefficient moves by to the next ho
 _LARGEST = 2.0  # of its standard error: what it moves by where no interval can hold what tighter horizons would change
 _LOOSE = 1.0  # the loosest relaxation of laws that were fitted as exact: near it scatter is least, and blocks are independent
 _STEPS = 60  # of a search, which starts at the optimum of the looser horizon
-
-
-@dataclass(frozen=True, eq=False)
-class _Horizon:
-    """The optimum at a relaxation, with the covariance (P, P) of all unknowns by blocks and the factor on the noise."""
-
-    fit: AnnealingFit
-    covariance: Floats
-    noise: float
-
-    def deviations(self, parameters: int) -> Floats:
-        return np.sqrt(np.maximum(self.covariance.diagonal()[:parameters], 0.0))
 
 
 def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
@@ -62,38 +65,41 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     """
     if fit.optimum.segments.random is not None:
         return None
-    p, path = len(fit.values), list(_path(fit))
-    moves = [_largest_move(before, after, p) for before, after in pairwise(path)]
+    path = list(_path(fit))
+    moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves or min(moves) > _LARGEST:
         return None
     chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), int(np.argmin(moves)))
-    later = [horizon.fit.point.theta - path[chosen].fit.point.theta for horizon in path[chosen + 1 :]]
-    return _at(fit, path[chosen], np.max(np.square(later), axis=0))
+    moved = [later.values - path[chosen].values for later in path[chosen + 1 :]]
+    return replace(
+        path[chosen], covariance=path[chosen].covariance + np.diag(np.max(np.square(moved), axis=0))
+    )
 
 
-def _largest_move(before: _Horizon, after: _Horizon, parameters: int) -> float:
+def _largest_move(before: LikelihoodFit, after: LikelihoodFit) -> float:
     """How far the parameter moves most from a horizon to the next, in its standard errors; those at bounds have none."""
-    deviations, moved = before.deviations(parameters), after.fit.point.theta - before.fit.point.theta
+    deviations = np.sqrt(np.maximum(before.covariance.diagonal(), 0.0))
+    moved = after.values - before.values
     free = deviations > 0.0
     return float(np.max(np.abs(moved[free]) / deviations[free], initial=0.0))
 
 
-def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
+def _path(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
     """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
-    optimum, point = fit.optimum, fit.optimum.point
+    optimum = fit.optimum
     exact = optimum.q <= AnnealingSchedule.final_q
     loosest = _LOOSE if exact else optimum.q
     tighter = {q: reach for q, reach in _REACH.items() if q < loosest}
     for q, reach in [(loosest, 1), *tighter.items()]:
         if optimum.segments.count < _INDEPENDENT * reach * BLOCKS[0]:
             return
-        found = optimum_at(replace(optimum, point=point), q, _STEPS)
+        found = optimum_at(optimum, q, _STEPS)
         if found is None or found.status is not AnnealingStatus.CONVERGED:
             return
-        horizon = _by_blocks(optimum, found)
+        horizon = _by_blocks(fit, found)
         if horizon is None:
             return
-        point = found.point
+        optimum = horizon.optimum
         yield horizon
 
 
@@ -106,39 +112,127 @@ def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit | None:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is no horizon
-def _by_blocks(optimum: Optimum, found: AnnealingFit) -> _Horizon | None:
-    """The optimum with its covariance by blocks; None where that is not finite."""
-    segments = optimum.segments
-    if blocks_of_scatter(segments) == 1:
+def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> LikelihoodFit | None:
+    """The fit where a search ended, with its covariance by blocks; None where that is not finite."""
+    optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
+    if blocks_of_scatter(optimum.segments) == 1:
         return None
     with one_blas_thread():
-        noise, _ = evidence(segments, found, found.q, optimum.loss)
-        scores = block_scores(segments, found.misfit, found.scales, optimum.loss, found.q, BLOCKS[0])
+        noise, _ = evidence(optimum.segments, found, found.q, optimum.loss)
+        scores = optimum.block_scores(BLOCKS[0])
     if scores is None:
         return None
-    free, ratios = ~found.at_bound, np.ones(len(found.covariance))
-    chosen = np.flatnonzero(free)
     try:
-        inverse = np.linalg.inv(scores.information.sum(axis=0)[np.ix_(chosen, chosen)])
-        by_blocks = [scores.merged(blocks).by_scores(free)[chosen] for blocks in BLOCKS]
+        ratios = scores.ratios(~found.at_bound, noise, BlockScores.by_scores)
     except np.linalg.LinAlgError:
         return None
-    white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
-    ratios[chosen] = np.maximum(np.max(by_blocks, axis=0) / white, 1.0)
     covariance = noise**2 * found.covariance * np.outer(ratios, ratios)
-    return _Horizon(found, covariance, noise) if np.isfinite(covariance).all() else None
+    there = fit.at(replace(optimum, noise=noise), found, covariance)
+    return there if np.isfinite(covariance).all() else None
 
 
-def _at(fit: LikelihoodFit, horizon: _Horizon, moved: Floats) -> LikelihoodFit:
-    """The fit at a horizon; `moved` (p,) are squares of the changes of the parameters to tighter horizons."""
-    found, p = horizon.fit, len(fit.values)
-    return replace(
-        fit,
-        values=found.point.theta,
-        covariance=horizon.covariance[:p, :p] + np.diag(moved),
-        free=~found.at_bound[:p],
-        misfit=found.misfit,
-        optimum=replace(
-            fit.optimum, point=found.point, q=found.q, noise=horizon.noise, coloured=None, of_white=None
-        ),
-    )
+_CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs
+# the same of long records, which were not held more closely because no search leads straight there
+_CLOSER_IF_LONG = (0.3,)
+_STEPS_CLOSER = 40
+_MOST = 0.5  # of what is left there
+
+
+@dataclass(frozen=True, eq=False)
+class CloserFit:
+    """A `fit` whose motion is held closer to the laws than another: by how much more it leaves in -2 log likelihood, `left`,
+    and the `diagnosis` of that.
+    """
+
+    fit: LikelihoodFit
+    left: float
+    diagnosis: Diagnosis
+
+    def explains_most(self, gain: float) -> bool:
+        """Whether what lowers -2 log likelihood by a `gain` explains most of what is left."""
+        return gain > _MOST * self.left
+
+
+def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel]) -> CloserFit | None:
+    """The fit with its motion held closer to the laws, and what explains what they leave there.
+
+    Parameters
+    ----------
+    fit : LikelihoodFit
+        A fit with a model error, with noise of inputs, or whose links between segments were loosened.
+    identified : Structure
+        The structure with the values of the fit.
+    channels : sequence of str
+        The channels of the record.
+
+    Returns
+    -------
+    CloserFit or None
+        The closer fit; None where the motion cannot be held closer.
+    """
+    optimum = fit.optimum
+    exact = not fit.random_forces and optimum.q <= AnnealingSchedule.final_q
+    if exact or optimum.coloured is not None or any(force.ambient for force in fit.random_forces):
+        return None
+    for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
+        tight = _tightened(optimum, factor)
+        closer = optimum_at(tight, tight.q, _STEPS_CLOSER)
+        if closer is None:
+            continue
+        if closer.status is AnnealingStatus.INTERRUPTED:
+            return None
+        if closer.status is AnnealingStatus.CONVERGED:
+            return _diagnosed(fit, closer, tight, identified, channels)
+    return None
+
+
+def _tightened(optimum: Optimum, factor: float) -> Optimum:
+    """From where the motion is to be held closer: with the relaxation, or the noise of inputs, times a factor."""
+    segments, random = optimum.segments, optimum.segments.random
+    if random is None:
+        return replace(optimum, q=max(factor * optimum.q, AnnealingSchedule.final_q))
+    quieter = replace(random.scaled(np.full(len(random.rows), factor)), slope=None, origin=None)
+    segments = replace(segments, random=quieter)
+    return replace(optimum, segments=segments, q=relaxation(segments, optimum.scales, optimum.point))
+
+
+def _diagnosed(
+    fit: LikelihoodFit,
+    closer: AnnealingFit,
+    tight: Optimum,
+    identified: Structure,
+    channels: Sequence[Channel],
+) -> CloserFit | None:
+    """A search by the equations of `tight`, whose end is `closer`, with what explains what it leaves; None where that is not
+    finite. The structure is `identified` with the values of the fit.
+    """
+    optimum = fit.optimum
+    closer_fit = fit.at(tight, closer, optimum.noise**2 * closer.covariance)
+    closer_structure = with_values(identified, closer_fit)
+    left = (closer.misfit.cost(closer.q) - fit.misfit.cost(optimum.q)) / optimum.noise**2
+    if not np.isfinite(left):
+        return None
+    return CloserFit(closer_fit, left, diagnose(closer_fit, closer_structure, channels, terms=True))
+
+
+def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, float] | None:
+    """The missing term, or error of a mass, that explains most of what the laws leave in a fit held `closer` than `fit`.
+
+    With that by how much of its value it would change the coefficient that it changes most, and in standard errors of `fit`.
+    """
+    causes = closer.diagnosis.causes
+    if not causes or causes[0].kind not in ("term", MASS) or not closer.explains_most(causes[0].gain):
+        return None
+    change, shift = 0.0, 0.0
+    if causes[0].shifted:
+        number = fit.segments.system.parameters.names.index(causes[0].shifted)
+        error = float(np.sqrt(closer.fit.covariance[number, number]))
+        changed, tiny = causes[0].shift * error, np.finfo(float).tiny
+        change = changed / max(abs(float(fit.values[number])), tiny)
+        shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
+    return causes[0], change, shift
+
+
+def dissipates(term: str) -> bool:
+    """Whether a missing term is a force that depends on the rate, or on its past."""
+    return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))

@@ -13,13 +13,13 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.checks.held_closer import CloserFit, held_closer
+from linkwise.likelihood.checks.horizons import CloserFit, held_closer
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import line_causes
 from linkwise.likelihood.noise import lag_one_autocorrelation
 from linkwise.likelihood.random_forces import noise_of_channels
-from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose, likeliest_first
 from linkwise.likelihood.tests.variances import SPECTRAL_KINDS, InputNoise, noise_of_inputs
 from linkwise.model.coefficient import MASS
@@ -188,7 +188,7 @@ class Examined:
     @property
     def is_settled(self) -> bool:
         """Whether the search converged to values with standard errors, which the residuals say something of."""
-        return self.fit.status is AnnealingStatus.CONVERGED and self.fit.has_errors
+        return self.fit.converged and self.fit.has_errors
 
     @property
     def has_intervals_by_blocks(self) -> bool:

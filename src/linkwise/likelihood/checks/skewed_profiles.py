@@ -24,7 +24,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.display import enumerated
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.optima.other_optima import (
     is_loosened,
@@ -32,8 +32,9 @@ from linkwise.likelihood.optima.other_optima import (
     rises_by,
     with_faint_modes,
 )
-from linkwise.likelihood.shooting.linear_model import FactoredModel, linear_model, precise_model
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.linear_model import FactoredModel, precise_model
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.shooting.steps import pull_of_defects
 from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
 from linkwise.runtime import one_blas_thread
@@ -144,9 +145,7 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
     inside, outside = (0.0, 0.0), (np.inf, np.inf)  # distances and roots of the rise
     distance = min(_FIRST, edge)
     for _ in range(_TRIALS):
-        rise, converged = rise_of_profile(
-            fit, np.array([number]), np.array([side * distance * error]), distance
-        )
+        rise, converged = rise_of_profile(fit, number, side * distance * error, distance)
         if rise * distance**2 < _LOWER:
             return None
         root = float(np.sqrt(max(rise, 0.0))) * distance
@@ -212,7 +211,6 @@ class _Profiles:
     """
 
     optimum: Optimum
-    misfit: Misfit
     model: FactoredModel
     gradient: Floats
     covariance: Floats
@@ -223,13 +221,12 @@ class _Profiles:
     def of(cls, fit: LikelihoodFit, tested: TestedCauses | None) -> _Profiles | None:
         """Those of a fit; None of long records in pieces, and where equations are singular."""
         if tested is not None and tested.model is not None:
-            (optimum, misfit), model = tested.longer, tested.model
+            optimum, model = tested.longer, tested.model
         elif is_long(fit.segments):
             return None
         else:
-            optimum, misfit = in_longer_segments(fit)
-            linear = linear_model(optimum.segments, misfit, optimum.scales, optimum.loss)
-            linear, factor = precise_model(linear, optimum.q)
+            optimum = in_longer_segments(fit)
+            linear, factor = precise_model(optimum.linear(), optimum.q)
             if factor is None:
                 return None
             model = FactoredModel(linear, factor)
@@ -246,7 +243,7 @@ class _Profiles:
         if still is None or not (np.isfinite(errors).all() and (errors[free] > 0.0).all()):
             return None
         units = np.where(free, errors, 1.0)
-        return cls(optimum, misfit, model, still[0], covariance, units, covariance / units[:, None])
+        return cls(optimum, model, still[0], covariance, units, covariance / units[:, None])
 
     def along_all(self, unknowns: Indices) -> Floats:
         """(P,) a move along the profiles of some unknowns at once, with signs by which none takes a part of another back."""
@@ -261,7 +258,7 @@ class _Profiles:
 
         They are differences over a `length` of the move.
         """
-        optimum, misfit, factor = self.optimum, self.misfit, self.model.factor
+        optimum, misfit, factor = self.optimum, self.optimum.misfit, self.model.factor
         solved = factor.solve(np.zeros(len(border), dtype=bool), border)
         assert solved is not None  # which was solved before
         nodes = ((solved[0] - self.gradient) * optimum.scales.state).T

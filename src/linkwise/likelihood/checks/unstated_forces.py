@@ -17,7 +17,6 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.shooting.loss import RandomStates
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.tests.variances import (
     DRAWS,
     LARGEST,
@@ -58,15 +57,13 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
     """
     if not fit.random_forces:
         return ()
-    optimum = fit.optimum
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    sizes, kicks = _kicks(fit, misfit, identified, channels)
+    sizes, kicks = _kicks(fit, identified, channels)
     stated = [number for number, force in enumerate(fit.random_forces) if not force.found]
     ambient = any(force.ambient for force in fit.random_forces)
     if not (kicks or stated or ambient):
         return ()
     with one_blas_thread():
-        sums = _Sums.of(fit, misfit, kicks)
+        sums = _Sums.of(fit, kicks)
     if sums is None:
         return ()
     beside = _found_beside(fit, sums)
@@ -90,10 +87,8 @@ def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
     random = fit.optimum.segments.random
     if random is None or not random.is_estimated.any():
         return fit
-    optimum = fit.optimum
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
     with one_blas_thread():
-        sums = _Sums.of(fit, misfit, {})
+        sums = _Sums.of(fit, {})
     if sums is None:
         return fit
     forces = list(fit.random_forces)
@@ -125,7 +120,7 @@ def _found_beside(fit: LikelihoodFit, sums: _Sums, but: int | None = None) -> li
 
 
 def _kicks(
-    fit: LikelihoodFit, misfit: Misfit, identified: Structure, channels: Sequence[str]
+    fit: LikelihoodFit, identified: Structure, channels: Sequence[str]
 ) -> tuple[dict[str, float], dict[str, Floats]]:
     """Root mean squares of inputs, and the kicks (K - 1, n) in m/s that noise of each of size one gives at the nodes.
 
@@ -134,7 +129,7 @@ def _kicks(
     optimum, stated = fit.optimum, {force.where for force in fit.random_forces}
     segments = optimum.segments
     sizes, kicks = {}, {}
-    for channel, rms, pattern in input_kicks(optimum, misfit, identified, channels):
+    for channel, rms, pattern in input_kicks(optimum, identified, channels):
         if channel not in stated and channel.removeprefix("force:") not in stated:
             sizes[channel], kicks[channel] = rms, pattern
     if not any(force.ambient for force in fit.random_forces):
@@ -196,35 +191,31 @@ class _Sums:
     slopes: Floats
 
     @classmethod
-    def of(cls, fit: LikelihoodFit, misfit: Misfit, kicks: Mapping[str, Floats]) -> _Sums | None:
+    def of(cls, fit: LikelihoodFit, kicks: Mapping[str, Floats]) -> _Sums | None:
         """Those at the optimum of a fit; None where its equations are singular."""
         random, q = fit.optimum.segments.random, fit.optimum.q
-        equations = DrawnEquations.of(fit, fit.optimum, misfit, q)
+        equations = DrawnEquations.of(fit, fit.optimum, q)
         if equations is None or random is None:
             return None
         rng, m = np.random.default_rng(SEED), fit.optimum.segments.system.dimension
         forces = fit.optimum.point.nodes[random.rows] / random.deviation
         observed = (
-            equations.of_defects(misfit.defects.reshape(m, -1).T[..., None]),
+            equations.of_defects(fit.misfit.defects.reshape(m, -1).T[..., None]),
             forces[:, :, None],
-            misfit.residuals.transpose(1, 2, 0)[..., None],
+            fit.misfit.residuals.transpose(1, 2, 0)[..., None],
         )
         widths = [part.stop - part.start for part in at_once(DRAWS, m * forces.shape[1])]
         parts = zip(observed, *(_drawn(equations, random, rng, count) for count in widths), strict=True)
         of_kicks, of_forces, of_noise = (np.concatenate(part, axis=-1) for part in parts)
         return cls(
             {
-                name: _sum_of_squares(np.einsum("kn,knd->kd", pattern, of_kicks))
+                name: SquareSum.of(np.einsum("kn,knd->kd", pattern, of_kicks))
                 for name, pattern in kicks.items()
             },
-            [_sum_of_squares(slopes) for slopes in of_forces],
-            [_sum_of_squares(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
+            [SquareSum.of(slopes) for slopes in of_forces],
+            [SquareSum.of(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
             of_forces,
         )
-
-
-def _sum_of_squares(slopes: Floats) -> SquareSum:
-    return SquareSum.of(slopes[:, 0], slopes[:, 1:])
 
 
 def _drawn(

@@ -71,14 +71,6 @@ those of 10 s of random motion differ from those of an endless record by about a
 beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
 
 
-def _scores(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Floats:
-    """(u,) normal scores of the usual terms among what was `tested`, without sign; 0 of those that cannot be told.
-
-    They are tested one at a time, all coefficients fitted anew to first order.
-    """
-    return np.sqrt(_gains_of(tested, which_usual(tested.hypotheses, identified))) / fit.optimum.noise
-
-
 def _hinted(fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, doubted: bool) -> Hint | None:
     """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
 
@@ -86,20 +78,16 @@ def _hinted(fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, 
     exact, those of one link that are farther from zero than their standard error, of more links fewer, as chance gives more of
     them (Foster and George, Ann. Statist. 22, 1994).
     """
-    usual = which_usual(tested.hypotheses, identified)
-    between = which_between_modes(tested.hypotheses)
-    if not (usual or between):
+    numbers = which_usual(tested.hypotheses, identified) + which_between_modes(tested.hypotheses)
+    if not numbers:
         return None
-    links = max(len({tested.hypotheses[number].where for number in usual}), 1)
-    hypotheses = [tested.hypotheses[number] for number in usual + between]
-    least = _hints(hypotheses)
-    if doubted:
-        least = np.minimum(_LIKELY**2 + 2.0 * np.log(links), least)
-    limits = least + _prices(hypotheses)
-    if not np.any(_gains_of(tested, usual + between) > limits * fit.optimum.noise**2):
+    hypotheses, p = [tested.hypotheses[number] for number in numbers], len(fit.values)
+    limits = _limits(hypotheses, doubted=doubted)
+    if not np.any(_gains_of(tested, numbers) > limits * fit.optimum.noise**2):
         return None
-    among = _among(tested, usual + between, len(fit.values))
-    return _added(fit, *among, limits, _MOST_DOUBTED if doubted else _MOST)
+    order = [*range(p), *(p + number for number in numbers)]
+    curvature, slope = tested.curvature[np.ix_(order, order)], tested.slope[order]
+    return _added(fit, hypotheses, curvature, slope, limits, _MOST_DOUBTED if doubted else _MOST)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
@@ -140,44 +128,28 @@ def _added(
     return {"terms": np.outer(moved, moved)}, likeliest
 
 
-def _hints(hypotheses: Sequence[Hypothesis]) -> Floats:
-    """(h,) what each gains at least where the residuals of exact laws hint at it."""
-    powers = np.array([hypothesis.term in _POWERS for hypothesis in hypotheses])
-    of_power = _HINT_OF_POWER**2 + 2.0 * np.log(max(int(np.count_nonzero(powers)), 1))
-    return np.asarray(np.where(powers, min(of_power, _HINT**2), _HINT**2))
+def _limits(hypotheses: Sequence[Hypothesis], *, doubted: bool) -> Floats:
+    """(h,) what each gains at least where the residuals of exact laws hint at it, and by chance beside its size.
 
-
-def _prices(hypotheses: Sequence[Hypothesis]) -> Floats:
-    """(h,) what each gains by chance beside its size: a force with memory has a reach as well.
-
-    Beside a stiff link it hardly differs from a damper, whose interval it would make many times as wide. Damping between
-    modes is one of many pairs.
+    A force with memory has a reach as well: beside a stiff link it hardly differs from a damper, whose interval it would make
+    many times as wide. Damping between modes is one of many pairs.
     """
-    pairs = sum(hypothesis.kind == BETWEEN_MODES for hypothesis in hypotheses)
-    of_pair = 2.0 * float(np.log(max(pairs, 1)))
-    return np.array(
-        [
-            of_pair
-            if hypothesis.kind == BETWEEN_MODES
-            else PRICE_OF_REACH * (hypothesis.term in MEMORY_TERMS)
-            for hypothesis in hypotheses
-        ]
-    )
+    terms = [hypothesis.term for hypothesis in hypotheses]
+    between = np.array([hypothesis.kind == BETWEEN_MODES for hypothesis in hypotheses])
+    powers, memory = np.isin(terms, _POWERS), np.isin(terms, list(MEMORY_TERMS))
+    of_power = _HINT_OF_POWER**2 + 2.0 * np.log(max(int(np.count_nonzero(powers)), 1))
+    least = np.where(powers, min(of_power, _HINT**2), _HINT**2)
+    if doubted:
+        links = {hypothesis.where for hypothesis in hypotheses if hypothesis.kind != BETWEEN_MODES}
+        least = np.minimum(_LIKELY**2 + 2.0 * np.log(max(len(links), 1)), least)
+    of_pair = 2.0 * np.log(max(int(np.count_nonzero(between)), 1))
+    return np.asarray(least + of_pair * between + PRICE_OF_REACH * memory)
 
 
 def _gains_of(tested: TestedCauses, numbers: Sequence[int]) -> Floats:
     """What each of some hypotheses alone would take off the cost; 0 of those that cannot be told."""
     gains = tested.tests.gains[np.array(numbers, dtype=int)]
     return np.where(np.isfinite(gains), gains, 0.0)
-
-
-def _among(
-    tested: TestedCauses, numbers: Sequence[int], parameters: int
-) -> tuple[list[Hypothesis], Floats, Floats]:
-    """The hypotheses of these `numbers`; curvature and slope in the `parameters` and their sizes, scaled."""
-    order = [*range(parameters), *(parameters + number for number in numbers)]
-    hypotheses = [tested.hypotheses[number] for number in numbers]
-    return hypotheses, tested.curvature[np.ix_(order, order)], tested.slope[order]
 
 
 _DOUBT = 0.02
@@ -195,8 +167,8 @@ def doubt(
     """
     if tested is None:
         return None
-    scores = _scores(fit, identified, tested)
-    scores = scores[scores > 0.0]
+    gains = _gains_of(tested, which_usual(tested.hypotheses, identified))
+    scores = np.sqrt(gains[gains > 0.0]) / fit.optimum.noise  # of each alone, without sign
     scatter = None if searched else scatter_of_blocks(fit, tested)
     if scatter is not None:
         beyond = float(scipy.special.ndtr(-np.max(scores, initial=0.0)))
@@ -224,23 +196,13 @@ def scatter_of_blocks(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockS
         return None
     free = np.ones(len(optimum.point.border), dtype=bool)
     free[: len(fit.values)] = fit.free
-    longer, misfit = optimum, fit.misfit
     with one_blas_thread():
         scores = tested.block_scores if tested else None
         if scores is None:
-            longer, misfit = in_longer_segments(fit)
-            if longer.segments.count < EQUAL * BLOCKS[0]:  # short ones make more equal blocks
-                longer, misfit = optimum, fit.misfit
-        scatter = block_scatter(
-            longer.segments,
-            misfit,
-            optimum.scales,
-            optimum.loss,
-            q=optimum.q,
-            noise=optimum.noise,
-            free=free,
-            scores=scores,
-        )
+            longer = in_longer_segments(fit)
+            # short ones make more equal blocks
+            optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
+        scatter = block_scatter(optimum, free, scores)
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
 
 
@@ -312,7 +274,7 @@ def _wholes(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Sequence[int]
 ) -> Iterator[tuple[float, float]]:
     """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
-    forces = link_forces(fit.optimum, fit.misfit, identified)
+    forces = link_forces(fit.optimum, identified)
     damping = largest_damping(identified)
     for number in numbers:
         hypothesis, unit = tested.hypotheses[number], float(tested.units[number])

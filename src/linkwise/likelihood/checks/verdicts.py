@@ -11,7 +11,7 @@ from linkwise.arrays import Floats
 from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.changed_coefficients import moment
-from linkwise.likelihood.checks.held_closer import dissipates, hidden_term
+from linkwise.likelihood.checks.horizons import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
     AS_NOISE,
     LARGEST_SHIFT,
@@ -32,9 +32,9 @@ from linkwise.likelihood.tests.variances import (
     SPECTRAL_KINDS,
     UNSTEADY,
     for_noise_of_inputs,
+    input_kicks,
 )
 from linkwise.model.coefficient import MASS
-from linkwise.records.channel import BASE
 from linkwise.signals.noise import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
@@ -187,15 +187,7 @@ def noise_found_of_inputs(of: Examined) -> Judgement | None:
 
 
 def _noisy_inputs(of: Examined) -> Iterator[str]:
-    inputs, rms = of.fit.segments.inputs, {}
-    if inputs.force is not None:
-        powers = np.mean(inputs.force[:, 0] ** 2, axis=(0, 2))
-        names = of.identified.mass_names
-        rms = {f"force:{name}": float(np.sqrt(power)) for name, power in zip(names, powers, strict=True)}
-    if inputs.frame is not None:
-        rms[f"a:{BASE}"] = float(np.sqrt(np.mean(inputs.frame[:, 0] ** 2)))
-    if inputs.base is not None:
-        rms[f"x:{BASE}"] = float(np.sqrt(np.mean(inputs.base[:, 0, 0] ** 2)))
+    rms = {name: size for name, size, _ in input_kicks(of.fit.optimum, of.identified, of.channels)}
     for force in of.fit.random_forces:
         if force.found and not force.ambient and force.deviation > _NOISIEST_INPUT * rms[force.where]:
             yield force.where

@@ -9,20 +9,17 @@ that noise hides how the link bends: then its coefficients are hardly known, and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.linear_model import linear_model, precise_model
-from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.values import regressed, starting_values
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.law import Law
@@ -36,10 +33,6 @@ _LOOSE = 0.03  # relaxation at which the fit about the place of rest ends: tight
 _NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of rest may be away from d = 0
 _GRID = 161  # places on either side, at equal ratios
 _ROUNDS = 4  # of finer grids
-_VALLEY_STEPS = 4
-_CREEPING = (
-    0.02  # of -2 log likelihood: a full step that would lower it by more is one that a search did not take
-)
 _APART = 4.0  # standard errors beyond which values are others
 _CERTAIN = 10.0  # standard errors: laws whose coefficients are known that well leave no doubt about the place of rest
 
@@ -100,77 +93,12 @@ def fit_about_rest(
     try:
         theta, _ = starting_values(records, centred, stated)
         about = search(centred, theta, options=replace(options, model_error=False, tightest=_LOOSE))
-        if about.status is AnnealingStatus.INTERRUPTED:
+        if about.interrupted:
             return None
         values, nodes = _moved(structure, centred, about, hidden)
-        return _along_valley(partial(search, structure), structure, hidden, options, (values, nodes))
+        return search(structure, values, options=replace(options, nodes=nodes))
     except IdentificationError:
         return None
-
-
-def _along_valley(
-    search: Callable[..., LikelihoodFit],
-    structure: Structure,
-    hidden: Sequence[_HiddenLink],
-    options: LikelihoodOptions,
-    start: tuple[Floats, Floats],
-) -> LikelihoodFit:
-    """A fit from values (p,) and nodes, led along the valley of coefficients that differ in where the hidden masses rest.
-
-    A place of rest bends with the coefficients, and a linear step of all nodes along it misses it by more than the continuity
-    of the segments lets pass, so that a search creeps there, or ends. Full steps of the coefficients are taken with the places
-    of rest that follow from them.
-    """
-    fit = search(start[0], options=replace(options, nodes=start[1]))
-    for _ in range(_VALLEY_STEPS):
-        optimum = fit.optimum
-        linear = linear_model(optimum.segments, fit.misfit, optimum.scales, optimum.loss)
-        linear, factor = precise_model(linear, optimum.q)
-        free = np.concatenate([fit.free, np.ones(len(optimum.scales.theta) - len(fit.free), dtype=bool)])
-        solved = None if factor is None else factor.solve(free)
-        if solved is None or linear.equations(optimum.q).drop(*solved) < _CREEPING:
-            break
-        values = fit.values + (solved[1] * optimum.scales.theta)[: len(fit.values)]
-        nodes = optimum.point.nodes.copy()
-        elongations = np.asarray(fit.misfit.trajectories.links[0][0], dtype=float)  # with what moves the base
-        moves = _moves_of_rest(structure, hidden, elongations, fit.values, values)
-        if moves is None:
-            break
-        for link, move in zip(hidden, moves, strict=True):
-            nodes[link.coordinate] += move / link.sign
-        try:
-            again = search(values, options=replace(options, nodes=nodes))
-        except IdentificationError:
-            break
-        if again.status is AnnealingStatus.INTERRUPTED:
-            return again
-        better = again.status is AnnealingStatus.CONVERGED and fit.status is not AnnealingStatus.CONVERGED
-        if not better and not again.chi_square < fit.chi_square:
-            break
-        fit = again
-    return fit
-
-
-def _moves_of_rest(
-    structure: Structure, hidden: Sequence[_HiddenLink], d: Floats, before: Floats, after: Floats
-) -> list[float] | None:
-    """By how much the elongation at rest of each hidden link changes with the values, whose elongations along the record are
-    `d` (L, K); None where a place of rest is lost.
-    """
-    names = [parameter.name for parameter in structure.parameters]
-    both = [
-        structure.with_values(dict(zip(names, values.tolist(), strict=True))) for values in (before, after)
-    ]
-    moves = []
-    for link in hidden:
-        mean, size = float(np.mean(d[link.number])), float(np.std(d[link.number])) or 1.0
-        forces = [valued.links[link.number].force for valued in both]
-        near = {"x0": mean, "x1": mean + 0.1 * size, "full_output": True, "disp": False}
-        found = [scipy.optimize.newton(force, **near) for force in forces]
-        if not all(report.converged and np.isfinite(place) for place, report in found):
-            return None
-        moves.append(float(found[1][0] - found[0][0]))
-    return moves
 
 
 def about_another_rest(fit: LikelihoodFit) -> str:
@@ -221,7 +149,7 @@ def _hidden_links(structure: Structure, channels: Sequence[Channel]) -> tuple[_H
 
 def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Sequence[_HiddenLink]) -> bool:
     """Whether a fit explains the records, and every coefficient of the links that it has found is far from zero."""
-    if fit.status is not AnnealingStatus.CONVERGED or fit.chi_square_off:
+    if not fit.converged or fit.chi_square_off:
         return False
     numbers = {link.number for link in hidden}
     own = [any(link in numbers for link, _ in parameter.members) for parameter in structure.parameters]

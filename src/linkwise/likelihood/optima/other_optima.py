@@ -45,8 +45,9 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.expression import symbols
-from linkwise.likelihood.fit import CostShape, LikelihoodFit, Optimum
+from linkwise.likelihood.fit import CostShape, LikelihoodFit
 from linkwise.likelihood.noise import evidence
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import linearise
@@ -107,12 +108,12 @@ def lower_of_two(fit: LikelihoodFit, search: Callable[[Floats], LikelihoodFit]) 
     LikelihoodFit
         The fit with the lower chi-square.
     """
-    if fit.status is not AnnealingStatus.CONVERGED or went_straight(fit):
+    if not fit.converged or went_straight(fit):
         return fit
     again = search(fit.values)
-    if again.status is AnnealingStatus.INTERRUPTED:
+    if again.interrupted:
         return again
-    better = again.status is AnnealingStatus.CONVERGED and again.chi_square < fit.chi_square
+    better = again.converged and again.chi_square < fit.chi_square
     if not better or again.model_error > 0.0:
         return fit
     return replace(again, path=max(fit.path, again.path, key=len))
@@ -156,9 +157,6 @@ def is_quadratic(
 ) -> bool:
     """Whether the cost rises as the covariance predicts where the parameters are moved by two standard errors and held.
 
-    Beside a host only parameters without a prior are moved, and all others are fitted again: dampings between modes, which
-    records hardly determine, shift frequencies by their squares, so that the cost is no parabola of all together.
-
     Parameters
     ----------
     fit : LikelihoodFit
@@ -175,23 +173,14 @@ def is_quadratic(
     bool
         Whether it does.
     """
-    tested = _tested(fit, faint)
-    chosen = _unknown_beforehand(fit, tested)
-    axes = _axes_of_covariance(fit, chosen)
-    if axes is None:
-        return True
-    scale, vectors, deviations = axes
-    root = scale[:, None] * (vectors * deviations)
-
-    def rise(step: Floats) -> tuple[float, bool]:
-        if len(chosen) < len(tested):
-            return rise_of_profile(fit, chosen, step, _DISTANCE)
-        return _rise(fit, *_held(fit, chosen, step), _DISTANCE)
-
-    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(chosen)))
+    free = _tested(fit, faint)
+    root = _root_of_covariance(fit, free)
+    directions = np.random.default_rng(_SEED).normal(size=(_DIRECTIONS, len(free)))
     directions *= _DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
-    return all(
-        _is_expected(*rise(side * (root @ direction)), factor) for direction in directions for side in sides
+    return root is None or all(
+        _is_expected(*rise(fit, *_held(fit, free, side * (root @ direction)), _DISTANCE), factor)
+        for direction in directions
+        for side in sides
     )
 
 
@@ -211,14 +200,11 @@ def rises_in_weak_directions(fit: LikelihoodFit, faint: Sequence[str] = ()) -> b
         Whether it does.
     """
     free = _tested(fit, faint)
-    axes = _axes_of_covariance(fit, free)
-    if axes is None:
-        return True
-    scale, vectors, deviations = axes
-    return all(
-        rises_by(_TOO_LITTLE, fit, *_held(fit, free, side * _FAR * scale * weak), _FAR)
-        for weak in (vectors * deviations).T[-_WEAKEST:]
-        for side in (1.0, -1.0)
+    root = _root_of_covariance(fit, free)
+    return root is None or all(
+        rises_by(_TOO_LITTLE, fit, *_held(fit, free, side * _FAR * weak), _FAR)
+        for weak in root.T[-_WEAKEST:]
+        for side in _BOTH
     )
 
 
@@ -279,34 +265,14 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, d
     bool
         Whether it is.
     """
-    return _rise(fit, theta, is_fixed, distance, enough=least)[0] > least
+    return rise(fit, theta, is_fixed, distance, enough=least)[0] > least
 
 
-def rise_of_profile(fit: LikelihoodFit, moved: Indices, step: Floats, distance: float) -> tuple[float, bool]:
-    """The rise of -2 log likelihood where parameters are moved and held, and all others fitted again.
-
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        The fit.
-    moved : array of int, shape (f,)
-        The parameters that are moved.
-    step : array of shape (f,)
-        By how much.
-    distance : float
-        Of the move in standard errors.
-
-    Returns
-    -------
-    tuple of (float, bool)
-        The rise over that expected, the square of the distance, and whether the others were found; else an upper bound of it.
-    """
+def rise_of_profile(fit: LikelihoodFit, number: int, step: float, distance: float) -> tuple[float, bool]:
+    """The `rise` where a parameter is moved by a step, of a `distance` in standard errors, and all others fitted again."""
     covariance = _covariance(fit)
-    size = np.sqrt(np.maximum(covariance.diagonal()[moved], np.finfo(float).tiny))
-    correlation = covariance[np.ix_(moved, moved)] / np.outer(size, size)
-    with_others = covariance[:, moved] / size @ np.linalg.pinv(correlation, hermitian=True) @ (step / size)
-    is_fixed = np.isin(np.arange(len(fit.values)), moved)
-    return _rise(fit, fit.optimum.point.theta + with_others, is_fixed, distance)
+    theta = fit.optimum.point.theta + covariance[:, number] / covariance[number, number] * step
+    return rise(fit, theta, np.arange(len(theta)) == number, distance)
 
 
 def _held(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Bools]:
@@ -321,25 +287,15 @@ def _tested(fit: LikelihoodFit, faint: Sequence[str]) -> Indices:
     return np.flatnonzero(fit.free & ~np.isin(fit.segments.system.parameters.names, list(faint)))
 
 
-def _unknown_beforehand(fit: LikelihoodFit, parameters: Indices) -> Indices:
-    """Those of some parameters that have no prior; all of them where none is without, or the structure has no host."""
-    prior = fit.segments.prior
-    if prior is None or not len(fit.segments.system.points):
-        return parameters
-    unknown = parameters[np.isinf(prior.deviation[parameters])]
-    return unknown if len(unknown) else parameters
-
-
 def _covariance(fit: LikelihoodFit) -> Floats:
     """(p, p) covariance of the parameters as the cost has it, which takes the noise for white."""
     of_white = fit.optimum.of_white
     return fit.covariance if of_white is None else of_white
 
 
-def _axes_of_covariance(fit: LikelihoodFit, free: Indices) -> tuple[Floats, Floats, Floats] | None:
-    """Standard deviations (f,) of the free parameters, as the cost has them, and principal axes of their correlations.
-
-    The axes are (f, f) vectors in columns and deviations (f,) along them, the largest last. None where there is no covariance.
+def _root_of_covariance(fit: LikelihoodFit, free: Indices) -> Floats | None:
+    """(f, f) principal axes of the correlations of the free parameters, as the cost has them, each as long as its standard
+    deviation, the longest last; None where there is no covariance.
     """
     covariance = _covariance(fit)[np.ix_(free, free)]
     if not len(free) or not np.isfinite(covariance).all():
@@ -347,7 +303,7 @@ def _axes_of_covariance(fit: LikelihoodFit, free: Indices) -> tuple[Floats, Floa
     scale = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
     variances, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     vectors = vectors * np.where(vectors[-1] < 0.0, -1.0, 1.0)  # signs differ from one machine to another
-    return scale, vectors, np.sqrt(np.maximum(variances, 0.0))
+    return np.asarray(scale[:, None] * (vectors * np.sqrt(np.maximum(variances, 0.0))))
 
 
 def _is_expected(rise: float, converged: bool, factor: float) -> bool:
@@ -355,7 +311,7 @@ def _is_expected(rise: float, converged: bool, factor: float) -> bool:
     return bool(1.0 / factor < rise < factor if converged else rise < _IRREGULAR_UNCONVERGED)
 
 
-def _rise(
+def rise(
     fit: LikelihoodFit, theta: Floats, is_fixed: Bools, distance: float, *, enough: float = np.inf
 ) -> tuple[float, bool]:
     """The rise of -2 log likelihood over that expected at a `distance` in standard errors, and whether the orbit was found.
@@ -444,9 +400,8 @@ def _alone(fit: LikelihoodFit) -> Floats:
     return alone
 
 
-_LOW_SIGNAL = (
-    10.0**1.5
-)  # power of a channel over that of its noise, 15 dB, below which few steps are no sign of one optimum
+# power of a channel over that of its noise, 15 dB, below which few steps are no sign of one optimum
+_LOW_SIGNAL = 10.0**1.5
 _LADDER = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, AnnealingSchedule.final_q)
 _SINGLE = 1e-2  # relaxation down to which noise as strong as the motion leaves one optimum
 _RELAXED_STEPS = 40  # at each relaxation; a search that takes more has left the valley
@@ -483,7 +438,7 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
     """
     if not _may_be_wrong(fit):
         return fit
-    converged, low = fit.status is AnnealingStatus.CONVERGED, _is_low(fit)
+    converged, low = fit.converged, _is_low(fit)
     least = _NEARLY_AS_EXPECTED if _stays_chaotic(fit) else _TOO_LITTLE
     bends = least > _TOO_LITTLE and not profiles_rise(fit, least)
     if converged and not low and not bends and _is_smooth(fit):
@@ -506,9 +461,9 @@ def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:
             again = refit(candidate.point.theta, candidate.point.nodes, candidate.q)
         except IdentificationError:  # the motion runs away
             continue
-        if again.status is AnnealingStatus.INTERRUPTED:
+        if again.interrupted:
             return fit
-        is_good = again.status is AnnealingStatus.CONVERGED and not again.chi_square_off
+        is_good = again.converged and not again.chi_square_off
         if is_good and _is_smooth(again) and profiles_rise(again, least):
             return replace(again, shape=CostShape.QUADRATIC)
     return fit
@@ -527,7 +482,7 @@ def is_loosened(fit: LikelihoodFit) -> bool:
     bool
         Whether they do.
     """
-    exact = fit.status is AnnealingStatus.CONVERGED and fit.model_error == 0.0 and not fit.random_forces
+    exact = fit.converged and fit.model_error == 0.0 and not fit.random_forces
     return exact and fit.optimum.q > AnnealingSchedule.final_q
 
 
@@ -547,11 +502,11 @@ def _relaxed_fits(fit: LikelihoodFit) -> Iterator[tuple[AnnealingFit, float]]:
 
 def _may_be_wrong(fit: LikelihoodFit) -> bool:
     """Whether the search for exact laws may have ended in an optimum that is not the highest."""
-    if fit.status is AnnealingStatus.INTERRUPTED or fit.model_error > 0.0:
+    if fit.interrupted or fit.model_error > 0.0:
         return False
     if fit.random_forces or fit.optimum.coloured is not None:
         return False
-    if fit.status is not AnnealingStatus.CONVERGED:
+    if not fit.converged:
         return fit.chi_square < _ON_THE_WAY
     if fit.optimum.q > AnnealingSchedule.final_q:
         return False
@@ -620,7 +575,7 @@ def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[st
         The names; none for a fit that did not converge.
     """
     system, energy = fit.segments.system, elongation_energy(fit)
-    if fit.status is not AnnealingStatus.CONVERGED:
+    if not fit.converged:
         return ()
     own_energy = np.where(energy < np.inf, own_part(fit), 1.0) * energy
     if not (own_energy < _FAINT).any():

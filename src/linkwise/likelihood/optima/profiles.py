@@ -14,8 +14,8 @@ import scipy
 from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
-from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.optima.other_optima import refitted
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingStatus
 from linkwise.likelihood.shooting.segments import Iterate
 from linkwise.progress import Progress, ProgressReport, silent

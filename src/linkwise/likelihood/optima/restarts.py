@@ -18,7 +18,6 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.starts.memory import Start
 
 _ATTEMPTS = 3
@@ -64,9 +63,9 @@ def fit_with_restarts(
     """
     strict, nodes = replace(options, model_error=False), None
     fit = fitted(theta, options=strict)
-    rival = None if another is None or _interrupted(fit) else another(strict, fit)
+    rival = None if another is None or fit.interrupted else another(strict, fit)
     if rival is not None:
-        chosen = rival if _interrupted(rival) else _likelier(fit, rival)
+        chosen = rival if rival.interrupted else _likelier(fit, rival)
         nodes = rival.optimum.point.nodes if chosen.values is rival.values else None
         fit = chosen
     for _ in range(_ATTEMPTS - 1):
@@ -83,8 +82,8 @@ def fit_with_restarts(
 
 def _likelier(fit: LikelihoodFit, rival: LikelihoodFit) -> LikelihoodFit:
     """The fit, or a rival that converged and is likelier by a relevant amount, with the values of the other if both may be."""
-    if not (_converged(rival) and _converged(fit)):
-        return rival if _converged(rival) else fit
+    if not (rival.converged and fit.converged):
+        return rival if rival.converged else fit
     gain = _gain(rival, fit)
     if not (_ends(fit) and _ends(rival)):
         return rival if gain > _RELEVANT else fit
@@ -105,7 +104,7 @@ def fit_from_starts(search: Callable[[Floats], LikelihoodFit], starts: Sequence[
     as_good = (
         fit.values
         for fit in others
-        if _converged(fit)
+        if fit.converged
         and _are_apart(fit, best)
         and abs(fit.misfit.cost(1.0) - best.misfit.cost(1.0)) < _TIED
     )
@@ -134,7 +133,7 @@ def attempts(searches: Iterable[Callable[[], LikelihoodFit]]) -> list[Likelihood
 
 def _rank(fit: LikelihoodFit) -> tuple[bool, float]:
     """Fits that converged first, then those that leave least: the relaxation of a model error counts as misfit."""
-    return not _converged(fit), fit.chi_square if fit.model_error == 0.0 else fit.misfit.cost(fit.model_error)
+    return not fit.converged, fit.chi_square if fit.model_error == 0.0 else fit.misfit.cost(fit.model_error)
 
 
 def _are_apart(fit: LikelihoodFit, best: LikelihoodFit) -> bool:
@@ -148,14 +147,6 @@ def _gain(fit: LikelihoodFit, before: LikelihoodFit) -> float:
     return float(fit.samples * np.log(before.chi_square / fit.chi_square))
 
 
-def _converged(fit: LikelihoodFit) -> bool:
-    return fit.status is AnnealingStatus.CONVERGED
-
-
-def _interrupted(fit: LikelihoodFit) -> bool:
-    return fit.status is AnnealingStatus.INTERRUPTED
-
-
 def _ends(fit: LikelihoodFit) -> bool:
     """Whether a fit converged with the expected noise and exact laws, or was interrupted."""
-    return _interrupted(fit) or (_converged(fit) and not fit.chi_square_off and fit.model_error == 0.0)
+    return fit.interrupted or (fit.converged and fit.leaves_noise)

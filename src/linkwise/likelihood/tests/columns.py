@@ -19,9 +19,9 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.expression import Number, substitute, symbols, to_text
-from linkwise.likelihood.fit import Optimum
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import UncertainForces
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, carried_by, evaluate, motion_of
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, carried_by, motion_of
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.shooting.tangents import CandidateForces
@@ -53,13 +53,16 @@ class FittedMotion:
     """What is along the motion of an optimum, at the ends of the steps of the tangents and in their middles, in turn."""
 
     optimum: Optimum
-    misfit: Misfit
     structure: Structure
     channels: Sequence[Channel] = ()
 
     @property
     def segments(self) -> Segments:
         return self.optimum.segments
+
+    @property
+    def misfit(self) -> Misfit:
+        return self.optimum.misfit
 
     @cached_property
     def mechanics(self) -> NumericSystem:
@@ -175,17 +178,6 @@ class TestedColumns:
         )
 
     @classmethod
-    def of_sensors(cls, errors: SensorErrors, shown: Sequence[Channel]) -> TestedColumns:
-        """Each error of a sensor alone, by the channels that are `shown`."""
-        places = zip(errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True)
-        hypotheses = [
-            Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
-            for kind, channel, source in places
-        ]
-        count = len(hypotheses)
-        return cls(hypotheses, np.ones(count), None, errors, np.empty((0, count)), np.eye(count))
-
-    @classmethod
     def of_terms(cls, motion: FittedMotion, lacking: Lacking) -> TestedColumns:
         """Each missing force alone, in its root mean square, with what load cells show of it."""
         hypotheses = [hypothesis for hypothesis, _ in lacking]
@@ -235,15 +227,23 @@ class TestedColumns:
         return curvature, weights.T @ augmented.slope, scatter
 
     @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-    def local_quadratic(self, optimum: Optimum, misfit: Misfit) -> LocalQuadratic:
+    def local_quadratic(self, optimum: Optimum) -> LocalQuadratic:
         """The local model in the parameters and, after them, the sizes of the hypotheses.
 
         Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
         """
-        forces = self.forces or candidate_forces(optimum.segments, misfit, [])[0]
-        augmented = augmented_quadratic(optimum, misfit, forces, self.errors)
+        forces = self.forces or candidate_forces(optimum.segments, optimum.misfit, [])[0]
+        augmented = augmented_quadratic(optimum, forces, self.errors)
         equations = self.by_sizes(augmented, optimum.segments.system.parameters.size)
         return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
+
+
+def errors_of_sensors(errors: SensorErrors, shown: Sequence[Channel]) -> Iterator[Added]:
+    """Each error of a sensor alone, by the channels that are `shown`."""
+    places = zip(errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True)
+    for number, (kind, channel, source) in enumerate(places):
+        hypothesis = Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
+        yield Added(hypothesis, samples=[(channel, errors.values[:, number])])
 
 
 _ROUNDING = 1e-9  # of a force
@@ -445,14 +445,13 @@ def errors_of_stated_values(
     With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
     """
     with one_blas_thread():
-        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
         known, forces, sizes = _known_terms(structure)
-        terms, units = candidate_forces(optimum.segments, misfit, forces)
+        terms, units = candidate_forces(optimum.segments, optimum.misfit, forces)
         own, nothing = np.eye(len(known)), np.empty((0, len(known)))
         of_laws = TestedColumns(known, units / np.array(sizes), terms, None, own, nothing)
-        of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, misfit, identified)))
+        of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, identified)))
         errors = TestedColumns.joined([of_masses, of_laws])
-        return errors.hypotheses, errors.local_quadratic(optimum, misfit)
+        return errors.hypotheses, errors.local_quadratic(optimum)
 
 
 def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce], list[float]]:

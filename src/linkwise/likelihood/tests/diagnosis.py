@@ -30,17 +30,15 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, Cause
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, block_scores
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.normal_equations import block_ends
 from linkwise.likelihood.shooting.residuals import (
     LongerSegments,
-    Misfit,
     SensorErrors,
     common_filter,
-    evaluate,
     relative_to_gain,
 )
 from linkwise.likelihood.shooting.segments import Segments
@@ -50,6 +48,7 @@ from linkwise.likelihood.tests.columns import (
     TestedColumns,
     base_errors,
     damping_between_modes,
+    errors_of_sensors,
     inertia_and_inputs,
     shape_errors,
 )
@@ -96,14 +95,14 @@ class TestedCauses:
     scatter: Floats
     attenuation: float
     model: FactoredModel | None
-    longer: tuple[Optimum, Misfit]
+    longer: Optimum
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
         """Those of the optimum; None where its model is not in blocks, or its equations are singular."""
         if self.model is None or not self.model.in_blocks:
             return None
-        of_blocks = block_information(self.model, self.longer[0].q)
+        of_blocks = block_information(self.model, self.longer.q)
         return None if of_blocks is None else BlockScores(*of_blocks)
 
     @cached_property
@@ -242,30 +241,21 @@ _AMONG = 40  # masses that share this cost: of more of them it grows with their 
 _BLOCK_SHIFT = 1 / 30  # of a block, by which its ends are shifted at most
 
 
-def in_longer_segments(fit: LikelihoodFit) -> tuple[Optimum, Misfit]:
-    """The optimum of a fit and its misfit, in longer segments where the motion is exactly that of the laws.
-
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        The fit.
-
-    Returns
-    -------
-    tuple of (Optimum, Misfit)
-        Those in longer segments; the given ones where the links inside these, which they leave out, cost anything.
+def in_longer_segments(fit: LikelihoodFit) -> Optimum:
+    """The optimum of a fit in longer segments, where the motion is exactly that of the laws; as it is where the links inside
+    these, which they leave out, cost anything.
     """
-    optimum, misfit = fit.optimum, fit.misfit
+    optimum = fit.optimum
     exact = optimum.q <= AnnealingSchedule.final_q and optimum.coloured is None
     longer = LongerSegments.of(optimum.segments) if exact else None
     if longer is None:
-        return optimum, misfit
-    of_longer = longer.misfit(misfit)
-    left_out = (misfit.continuity - of_longer.continuity) / optimum.q**2
+        return optimum
+    misfit = longer.misfit(optimum.misfit)
+    left_out = (optimum.misfit.continuity - misfit.continuity) / optimum.q**2
     most = _LINKS * max(1.0, len(optimum.segments.system.incidence) / _AMONG)
     if not left_out < most * optimum.noise**2:
-        return optimum, misfit
-    return replace(optimum, segments=longer.segments, point=longer.point(optimum.point)), of_longer
+        return optimum
+    return replace(optimum, segments=longer.segments, misfit=misfit)
 
 
 def blocks_in(longer: Segments, shorter: Segments) -> int:
@@ -308,11 +298,8 @@ def overdispersion(optimum: Optimum, forces: Sequence[CandidateForce]) -> Overdi
     segments = optimum.segments
     if segments.count < FEWEST * BLOCKS[0]:
         return None
-    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-    candidates, units = candidate_forces(segments, misfit, forces)
-    scores = block_scores(
-        segments, misfit, optimum.scales, optimum.loss, optimum.q, BLOCKS[0], candidates=candidates
-    )
+    candidates, units = candidate_forces(segments, optimum.misfit, forces)
+    scores = optimum.block_scores(BLOCKS[0], candidates)
     if scores is None:
         return None
     parameters = segments.system.parameters.size
@@ -339,9 +326,8 @@ def _scatter(scores: BlockScores, own: int) -> Floats:
 _NO_SLOPE = ("sign(v)", *MEMORY_TERMS)
 """What the log determinant does not see: a jump, and forces with memory."""
 
-_LATEST = (
-    20.0  # samples: the first order says nothing of a longer delay, as that of all channels of a free decay
-)
+# samples: the first order says nothing of a longer delay, as that of all channels of a free decay
+_LATEST = 20.0
 _HALF = 0.1  # of a sample, by which a delay may differ from a half and still look like one
 # of a sample squared: what straight lines take off a motion is its second derivative times it
 _STRAIGHT = 1.0 / 12.0
@@ -349,9 +335,8 @@ _NEAR = 0.2  # relative, by which a filter may differ from that and still look l
 # with twice the logarithm of the number of causes: normal scores give one cause in 20 000 fits
 _CHANCE = 16.0
 _CHANCE_OF_FILTER = 9.0  # one cause, of one sign, which chance gives in one fit of 700
-_CHANCE_OF_CLOCK = (
-    9.0  # beside a delay, which a clock that is added has as well, so that one too many costs little
-)
+# beside a delay, which a clock that is added has as well, so that one too many costs little
+_CHANCE_OF_CLOCK = 9.0
 _SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: amplitudes of 1 % are 2 % of a cubic spring
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _LISTED = 3  # hypotheses in a sentence
@@ -460,18 +445,17 @@ def tested_causes(
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
-    longer = in_longer_segments(fit)
-    optimum, misfit = longer
-    motion = FittedMotion(optimum, misfit, identified, channels)
-    errors, filtered = SensorErrors.of(optimum.segments, misfit), common_filter(optimum.segments, misfit)
+    optimum = in_longer_segments(fit)
+    motion, at = FittedMotion(optimum, identified, channels), (optimum.segments, optimum.misfit)
+    errors, filtered = SensorErrors.of(*at), common_filter(*at)
     columns = TestedColumns.joined(_columns(motion, errors, filtered, terms=terms))
     # which are those of terms and sensors at least
     assert columns.forces is not None and columns.errors is not None
     blocks = blocks_in(optimum.segments, fit.segments)
-    augmented = augmented_quadratic(optimum, misfit, columns.forces, columns.errors, blocks)
+    augmented = augmented_quadratic(optimum, columns.forces, columns.errors, blocks)
     equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
     named, of_filter = in_units_of(columns.hypotheses, identified), relative_to_gain(filtered, errors)
-    return TestedCauses(named, columns.units, *equations, of_filter, augmented.model, longer)
+    return TestedCauses(named, columns.units, *equations, of_filter, augmented.model, optimum)
 
 
 def _columns(
@@ -485,12 +469,13 @@ def _columns(
     if len(inputs) == 1 and timed.kind:
         early = replace(timed, values=-timed.values)
         together.append(Added(Hypothesis(CLOCK, inputs[0]), samples=_samples(early)))
+    of_sensors = errors_of_sensors(errors, [name for name in channels if not name.is_input])
     of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
     return [
         TestedColumns.of_terms(motion, lacking),
-        TestedColumns.of(inertia_and_inputs(motion)),
-        TestedColumns.of_sensors(errors, [name for name in channels if not name.is_input]),
-        TestedColumns.of(chain(together, base_errors(motion), *of_hosts)),
+        TestedColumns.of(
+            chain(inertia_and_inputs(motion), of_sensors, together, base_errors(motion), *of_hosts)
+        ),
     ]
 
 
@@ -500,7 +485,7 @@ def _samples(errors: SensorErrors) -> list[tuple[int, Floats]]:
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
 def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    optimum, hypotheses, misfit, tests = fit.optimum, tested.hypotheses, fit.misfit, tested.tests
+    optimum, hypotheses, tests = fit.optimum, tested.hypotheses, tested.tests
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
     kinds = [hypothesis.kind for hypothesis in hypotheses]
     relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
@@ -517,7 +502,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     scaled = replace(
         tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
     )
-    forces = link_forces(optimum, misfit, identified) if significant.any() else {}
+    forces = link_forces(optimum, identified) if significant.any() else {}
     causes = (
         replace(
             _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
@@ -531,11 +516,11 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
 @np.errstate(over="ignore", invalid="ignore")  # as in `_significant`
 def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
     """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
-    optimum, misfit = fit.optimum, fit.misfit
+    optimum = fit.optimum
     lacking = missing_terms(identified)
     hypotheses, forces = [one for one, _ in lacking], [force for _, force in lacking]
-    candidates, norms = candidate_forces(optimum.segments, misfit, forces)
-    augmented = augmented_quadratic(optimum, misfit, candidates)
+    candidates, norms = candidate_forces(optimum.segments, optimum.misfit, forces)
+    augmented = augmented_quadratic(optimum, candidates)
     curvature, slope = augmented.curvature, augmented.slope.copy()
     parameters = optimum.segments.system.parameters.size
     deviations = single_tests(curvature, slope, curvature, parameters).deviations
@@ -546,7 +531,7 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     )
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
     tests = single_tests(curvature, slope, curvature, parameters)
-    powers = link_forces(optimum, misfit, identified)
+    powers = link_forces(optimum, identified)
     present = {link.name: linear_terms(link) for link in identified.links}
     return tuple(
         _cause(hypotheses[number], tests, number, powers)
@@ -622,9 +607,9 @@ def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict
     )
 
 
-def link_forces(optimum: Optimum, misfit: Misfit, structure: Structure) -> dict[str, float]:
+def link_forces(optimum: Optimum, structure: Structure) -> dict[str, float]:
     """Root mean square of the force in each link along the fitted motion, in N; random forces, which come last, left out."""
-    mechanics, orbit = optimum.segments.system.at(optimum.point.theta), misfit.trajectories
+    mechanics, orbit = optimum.segments.system.at(optimum.point.theta), optimum.misfit.trajectories
     d, v = orbit.links[:, 0], orbit.links[:, 1]
     force, rates = np.empty(d.shape), np.empty(orbit.memory.shape)
     mechanics.force(d, v, orbit.memory, force, rates)

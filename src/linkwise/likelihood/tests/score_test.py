@@ -27,9 +27,9 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS
 from linkwise.expression import to_text
 from linkwise.expression.program import cached_program
-from linkwise.likelihood.fit import Optimum
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
 from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import (
@@ -37,7 +37,6 @@ from linkwise.likelihood.shooting.linear_model import (
     FactoredModel,
     border_equations,
     eliminated_rows,
-    linear_model,
     precise_model,
 )
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
@@ -314,9 +313,8 @@ def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Local
     Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
     """
     with one_blas_thread():
-        misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-        candidates, units = candidate_forces(optimum.segments, misfit, forces)
-        augmented = augmented_quadratic(optimum, misfit, candidates)
+        candidates, units = candidate_forces(optimum.segments, optimum.misfit, forces)
+        augmented = augmented_quadratic(optimum, candidates)
     return in_their_units(optimum, augmented, units)
 
 
@@ -336,7 +334,6 @@ def in_their_units(optimum: Optimum, augmented: AugmentedQuadratic, units: Float
 
 def augmented_quadratic(
     optimum: Optimum,
-    misfit: Misfit,
     candidates: CandidateForces,
     errors: SensorErrors | None = None,
     blocks: int = 1,
@@ -347,12 +344,10 @@ def augmented_quadratic(
     that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     segments = optimum.segments
-    in_pieces = _in_pieces(optimum, misfit, candidates, errors)
+    in_pieces = _in_pieces(optimum, candidates, errors)
     if in_pieces is not None:
         return in_pieces
-    linear = linear_model(
-        segments, misfit, optimum.scales, optimum.loss, candidates=candidates, errors=errors, blocks=blocks
-    )
+    linear = optimum.linear(candidates, errors, blocks)
     in_blocks = blocks > 1
     border: Border | None
     if isinstance(linear, Linearization):
@@ -381,7 +376,7 @@ def augmented_quadratic(
     if optimum.coloured is None:
         return AugmentedQuadratic(curvature, slope, curvature, model)
     rows = eliminated_rows(
-        segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates=candidates, errors=errors
+        segments, optimum.misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
     )
     assert rows is not None  # the same equations have a factor
     scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
@@ -392,13 +387,13 @@ def augmented_quadratic(
 
 
 def _in_pieces(
-    optimum: Optimum, misfit: Misfit, candidates: CandidateForces, errors: SensorErrors | None
+    optimum: Optimum, candidates: CandidateForces, errors: SensorErrors | None
 ) -> AugmentedQuadratic | None:
     """The model of a long record with white noise, without blocks; None of others, and where equations are singular."""
     if optimum.coloured is not None or not is_long(optimum.segments):
         return None
     factor = tested_in_pieces(
-        optimum.segments, misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
+        optimum.segments, optimum.misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
     )
     return None if factor is None else AugmentedQuadratic(factor.schur, factor.reduced, factor.schur)
 
@@ -672,7 +667,7 @@ def _without_unknowns(optimum: Optimum) -> Optimum:
     return replace(
         optimum,
         segments=replace(segments, prior=None, random=replace(segments.random, slope=None, origin=None)),
-        point=replace(optimum.point, theta=np.zeros(0)),
+        misfit=replace(optimum.misfit, point=replace(optimum.point, theta=np.zeros(0))),
         scales=replace(optimum.scales, theta=optimum.scales.theta[p:]),
     )
 

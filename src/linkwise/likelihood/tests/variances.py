@@ -43,13 +43,13 @@ from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import Cause, RandomForceEstimate
-from linkwise.likelihood.fit import LikelihoodFit, Optimum
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.linear_model import eliminated_rows
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE
@@ -67,9 +67,9 @@ class SquareSum:
     products: Floats
 
     @classmethod
-    def of(cls, slopes: Floats, draws: Floats) -> SquareSum:
-        """From slopes (K,), and those (K, d) of draws."""
-        return cls(float(slopes @ slopes), draws.T @ draws)
+    def of(cls, slopes: Floats) -> SquareSum:
+        """From slopes (K, 1 + d), those of draws last."""
+        return cls(float(slopes[:, 0] @ slopes[:, 0]), slopes[:, 1:].T @ slopes[:, 1:])
 
     def plus(self, added: SquareSum, weight: float) -> SquareSum:
         """The sum with another one times a weight."""
@@ -197,17 +197,22 @@ def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
         for number, force in enumerate(forces)
         if force.ambient and random.present[number] and force.upper_limit is None  # else it may be chance
     ]
-    parts = _Band.of_records(fit)
-    if not ambient or sum(band.count for band in parts) < _BANDS * _FEWEST:
+    parts, counts, highest = zip(*_bands(fit), strict=True)
+    if not ambient or sum(counts) < _BANDS * _FEWEST:
         return ()
     spectra = [
-        np.concatenate([band.spectrum(slopes[number]) for band in parts], axis=0) for number in ambient
+        np.concatenate(
+            [
+                np.fft.rfft(slopes[number][part], axis=0)[1 : count + 1]
+                for part, count in zip(parts, counts, strict=True)
+            ]
+        )
+        for number in ambient
     ]
-    places = np.concatenate([band.places() for band in parts])
-    highest = max(band.highest for band in parts)
+    places = np.concatenate([np.arange(count) * _BANDS // max(count, 1) for count in counts])
     named = [forces[number] for number in ambient]
     shown = fit.optimum.segments.centred
-    coloured = _coloured(named, spectra, places, highest, of_accelerations=shown)
+    coloured = _coloured(named, spectra, places, max(highest), of_accelerations=shown)
     unsteady = _unsteady(named, [slopes[number] ** 2 for number in ambient])
     return (*coloured, *_correlated(named, spectra), *unsteady)
 
@@ -290,37 +295,19 @@ def _in_parts(values: Floats, count: int) -> Floats:
     return np.add.reduceat(values, np.arange(count) * len(values) // count)
 
 
-class _Band:
-    """The frequencies of one record, `start` to `stop` among its segments, in which its structure moves."""
-
-    def __init__(self, fit: LikelihoodFit, start: int, stop: int) -> None:
-        segments, point = fit.optimum.segments, fit.optimum.point
-        n = len(segments.system.incidence)
-        self._part = slice(start, stop)
-        velocities = np.fft.rfft(point.nodes[n : 2 * n, self._part], axis=1)
-        energy = np.cumsum(segments.system.at(point.theta).masses @ np.abs(velocities) ** 2)
-        end = int(np.searchsorted(energy, _MOTION * energy[-1]))
-        whole = len(energy) - 1
+def _bands(fit: LikelihoodFit) -> Iterator[tuple[slice, int, float]]:
+    """Of each record its segments, and how many frequencies its structure moves at, with the highest in Hz."""
+    segments, point = fit.optimum.segments, fit.optimum.point
+    n, masses = len(segments.system.incidence), segments.system.at(point.theta).masses
+    ends = np.flatnonzero(~segments.linked) + 1
+    for start, stop in pairwise([0, *ends.tolist(), segments.count]):
+        velocities = np.fft.rfft(point.nodes[n : 2 * n, start:stop], axis=1)
+        energy = np.cumsum(masses @ np.abs(velocities) ** 2)
+        end, whole = int(np.searchsorted(energy, _MOTION * energy[-1])), len(energy) - 1
         # accelerations show the forces themselves, and tell their level by all frequencies
-        self.count = whole if segments.centred else min(int(_BEYOND * end), whole)
+        count = whole if segments.centred else min(int(_BEYOND * end), whole)
         step = float(segments.step[start] * segments.refine * len(segments.samples))
-        self.highest = self.count / ((stop - start) * step)
-
-    @classmethod
-    def of_records(cls, fit: LikelihoodFit) -> list[_Band]:
-        """Those of each record."""
-        ends = np.flatnonzero(~fit.optimum.segments.linked) + 1
-        edges = [0, *ends.tolist(), fit.optimum.segments.count]
-        return [cls(fit, start, stop) for start, stop in pairwise(edges)]
-
-    def spectrum(self, slopes: Floats) -> Floats:
-        """(F, 1 + d) the complex spectrum of slopes (K, 1 + d), but for their mean."""
-        series = np.moveaxis(slopes[self._part], 1, 0)
-        return np.stack([np.fft.rfft(drawn)[1 : self.count + 1] for drawn in series], axis=1)
-
-    def places(self) -> Indices:
-        """(F,) in which of the bands each frequency lies."""
-        return np.arange(self.count) * _BANDS // max(self.count, 1)
+        yield slice(start, stop), count, count / ((stop - start) * step)
 
 
 # of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
@@ -380,13 +367,12 @@ def noise_of_inputs(
     exact = fit.model_error == 0.0 and not fit.random_forces and isinstance(optimum.loss, Gaussian)
     if not exact or identified.hosts or identified.size >= MANY:
         return ()
-    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
-    inputs = list(input_kicks(optimum, misfit, identified, channels))
+    inputs = list(input_kicks(optimum, identified, channels))
     if not inputs:
         return ()
     try:
         with one_blas_thread():
-            equations = DrawnEquations.of(fit, *_beginning(optimum, misfit), _RELAXED)
+            equations = DrawnEquations.of(fit, _beginning(optimum), _RELAXED)
             multipliers = None if equations is None else _multipliers(equations)
     except np.linalg.LinAlgError:
         return ()
@@ -395,7 +381,7 @@ def noise_of_inputs(
     estimates = []
     for channel, rms, pattern in inputs:
         slopes = np.einsum("kn,knr->kr", pattern[: len(multipliers)], multipliers)
-        score = VarianceScore.of(SquareSum.of(slopes[:, 0], slopes[:, 1:]))
+        score = VarianceScore.of(SquareSum.of(slopes))
         if score is not None:
             estimates.append(InputNoise(channel, rms, pattern, score, unit_in(identified, channel)))
     return tuple(estimates)
@@ -433,7 +419,7 @@ def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
     """(r, K, p) how far kicks (r, K - 1, n) in m/s of the masses at the nodes move the parameters, each alone."""
     optimum = fit.optimum
     segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
-    misfit = evaluate(segments, optimum.point, scales, optimum.loss)
+    misfit = optimum.misfit
     free, p = free_of_bounds(fit), len(fit.values)
     with one_blas_thread():
         factor = linearise(segments, misfit, scales, optimum.loss).equations(_RELAXED).factor()
@@ -451,13 +437,12 @@ def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
     return np.asarray((pulls @ inverse)[..., :p] * scales.theta[:p])
 
 
-def _beginning(optimum: Optimum, misfit: Misfit) -> tuple[Optimum, Misfit]:
-    """The optimum and its misfit in the beginning of a long record, whose residuals tell the noise of inputs well enough."""
-    if optimum.segments.count <= _ENOUGH or misfit.clipped is not None:
-        return optimum, misfit
-    segments, point = optimum.segments.chosen(np.arange(_ENOUGH)), optimum.point
-    point = replace(point, nodes=point.nodes[:, :_ENOUGH])
-    return replace(optimum, segments=segments, point=point), misfit.part(slice(0, _ENOUGH))
+def _beginning(optimum: Optimum) -> Optimum:
+    """The optimum in the beginning of a long record, whose residuals tell the noise of inputs well enough."""
+    if optimum.segments.count <= _ENOUGH or optimum.misfit.clipped is not None:
+        return optimum
+    segments, misfit = optimum.segments.chosen(np.arange(_ENOUGH)), optimum.misfit.part(slice(0, _ENOUGH))
+    return replace(optimum, segments=segments, misfit=misfit)
 
 
 def free_of_bounds(fit: LikelihoodFit) -> Bools:
@@ -468,11 +453,11 @@ def free_of_bounds(fit: LikelihoodFit) -> Bools:
 
 
 def input_kicks(
-    optimum: Optimum, misfit: Misfit, identified: Structure, channels: Sequence[str]
+    optimum: Optimum, identified: Structure, channels: Sequence[str]
 ) -> Iterator[tuple[str, float, Floats]]:
     """Each input with its root mean square, and the kick (K - 1, n) in m/s that its noise of size one gives at the nodes."""
     segments, inputs = optimum.segments, optimum.segments.inputs
-    mechanics = segments.system.at(optimum.point.theta)
+    mechanics, misfit = segments.system.at(optimum.point.theta), optimum.misfit
     length = (segments.step * segments.refine * np.sqrt(len(segments.samples)))[:-1, None]
     if inputs.frame is not None and f"a:{BASE}" in channels:
         size = float(np.sqrt(np.mean(inputs.frame[:, 0] ** 2)))
@@ -503,25 +488,24 @@ class DrawnEquations:
     """The linearised equations at an optimum and a relaxation, for right-hand sides of noise; unknowns follow where `free`."""
 
     optimum: Optimum
-    misfit: Misfit
     linear: Linearization
     factor: BorderedFactor
     free: Bools
     q: float
 
     @classmethod
-    def of(cls, fit: LikelihoodFit, optimum: Optimum, misfit: Misfit, q: float) -> DrawnEquations | None:
+    def of(cls, fit: LikelihoodFit, optimum: Optimum, q: float) -> DrawnEquations | None:
         """Those of a fit, in all of its segments or their beginning; None where they are singular."""
-        linear = linearise(optimum.segments, misfit, optimum.scales, optimum.loss)
+        linear = linearise(optimum.segments, optimum.misfit, optimum.scales, optimum.loss)
         factor = linear.equations(q).factor()
-        return None if factor is None else cls(optimum, misfit, linear, factor, free_of_bounds(fit), q)
+        return None if factor is None else cls(optimum, linear, factor, free_of_bounds(fit), q)
 
     def rows(self, width: int) -> Iterator[tuple[slice, Floats]]:
         """(k, M C, m + P + 1) the residuals by nodes and border, and themselves, in parts for so many right-hand sides."""
         optimum, segments = self.optimum, self.optimum.segments
         wide = at_once(segments.count, segments.samples[..., 0].size * width)
         for part in min(chunks(segments, len(self.free)), wide, key=lambda parts: parts[0].stop):
-            rows, _ = whitened_jacobian(segments, self.misfit, optimum.scales, optimum.loss, part)
+            rows, _ = whitened_jacobian(segments, optimum.misfit, optimum.scales, optimum.loss, part)
             yield part, rows.astype(float)
 
     def pulls(self, width: int, noise: Callable[[slice, Floats], Floats]) -> tuple[Floats, Floats]:
@@ -570,7 +554,7 @@ def _multipliers(equations: DrawnEquations) -> Floats:
     draws = DRAWS if segments.count < _MANY else _FEW
     rng = np.random.default_rng(SEED)
     for first in range(0, DRAWS, draws):
-        drawn = _noise(equations.optimum, equations.misfit, draws, rng)
+        drawn = _noise(equations.optimum, draws, rng)
         nodes, border = equations.pulls(1 + draws, partial(_with_draws, segments, drawn))
         for columns in at_once(1 + draws, nodes[..., 0].size):
             places = np.arange(columns.start, columns.stop)
@@ -592,15 +576,13 @@ def at_once(count: int, size: int) -> list[slice]:
     return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
 
-def _noise(
-    optimum: Optimum, misfit: Misfit, draws: int, rng: np.random.Generator
-) -> Callable[[slice], Floats]:
+def _noise(optimum: Optimum, draws: int, rng: np.random.Generator) -> Callable[[slice], Floats]:
     """Draws (k, M C, draws) of the noise of sensors in k segments: as large as the residuals, or as coloured as was found."""
     segments = optimum.segments
     M, C, K = segments.samples.shape
     if optimum.coloured is None:
         samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
-        sizes = np.sqrt(np.sum(misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
+        sizes = np.sqrt(np.sum(optimum.misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
         return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, draws))).reshape(
             -1, M * C, draws
         )

@@ -1,0 +1,250 @@
+"""Delays of any length, and clocks of their own: channels are shifted by whole samples, and what is left is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import Protocol, TypeAlias, TypeVar
+
+import numpy as np
+
+from linkwise.errors import IdentificationError
+from linkwise.estimates.causes import Cause
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.options import LikelihoodOptions, late_channels, mean_by_precision
+from linkwise.likelihood.shooting.segments import PPM
+from linkwise.records.joining import without_delays
+from linkwise.records.record import Record
+
+_WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
+_BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
+_FAR = (
+    -4,
+    -2,
+    2,
+    4,
+)  # samples by which a channel is shifted where the nearest ones do not explain the records
+_NO_RATIO = 0.1  # standard errors
+_NO_SLIP = 0.02  # samples, over a record
+# of a ratio that a fit finds, the most that the next one leaves: of right laws it is a few percent
+_SHRINKING = 0.5
+_SHIFTS = 8  # of channels, at most: beyond the delays wander
+
+
+class Diagnosed(Protocol):
+    """An answer with a diagnosis of what it leaves."""
+
+    @property
+    def diagnosis(self) -> tuple[Cause, ...]: ...
+
+
+Answer = TypeVar("Answer", bound=Diagnosed)
+Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], LikelihoodFit]
+Report: TypeAlias = Callable[[LikelihoodFit, Sequence[Record], Mapping[str, float]], Answer]
+
+
+def clock_found(fit: LikelihoodFit, options: LikelihoodOptions, name: str) -> tuple[float, float]:
+    """What a fit finds of the ratio of a clock in ppm, beside what was taken out, and its standard error.
+
+    Sensors are late as their only input is early.
+    """
+    members = options.clocked[name]
+    ratio, error = mean_by_precision([fit.clocks[member] for member in members])
+    return (ratio if name in members else -ratio), error
+
+
+def with_delays(
+    search: Search,
+    records: Sequence[Record],
+    options: LikelihoodOptions,
+    report: Report[Answer],
+    finish: Callable[[LikelihoodFit, Sequence[Record]], LikelihoodFit],
+) -> tuple[Answer, bool]:
+    """The `report` on the fit, once it is finished; channels that are late by more than a part of a sample are shifted by
+    whole ones, and fitted again.
+
+    Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
+    of a period away. Also whether an interrupt ended the search.
+    """
+    best = _on_one_clock(search, records, options)
+    of_clocks = {late for name in options.clocks for late in late_channels(records[0], name)}
+    if len({record.rate for record in records}) == 1:
+        for name in options.delays:
+            if name not in (*options.delay_deviations, *options.near, *of_clocks):  # known to be near
+                best = _at_best_shift(best, name)
+    shown = best.shifts.of(best.late)
+    best = replace(best, fit=finish(best.fit, shown))
+    return report(best.fit, shown, best.delays), best.fit.interrupted
+
+
+def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _ShiftedFit:
+    """The fit at settled delays, in records out of which the ratios of clocks are taken that it finds.
+
+    What a fit finds of them is small then, as its first order takes it for.
+    """
+    late: Mapping[str, int] = dict.fromkeys(options.delays, 0)
+    ratios = {name: stated or 0.0 for name, stated in options.clocks.items()}
+    timed = {name: late_channels(records[0], name) for name in options.clocks}
+    clocked = {name: timed[name] for name, stated in options.clocks.items() if stated is None}
+    before = dict.fromkeys(clocked, inf)
+    for _ in range(_SHIFTS):
+        slips = {
+            member: ratios[name] if name in members else -ratios[name]
+            for name, members in timed.items()
+            for member in members
+        }
+        own = [without_delays(record, {}, clocks=slips) for record in records]
+        options = replace(options, ratios=ratios, clocked=clocked)
+        best = _settled(_Shifts(search, own, options), late)
+        found = {name: clock_found(best.fit, options, name) for name in clocked}
+        if best.fit.interrupted or all(_is_small(*pair, own[0]) for pair in found.values()):
+            return best
+        if any(abs(ratio) > max(_SHRINKING * before[name], error) for name, (ratio, error) in found.items()):
+            break
+        late = best.late
+        before = {name: abs(ratio) for name, (ratio, _) in found.items()}
+        ratios = {name: ratio + found[name][0] if name in found else ratio for name, ratio in ratios.items()}
+    raise IdentificationError(
+        f"the clock of {', '.join(clocked)} does not settle: fits, in each of which the ratio of the last one was taken out, "
+        "do not agree. State it (ppm), or take a shorter part of the record"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Shifts:
+    """A search in records of which channels are shifted by whole samples, and the fits `known` by these."""
+
+    search: Search
+    records: Sequence[Record]
+    options: LikelihoodOptions
+    known: dict[tuple[int, ...], LikelihoodFit] = field(default_factory=dict)
+
+    @property
+    def step(self) -> float:
+        return self.records[0].step
+
+    def of(self, late: Mapping[str, int]) -> list[Record]:
+        return [_shifted(record, late) for record in self.records]
+
+    def fitted(self, late: Mapping[str, int]) -> _ShiftedFit:
+        shift = tuple(late.values())
+        if shift not in self.known:
+            taken_out = {name: samples * self.step for name, samples in late.items()}
+            self.known[shift] = self.search(self.of(late), replace(self.options, shifts=taken_out))
+        return _ShiftedFit(self, late, self.known[shift])
+
+
+@dataclass(frozen=True, eq=False)
+class _ShiftedFit:
+    """A fit with channels that are `late` by whole samples shifted."""
+
+    shifts: _Shifts
+    late: Mapping[str, int]
+    fit: LikelihoodFit
+
+    @property
+    def delays(self) -> dict[str, float]:
+        """All of the delays in s, by channel."""
+        return {
+            name: samples * self.shifts.step + self.fit.delays[name] for name, samples in self.late.items()
+        }
+
+    @property
+    def is_last(self) -> bool:
+        """Whether no other shift is looked for: noise explains what the laws leave, or the search was interrupted."""
+        return self.fit.interrupted or self.fit.leaves_noise
+
+    @property
+    def is_optimum(self) -> bool:
+        """Whether the delays are such that no other shift stands for them; at the end of their range they have no errors."""
+        return all(abs(delay) <= _BESIDE * self.shifts.step for delay in self.fit.delays.values())
+
+    @property
+    def misfit(self) -> tuple[bool, float]:
+        """By which fits at other shifts are ordered; a model error says little, as it depends on the noise beside it."""
+        return not self.is_last, self.fit.chi_square
+
+    def beside(self, name: str, samples: int) -> _ShiftedFit | None:
+        """The fit with a channel shifted by some samples more; None where there is none, as the motion runs to infinity."""
+        try:
+            return self.shifts.fitted({**self.late, name: self.late[name] + samples})
+        except IdentificationError:
+            return None
+
+
+def _settled(shifts: _Shifts, late: Mapping[str, int]) -> _ShiftedFit:
+    """The fit at shifts beside which delays are parts of a sample."""
+    moved: dict[str, int] = {}
+    for _ in range(_SHIFTS):
+        shifted = shifts.fitted(late)
+        moved = {
+            name: round(delay / shifts.step)
+            for name, delay in shifted.fit.delays.items()
+            if abs(delay) > _WHOLE * shifts.step
+        }
+        if not moved or shifted.fit.interrupted:
+            return shifted
+        if len({record.rate for record in shifts.records}) > 1:
+            raise IdentificationError(
+                f"{next(iter(moved))} is late by more than a sample, which cannot be found from records of different "
+                f"rates together: find it from one of them, and remove it from all (without_delays)"
+            )
+        late = {**late, **{name: late[name] + samples for name, samples in moved.items()}}
+    raise IdentificationError(
+        f"the delay of {', '.join(moved)} does not settle: {_SHIFTS} fits, each shifted by the last one's delay, do not "
+        "agree. Estimate it from signals that move together (inspect), and take it out (without_delays)"
+    )
+
+
+def _at_best_shift(shifted: _ShiftedFit, name: str) -> _ShiftedFit:
+    """The fit at the shift of a channel from which one sample more or less explains the records worse."""
+    best = _nearest(shifted, name)
+    if best.is_last:
+        return best
+    nearest = best
+    for neighbour in filter(None, (shifted.beside(name, samples) for samples in _FAR)):
+        if neighbour.fit.interrupted:
+            return neighbour
+        nearest = neighbour if neighbour.misfit < nearest.misfit else nearest
+    far = best if nearest is best else _nearest(nearest, name)
+    return far if far.is_optimum or far.fit.interrupted else best
+
+
+def _is_small(ratio: float, error: float, record: Record) -> bool:
+    """Whether a ratio in ppm, known to an `error`, is hardly different from one, or no sample moves by it."""
+    return abs(ratio) < max(_NO_RATIO * error, _NO_SLIP / (PPM * len(record)))
+
+
+def _nearest(start: _ShiftedFit, name: str) -> _ShiftedFit:
+    """The same, sample by sample from a fit."""
+    forward = 1 if start.fit.delays[name] >= 0.0 else -1
+    for direction in (forward, -forward):
+        best = start
+        for _ in range(_SHIFTS):
+            neighbour = None if best.is_last else best.beside(name, direction)
+            if neighbour is None or not neighbour.misfit < best.misfit:
+                break
+            best = neighbour
+        if best.is_last or (best is not start and best.is_optimum):
+            return best
+    return start
+
+
+def _shifted(record: Record, late: Mapping[str, int]) -> Record:
+    """The record with channels that are `late` by whole samples set beside the others, cut to what all have."""
+    if not any(late.values()):
+        return record
+    first = max(0, *(-samples for samples in late.values()))
+    count = len(record) - first - max(0, *late.values())
+    rows: dict[str, slice] = {
+        name: slice(first + late.get(name, 0), first + late.get(name, 0) + count) for name in record.channels
+    }
+    columns = [record.values[rows[name], column] for column, name in enumerate(record.channels)]
+    return replace(
+        record,
+        start=record.start + first * record.step,
+        values=np.stack(columns, axis=1),
+        simulated=None,
+        clipped={name: clipped.rows(rows[name]) for name, clipped in record.clipped.items()},
+    )
