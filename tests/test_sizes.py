@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (10, 1760),
     "sindy": (10, 1146),
     "study": (12, 1598),
-    "weak": (13, 2140),
+    "weak": (13, 1901),
 }
 
 

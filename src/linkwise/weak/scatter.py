@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement, pairwise, product
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import VARIABLES, Law
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
-from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, NoisePaths
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, NoisePaths
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
 _AT_ONCE = 2**17  # numbers in the weights of channels that are in memory together
@@ -87,18 +87,13 @@ class NoisyPatch:
         return layout.paths_of_nodes if weights is None else layout.noise_paths(weights)
 
     def under_kernels(self, passed: Floats, inertia: Floats, slopes: Floats) -> list[Floats]:
-        """What noise is weighted by under each kernel, (w, P) each; none under the last of an eliminated state.
+        """What noise is weighted by under each kernel, (w, P) each.
 
         It passes through links with `slopes` (2, l, P) as `passed` (w, l) says, and is in the displacements of masses by
-        `inertia` (w,). Inner links act under phi in place of the state.
+        `inertia` (w,).
         """
-        inner = self.patch.layout.inner
-        stiffness, damping = (passed * ~inner) @ slopes
-        weights = [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
-        if len(self.system.window.kernels) > INNER:
-            stiffness, damping = (passed * inner) @ slopes
-            weights += [stiffness, -damping]
-        return weights
+        stiffness, damping = passed @ slopes
+        return [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
 
     @cached_property
     def power(self) -> Floats:
@@ -110,8 +105,7 @@ class NoisyPatch:
         curved = np.tensordot(gram.diagonal()[[PHI, PHI_1]], square - mean**2, 1)
         weights = self.under_kernels(paths.passed, paths.inertia * self.masses[paths.equation], mean)
         power = np.zeros_like(weights[PHI])
-        every = combinations_with_replacement(range(len(weights)), 2)
-        for first, second in _CORRELATED[:-1] if len(gram) == INNER else every:
+        for first, second in _CORRELATED[:-1]:
             share = gram[first, second] if first == second else 2.0 * gram[first, second]
             power += share * (weights[first] * weights[second])
         floor = FLOOR * self.patch.largest()[:, None] / system.windows + np.finfo(float).tiny
@@ -179,10 +173,9 @@ def _alone(noisy: NoisyPatch, equations: Indices) -> NoisePaths:
 
     `equations` (C,) is in how many the noise of each channel is.
     """
-    paths, layout = noisy.paths, noisy.patch.layout
+    paths = noisy.paths
     alone = (equations[paths.source] == 1) & (paths.inertia == 0.0)
     many = np.bincount(paths.equation[alone], minlength=len(noisy.masses)) > _AS_TWO
-    many &= ~((layout.link_incidence != 0.0) & layout.inner).any(axis=1)
     return paths.chosen(alone & many[paths.equation])
 
 
@@ -224,9 +217,9 @@ def _channel_sums(
         for first, last in pairwise([0, *ends.tolist()]):
             own, of_term = pairs[first:last], terms[first:last]
             of_noise = weights[PHI][own] * sums[PHI, of_term]
-            for kernel in range(PHI_1, len(weights)):
-                if kernel != PHI_2 or weights[kernel][own, 0].any():  # most channels are not in inertia
-                    of_noise += weights[kernel][own] * sums[kernel, of_term]
+            of_noise += weights[PHI_1][own] * sums[PHI_1, of_term]
+            if weights[PHI_2][own, 0].any():  # most channels are not in inertia
+                of_noise += weights[PHI_2][own] * sums[PHI_2, of_term]
             yield int(channel[own[0]]), of_term, of_noise
 
 
@@ -262,14 +255,13 @@ def _quadratic_noise(noisy: NoisyPatch, weight: Floats) -> Floats:
     through = _own_noise(patch, system, layout.link_incidence, layout.readings)
     weights = noisy.under_kernels(through, noisy.masses, noisy.mean[:, :, at])
     shape = weights[PHI].shape
-    kernels = np.zeros((len(window.kernels), weights[PHI].size))
-    kernels[: len(weights)] = np.reshape(weights, (len(weights), -1))
+    kernels = np.reshape(weights, (len(weights), -1))
     slopes = patch.slopes[:, system.points[at] // stride]
     variance = system.motion.covariance(patch.masses, floored=True).diagonal()
     amount = stride * (weight * variance) ** 2
     acting = _own_noise(patch, system, patch.signs, layout.incidence)
     total, terms = np.zeros(patch.products.shape), layout.free_terms_by_kernel
-    for row, column in _CORRELATED if len(kernels) == INNER else product(range(len(terms)), repeat=2):
+    for row, column in _CORRELATED:
         first, second = terms[row], terms[column]
         if len(first) and len(second):
             correlated = window.cross_correlations[row, column].T @ kernels
