@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles, late_motion
+from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles
 from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
@@ -210,14 +210,8 @@ def add_delays(
     units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
     for channel in sensors.late:
         number = sensors.delay[channel]
-        _, rate = late_motion(
-            sensors.orbit_with_points(misfit.trajectories.part(part)),
-            segments.step[part] * segments.refine,
-            segments.refine,
-            mass=int(sensors.mass[channel]),
-            kind=int(sensors.kind[channel]),
-            delay=float(point.delays[number]),
-        )
+        orbit = sensors.orbit_with_points(misfit.trajectories.part(part))
+        _, rate = segments.late(channel, orbit, point, part)
         if segments.late_base is not None:
             rate = rate + segments.late_base.at(channel, float(point.delays[number]), part)[1]
         column = -whiten[:, channel] * rate * (units[number] * factors[channel])
