@@ -10,7 +10,8 @@ the last, which two threads can do at once, and meet in the middle: dense blocks
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -117,6 +118,11 @@ def border_step(schur: Floats, reduced: Floats, free: Bools, fixed_values: Float
     return border
 
 
+def excess(schur: Floats, reduced: Floats, border: Floats, free: Bools) -> float:
+    """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
+    return float(border[~free] @ (schur[~free] @ border - reduced[~free]))
+
+
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
     """Factor of the nodes, `chol` (banded) and `forward` (K, m, p + 1); equations of the border, `schur` (p, p) and
@@ -170,10 +176,6 @@ class BorderedFactor:
         forward[..., -1] += change.reshape(self.shape)
         moment = np.tensordot(change.reshape(self.shape), forward[..., :-1], 2)
         return replace(self, forward=forward, reduced=self.reduced + border - moment)
-
-    def excess(self, border: Floats, free: Bools) -> float:
-        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `BorderedSystem.drop` takes for zero."""
-        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
 
     def inverse_blocks(self) -> Floats:
         """(K, m, m) diagonal blocks of H^-1, from the last node to the first (Takahashi, Fagan and Chen 1973)."""
@@ -234,46 +236,45 @@ class NodeBlocks:
     coupling: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class BlockEquations:
-    """K nodes of m states with a border of p unknowns.
+class BlockEquations(ABC):
+    """K nodes of m states with a border of p unknowns, which are assembled a few nodes at a time."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        K and m.
-    blocks : callable
-        The `NodeBlocks` of the nodes from a first one up to a last one, not included; new arrays, which may be overwritten.
-    corner : array of shape (p, p)
-        Matrix of the border.
-    corner_gradient : array of shape (p,)
-        Its gradient.
-    remainder : callable
-        What a border (p,) leaves of the gradient of the nodes, (K, m).
-    across : callable
-        What nodes (K, m) add to the equations of the border, (p,).
-    coupling : callable
-        Of the nodes from a first one up to a last one, not included, the blocks (c, m, m) of the node that follows each (rows)
-        with it (columns).
-    """
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int]:
+        """K and m."""
 
-    shape: tuple[int, int]
-    blocks: Callable[[int, int], NodeBlocks]
-    remainder: Callable[[Floats], Floats]
-    across: Callable[[Floats], Floats]
-    coupling: Callable[[int, int], Floats]
-    corner: Floats
-    corner_gradient: Floats
+    @property
+    @abstractmethod
+    def corner(self) -> Floats:
+        """(p, p) matrix of the border."""
 
-    def factor(self) -> BlockFactor | None:
+    @property
+    @abstractmethod
+    def corner_gradient(self) -> Floats:
+        """(p,) its gradient."""
+
+    @abstractmethod
+    def blocks(self, first: int, last: int) -> NodeBlocks:
+        """Those of nodes up to a last one, not included; new arrays, which may be overwritten."""
+
+    @abstractmethod
+    def coupling(self, first: int, last: int) -> Floats:
+        """(c, m, m) blocks of the node that follows each of such nodes (rows) with it (columns)."""
+
+    @abstractmethod
+    def remainder(self, border: Floats) -> Floats:
+        """What a border (p,) leaves of the gradient of the nodes, (K, m)."""
+
+    @abstractmethod
+    def across(self, nodes: Floats) -> Floats:
+        """What nodes (K, m) add to the equations of the border, (p,)."""
+
+    def block_factor(self, *, damped: bool = False) -> BlockFactor | None:
         """The Cholesky factor; None where the equations are not positive definite."""
         roots = TriangularRoots.empty(*self.shape)
-        border = self._eliminated(roots)
-        return None if border is None else BlockFactor(self, roots, border.schur, border.reduced)
-
-    def border(self) -> BorderEquations | None:
-        """What the factor has of the border, without room for all of it."""
-        return self._eliminated(None)
+        border = self.block_border(roots)
+        return None if border is None else BlockFactor(self, roots, border.schur, border.reduced, damped)
 
     @property
     def at_once(self) -> int:
@@ -281,8 +282,13 @@ class BlockEquations:
         m, p = self.shape[1], len(self.corner)
         return max(4, min(_AT_ONCE, _HELD // (m * (2 * m + p + 1))))
 
-    def _eliminated(self, roots: TriangularRoots | None) -> BorderEquations | None:
-        """The border with all nodes eliminated, whose `roots` are filled where they are asked for."""
+    def block_border(
+        self, roots: TriangularRoots | None = None, *, damped: bool = False
+    ) -> BorderEquations | None:
+        """The border with all nodes eliminated, whose `roots` are filled where they are asked for.
+
+        None where the equations are not positive definite.
+        """
         K, m = self.shape
         middle = K // 2
         halves = (
@@ -308,7 +314,8 @@ class BlockEquations:
         schur = self.corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
-        return BorderEquations(schur, self.corner_gradient - moment[p, :p], float(moment[p, p]))
+        reduced = self.corner_gradient - moment[p, :p]
+        return BorderEquations(schur, reduced, float(moment[p, p]), damped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,14 +423,16 @@ def _solve_rows(root: Floats, rows: Sequence[Floats]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Factor of `equations`: `roots` of the nodes, and equations of the border, `schur` (p, p) and
-    `reduced` (p,).
+    """Factor of `equations`: `roots` of the nodes, and equations of the border, `schur` (p, p) and `reduced` (p,); whether it
+    was `damped`, and what is `added` (K, m) to the gradient of the nodes, if anything.
     """
 
     equations: BlockEquations
     roots: TriangularRoots
     schur: Floats
     reduced: Floats
+    damped: bool = False
+    added: Floats | float = 0.0
 
     def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
         """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
@@ -433,7 +442,8 @@ class BlockFactor:
         border = border_step(self.schur, self.reduced, free, fixed_values)
         if border is None:
             return None
-        return self.nodes(np.array(self.equations.remainder(border)[:, None], order="C"))[:, 0], border
+        right = self.equations.remainder(border) + self.added
+        return self.nodes(np.array(right[:, None], order="C"))[:, 0], border
 
     def nodes(self, right: Floats) -> Floats:
         """The solution (K, c, m) of the equations of the nodes alone; `right` (K, c, m) is overwritten."""
@@ -458,13 +468,9 @@ class BlockFactor:
 
     def moved(self, nodes: Floats, border: Floats) -> BlockFactor:
         """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
-        before = self.equations
-        change = self.nodes(nodes[:, None].copy())[:, 0]
-        return replace(
-            self,
-            equations=replace(before, remainder=lambda values: before.remainder(values) + nodes),
-            reduced=self.reduced + border - before.across(change),
-        )
+        change = self.nodes(np.array(nodes[:, None], order="C"))[:, 0]
+        reduced = self.reduced + border - self.equations.across(change)
+        return replace(self, added=self.added + nodes, reduced=reduced)
 
     def _links(self, nodes: range) -> Iterator[tuple[int, Floats]]:
         """Of each of some nodes the block (m, m) of the one behind it on the way to the middle (rows) with it (columns)."""
@@ -478,10 +484,6 @@ class BlockFactor:
             for node in some:
                 block = blocks[node - before - first]
                 yield node, block.T if before else block
-
-    def excess(self, border: Floats, free: Bools) -> float:
-        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
-        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
 
     def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""
