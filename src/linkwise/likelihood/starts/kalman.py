@@ -2,21 +2,12 @@
 
 After the first samples the covariance is the steady one, of the algebraic Riccati equation, and the gain with it. The smoother
 runs an adjoint backwards through the filter's own closed loop, which is stable, and divides by no covariance of a state, which
-sinks to rounding where little is random. Where nothing is, the state at the start decides all (`free_states`).
+sinks to rounding where little is random.
 
 References
 ----------
 A. E. Bryson and M. Frazier, Smoothing for linear and nonlinear dynamic systems, TDR 63-119, Wright-Patterson AFB (1963).
 P. de Jong, J. Am. Stat. Assoc. 84, 1085 (1989).
-
-States of a linear system without random inputs: all follow from the one at the start, which least squares find.
-
-Rows of samples are joined to a triangular factor block by block (Bierman's square-root information form), so that nothing is
-squared and nothing is divided by a covariance.
-
-References
-----------
-G. J. Bierman, Factorization Methods for Discrete Sequential Estimation, Academic Press (1977), chapter V.
 
 Frequencies and damping of modes, and equivalent springs and dampers of links, as a filter predicts the samples best.
 """
@@ -25,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import accumulate, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +26,6 @@ from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inpu
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
-_GROWTH = 20.0  # of the logarithm of a motion over the record, at most: a filter holds one that grows further
-_BLOCK = 4000  # rows of samples that are joined at a time
-
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
@@ -48,62 +35,6 @@ class Smoothed:
     covariance: Floats
     whitened: Floats
     log_likelihood: float
-
-
-def determines(model: LinearModel, count: int) -> bool:
-    """Whether the state at the start determines all of `count` samples: nothing is random, and no motion runs away."""
-    if model.process.any():
-        return False
-    largest = float(np.abs(np.linalg.eigvals(model.transition)).max(initial=0.0))
-    return count * float(np.log(max(largest, 1.0))) < _GROWTH
-
-
-def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
-    """States by the most likely one at the start.
-
-    Parameters
-    ----------
-    model : LinearModel
-        The system, whose process covariance is zero.
-    samples : array of shape (N, C)
-        The samples, NaN where missing.
-    inputs : array of shape (N, r)
-        The known inputs at the samples; between them their mean acts.
-
-    Returns
-    -------
-    Smoothed
-        The states.
-    """
-    count, channels = samples.shape
-    m = len(model.transition)
-    noise, size = np.sqrt(model.noise), np.sqrt(model.first.diagonal())
-    known = np.isfinite(samples)
-    driven = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
-    forced = recursion(model.transition, np.zeros(m), driven)
-    left = np.where(known, samples, 0.0) - inputs @ model.direct.T - forced @ model.observation.T
-    left = np.where(known, left / noise, 0.0)
-    length = max(1, min(count, _BLOCK // max(channels, 1)))
-    powers = np.stack([*accumulate(repeat(model.transition, length), np.matmul, initial=np.eye(m))])
-    rows = np.matmul(model.observation / noise[:, None], powers[:length])  # (length, C, m)
-    # of the state at the start in units of `size`, which is its prior
-    factor, at = np.eye(m, m + 1), np.diag(size)
-    for first in range(0, count, length):
-        part = slice(first, min(first + length, count))
-        slopes = (rows[: part.stop - first] @ at) * known[part, :, None]
-        joined = np.concatenate([slopes.reshape(-1, m), left[part].reshape(-1, 1)], axis=1)
-        factor = np.linalg.qr(np.concatenate([factor, joined]))[1][: m + 1]
-        at = powers[length] @ at
-    triangle = factor[:m, :m]
-    start = size * scipy.linalg.solve_triangular(triangle, factor[:m, m])
-    states = forced + recursion(model.transition, start, np.zeros((count - 1, m)))
-    root = size[:, None] * np.linalg.inv(triangle)
-    root = np.linalg.matrix_power(model.transition, count // 2) @ root
-    misfit = float(np.sum(factor[m:, m] ** 2))
-    total = -0.5 * misfit - float(np.sum(known @ np.log(noise)))
-    total -= float(np.log(np.abs(triangle.diagonal())).sum())
-    error = left - np.where(known, (states - forced) @ model.observation.T / noise, 0.0)
-    return Smoothed(states, root @ root.T, error, total)
 
 
 _TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
@@ -140,8 +71,6 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
     Smoothed
         The states.
     """
-    if determines(model, len(samples)):
-        return fitted(model, samples, inputs)
     forward = _filtered(model, samples, inputs)
     count, which = len(samples), np.asarray(forward.which)
     middle, states = count // 2, np.empty_like(forward.predicted)
@@ -164,21 +93,12 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
 
 def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
     """Log likelihood of samples (N, C), less what does not depend on the model, with inputs (N, r)."""
-    return _predicted(model, samples, inputs).log_likelihood
+    return _filtered(model, samples, inputs, transient=1).log_likelihood
 
 
 def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
-    """Whitened errors (N, C) of the predictions of samples (N, C) from those before, 0 where one is missing.
-
-    Where nothing is random, of those by the most likely state at the start.
-    """
-    return _predicted(model, samples, inputs).whitened
-
-
-def _predicted(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed | _Forward:
-    if determines(model, len(samples)):
-        return fitted(model, samples, inputs)
-    return _filtered(model, samples, inputs, transient=1)
+    """Whitened errors (N, C) of the predictions of samples (N, C) from those before, 0 where one is missing."""
+    return _filtered(model, samples, inputs, transient=1).whitened
 
 
 class _Forward(NamedTuple):
