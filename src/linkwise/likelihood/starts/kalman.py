@@ -9,7 +9,7 @@ References
 A. E. Bryson and M. Frazier, Smoothing for linear and nonlinear dynamic systems, TDR 63-119, Wright-Patterson AFB (1963).
 P. de Jong, J. Am. Stat. Assoc. 84, 1085 (1989).
 
-Frequencies and damping of modes, and equivalent springs and dampers of links, as a filter predicts the samples best.
+Frequencies and damping of modes as a filter predicts the samples best.
 """
 
 from __future__ import annotations
@@ -240,10 +240,6 @@ _DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
 _CHANGES = 10.0 ** np.arange(
     -4.0, 3.0
 )  # of a force over a sample, relative to its size: tried one after the other
-_STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
-_SPRINGS = 10.0 ** np.arange(0.0, 6.5, 0.5)  # sizes of springs that are tried before, in those of the motion
-_RATIO = 0.1  # of the critical damping of the masses at their ends: dampers beside these springs
-_ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
 
 
 def likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
@@ -272,42 +268,11 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
     dict of str to float
         Values by name of the parameter; empty where all modes are known.
     """
-    linear = LinearPart.of(structure)
-    return _tuned(record, structure, sigma, linear, likeliest_change(record, linear, sigma)[1])[0]
-
-
-def tuned_part(
-    record: Record, structure: Structure, sigma: Mapping[str, float]
-) -> tuple[dict[str, float], LinearPart]:
-    """Values of unknown modes as `tuned_modes`, and the linear system with springs and dampers for the open links.
-
-    These explain most of the forces of links, so that errors of modes are not taken for forces.
-    """
-    values: dict[str, float] = {}
-    linear = _stiffened(record, LinearPart.of(structure), sigma)
-    units, change, best = linear.equivalent_units(record), _STIFF, -np.inf
-    units = np.maximum(units, _ROUGH * np.abs(linear.equivalent))
-    for _ in range(_ROUNDS):
-        tuned, part = _tuned(record, with_starts(structure, values), sigma, linear, change, units)
-        likelihood, change = likeliest_change(record, part, sigma)
-        if likelihood < best + _GAIN:
-            break
-        values, linear, best = tuned, part, likelihood
-    return values, linear
-
-
-def _tuned(
-    record: Record,
-    structure: Structure,
-    sigma: Mapping[str, float],
-    linear: LinearPart,
-    change: float,
-    units: Floats | None = None,
-) -> tuple[dict[str, float], LinearPart]:
-    """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
     free = [p for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape]
-    if not free and units is None:
-        return {}, linear
+    if not free:
+        return {}
+    linear = LinearPart.of(structure)
+    change = likeliest_change(record, linear, sigma)[1]
     start = np.array([float(p.start or 0.0) for p in free])
     unit = np.array(
         [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
@@ -315,23 +280,15 @@ def _tuned(
     stated = np.array([p.sigma < np.inf for p in free], dtype=bool)
     samples, inputs = samples_of(record, linear)[:_TUNED], inputs_of(record)[:_TUNED]
 
-    def part_of(moved: Floats) -> tuple[dict[str, float], LinearPart]:
-        values = dict(zip((p.name for p in free), (start + unit * moved[: len(free)]).tolist(), strict=True))
-        springs = linear.equivalent
-        if units is not None:
-            springs = springs + units * moved[len(free) :].reshape(springs.shape)
-        return values, LinearPart.of(with_starts(structure, values), springs)
+    def values(moved: Floats) -> dict[str, float]:
+        return dict(zip((p.name for p in free), (start + unit * moved).tolist(), strict=True))
 
     def residual(moved: Floats) -> Floats:
-        model = part_of(moved)[1].model(record, sigma, change)
-        return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
+        model = LinearPart.of(with_starts(structure, values(moved))).model(record, sigma, change)
+        return np.append(innovations(model, samples, inputs).ravel(), moved[stated])
 
-    limits = np.array([[p.lower, p.upper] for p in free]).reshape(-1, 2)
+    limits = np.array([[p.lower, p.upper] for p in free])
     lower, upper = ((limits - start[:, None]) / unit[:, None]).T
-    if units is not None:
-        stable = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
-        least, most = np.moveaxis((stable - linear.equivalent[..., None]) / units[..., None], -1, 0)
-        lower, upper = np.append(lower, least), np.append(upper, most)
     optimum = scipy.optimize.least_squares(
         lambda shifted: residual(shifted - 1.0),  # from 1, of which a difference is a part
         np.ones(len(lower)),
@@ -340,27 +297,7 @@ def _tuned(
         diff_step=_DIFFERENCE,
         max_nfev=_STEPS,
     )
-    return part_of(np.asarray(optimum.x) - 1.0)
-
-
-def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> LinearPart:
-    """The linear system with a spring and a damper of the likeliest size in each open link, one after the other."""
-    samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
-
-    def likelihood(part: LinearPart) -> float:
-        return log_likelihood(part.model(record, sigma, _STIFF), samples, inputs)
-
-    best = likelihood(linear)
-    for number, unit in enumerate(linear.equivalent_units(record)[:, 0]):
-        (_, most), _ = linear.bounds(number, record.rate)
-        for spring in unit * _SPRINGS[unit * _SPRINGS < most]:
-            equivalent = linear.equivalent.copy()
-            equivalent[number] = spring, _RATIO * np.sqrt(spring * linear.mass(number))
-            trial = LinearPart.of(linear.structure, equivalent)
-            rise = likelihood(trial) - best
-            if rise > _GAIN:
-                linear, best = trial, best + rise
-    return linear
+    return values(np.asarray(optimum.x) - 1.0)
 
 
 def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:
