@@ -32,7 +32,6 @@ from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, NoisePaths
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
 _AT_ONCE = 2**17  # numbers in the weights of channels that are in memory together
-_AS_TWO = 2  # channels beyond which those of one equation are taken together
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 _STEP = 1e-30  # e, for matrices of order 1
 
@@ -143,7 +142,6 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
     """
     count = len(noisy[0].system.motion.floored_variance)
     of_patches = [np.bincount(own.paths.source, minlength=count) for own in noisy]
-    equations = np.sum(of_patches, axis=0, dtype=int)
     pending = np.count_nonzero(of_patches, axis=0)
     across = pending > 1
     shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
@@ -152,11 +150,7 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
         parameters = patch.layout.free_parameters
         sums = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
         total = _quadratic_noise(own, weight)
-        alone = _alone(own, equations)
-        for terms, of_noise in _joint_sums(own, weight, sums, alone):
-            total[terms[:, None], terms] += of_noise @ of_noise.T
-        others = np.setdiff1d(np.flatnonzero(present), alone.source)
-        for channel, terms, of_noise in _channel_sums(own, weight, sums, others):
+        for channel, terms, of_noise in _channel_sums(own, weight, sums, np.flatnonzero(present)):
             if across[channel]:
                 shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
             else:
@@ -166,40 +160,6 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
         for channel in [channel for channel in shared_sums if not pending[channel]]:
             which, of_noise = (np.concatenate(parts) for parts in zip(*shared_sums.pop(channel), strict=True))
             yield which, of_noise @ of_noise.T
-
-
-def _alone(noisy: NoisyPatch, equations: Indices) -> NoisePaths:
-    """Paths of noise that enters one of all equations, through links alone, where these are so many that they stand together.
-
-    `equations` (C,) is in how many the noise of each channel is.
-    """
-    paths = noisy.paths
-    alone = (equations[paths.source] == 1) & (paths.inertia == 0.0)
-    many = np.bincount(paths.equation[alone], minlength=len(noisy.masses)) > _AS_TWO
-    return paths.chosen(alone & many[paths.equation])
-
-
-def _joint_sums(
-    noisy: NoisyPatch, weight: Floats, sums: Floats, alone: NoisePaths
-) -> Iterator[tuple[Indices, Floats]]:
-    """For each of two channels of variance 1 that have the noise of those `alone` in an equation: terms (s,), sums (s, P).
-
-    The sums of every channel are s phi - d phi', s and d its stiffness and damping, so that all channels together have the
-    products of two sums at each point: those of the Cholesky factor of the covariance of s and d.
-    """
-    patch = noisy.patch
-    for i in np.unique(alone.equation).tolist():
-        own = alone.equation == i
-        signs, passed = patch.signs[i, patch.layout.free_terms], alone.passed[own]
-        terms, links = np.flatnonzero(signs), np.flatnonzero(passed.any(axis=0))
-        variance = noisy.system.motion.floored_variance[alone.source[own]]
-        stiffness, damping = passed[:, links] @ noisy.mean[:, links]
-        first, both = np.sqrt(variance @ stiffness**2), variance @ (stiffness * damping)
-        shared = np.divide(both, first, out=np.zeros_like(first), where=first > 0.0)
-        second = np.sqrt(np.maximum(variance @ damping**2 - shared**2, 0.0))
-        phi, phi_1 = sums[:PHI_2, terms] * (weight[i] * signs[terms])[:, None]
-        yield terms, first * phi - shared * phi_1
-        yield terms, second * phi_1
 
 
 def _channel_sums(
