@@ -1,4 +1,4 @@
-"""Bordered block-tridiagonal equations, banded and by blocks from both ends, against dense matrices."""
+"""Bordered block-tridiagonal equations, banded and by blocks, against dense matrices."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -102,7 +102,7 @@ def banded(equations: BorderedSystem) -> BorderedSystem:
 )
 @pytest.mark.parametrize("form", [banded, Blocks])
 def test_steps_of_a_dense_matrix(form: Callable[[BorderedSystem], Any], nodes: int, m: int, p: int) -> None:
-    """With all that is free, with some or all of the border held, and held elsewhere; nodes of 128 states by two threads."""
+    """With all that is free, with some or all of the border held, and held elsewhere."""
     equations = system(nodes, m, p)
     (matrix, gradient), size = dense(equations), nodes * m
     factor = present(form(equations).factor())
@@ -161,7 +161,7 @@ def test_covariances_and_blocks_of_the_inverse_are_those_of_a_dense_one() -> Non
 
 @pytest.mark.parametrize(("node", "m"), [(0, 4), (3, 4), (6, 4), (5, 128)])
 def test_what_is_not_positive_definite_has_no_factor_unless_it_is_damped(node: int, m: int) -> None:
-    """At either end, or where both meet; found by either thread."""
+    """At either end, or between."""
     equations = system(7, m, 2)
     equations.diagonal[node] -= 1e3 * np.eye(m)
     assert Blocks(equations).factor() is None and Blocks(equations).block_border() is None
