@@ -91,7 +91,7 @@ from linkwise.likelihood.starts.memory import (
     memory_starts,
     memory_starts_by_links,
 )
-from linkwise.likelihood.starts.values import equivalent_values, require_supported, starting_values
+from linkwise.likelihood.starts.values import require_supported, starting_values
 from linkwise.model.coefficient import Name
 from linkwise.model.link import refuse_signals
 from linkwise.model.structure import Structure
@@ -577,12 +577,10 @@ class MaximumLikelihood(Estimator):
     ) -> LikelihoodFit:
         if structure.topology.states or structure.signals:
             return self._with_memory(structure, records, options)
-        asked = structure, records, options
-        if structure.hosts:
-            starts = self._from_forces, self._from_equivalent_links
-            return attempts(partial(start, *asked) for start in starts)[0]
-        if needs_integration(framed(records[0], structure, integrated=True).record, structure):
-            return self._from_forces(*asked)
+        if structure.hosts or needs_integration(
+            framed(records[0], structure, integrated=True).record, structure
+        ):
+            return self._from_forces(structure, records, options)
         theta, spread = starting_values(records, structure, self.starts)
         search = partial(likelihood_fit, records, structure)
         fit = search(theta, spread=spread, options=options)
@@ -597,13 +595,6 @@ class MaximumLikelihood(Estimator):
         return fit_with_restarts(
             partial(likelihood_fit, records, structure), theta, options, another=about_rest
         )
-
-    def _from_equivalent_links(
-        self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
-    ) -> LikelihoodFit:
-        """A fit that starts with the laws closest to equivalent springs and dampers of the links of a structure with hosts."""
-        theta = equivalent_values(records, structure, self.starts)
-        return fit_with_restarts(partial(likelihood_fit, records, structure), theta, options)
 
     def _with_memory(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions

@@ -24,7 +24,6 @@ from linkwise.records.record import Record
 from linkwise.signals.gaps import denser, highest_frequency
 from linkwise.signals.noise import bandwidth, channel_noise, noise_and_bandwidth
 from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
-from linkwise.weak.elements import Elimination, elimination_of
 
 _INDEPENDENT = 1e-4  # of the largest singular value of shapes of unit length: sensors that tell less of a mode tell noise
 _QUADRATURE_ERROR = 1e-5  # of the motion: error of the sums that approximate integrals of a smooth motion
@@ -57,8 +56,6 @@ class MeasuredDisplacements:
     surplus : float
         Mean square of what channels show beyond the modes of a host over that expected from noise, of the worst host; 1 where
         no host has more channels than modes.
-    elimination : Elimination or None
-        The state of a link that is not measured and is eliminated.
     density : int
         How many samples there are for each that was measured: interpolated ones share the noise of their neighbours.
     """
@@ -73,7 +70,6 @@ class MeasuredDisplacements:
     samples: int
     bandwidth: float
     surplus: float = 1.0
-    elimination: Elimination | None = None
     density: int = 1
 
     @property
@@ -105,13 +101,11 @@ def source_names(structure: Structure) -> list[str]:
     return [*(f"x:{place}" for place in structure.places), *states, "x:base"]
 
 
-def read_displacements(
-    record: Record, structure: Structure, *, eliminate: bool = False
-) -> MeasuredDisplacements:
+def read_displacements(record: Record, structure: Structure) -> MeasuredDisplacements:
     """Displacements of the masses and modes of a structure in a record, and states; stated noise is used, the rest estimated.
 
-    A state that the record does not show is eliminated if `eliminate` says so. Raises IdentificationError if no mass has a
-    displacement channel, those of a host do not determine its modes, or a state that is not measured cannot be eliminated.
+    Raises IdentificationError if no mass has a displacement channel, those of a host do not determine its modes, or a state is
+    not measured.
     """
     names = source_names(structure)
     has_channel = np.array([name in record.channels for name in names])
@@ -123,8 +117,7 @@ def read_displacements(
             arguments=("channels",),
         )
     unmeasured = [name for name in names[len(structure.places) : -1] if name not in record.channels]
-    elimination = elimination_of(structure, unmeasured) if eliminate else None
-    if unmeasured and elimination is None:
+    if unmeasured:
         raise IdentificationError(
             f"the weak form needs the states of links with memory, and the record has no {', '.join(unmeasured)}: measure "
             'it, or use method "ml", which finds states',
@@ -158,7 +151,6 @@ def read_displacements(
         missing=lacking if gaps else None,
         samples=int(np.sum(measured) * ends.shape[1] - np.sum(lacking[measured])),
         bandwidth=highest,
-        elimination=elimination,
     )
     return _of_modes(shown, structure) if structure.hosts else shown
 

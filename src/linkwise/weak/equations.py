@@ -22,14 +22,13 @@ from linkwise.signals.base_frame import frame_acceleration
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.layout import StructureLayout, structure_layout
 from linkwise.weak.patch import Patch, PatchContext
-from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2
 from linkwise.weak.window import Window
 
 MIN_WINDOWS = 8  # windows
 _PATCH = 12  # masses: their dense products are cheap, and the terms of most links are shared
 _DENSE_WINDOWS = 400  # from twice as many, sums of smooth slopes over time use every second window
 _MAX_THINNING = 2
-_WIDER_WITHOUT_STATE = 2.0  # test functions have one more derivative, so that wider ones pass less noise
 _SLOPE_THINNING = 4  # the slopes in products of noise with itself vary more slowly
 
 
@@ -121,7 +120,7 @@ def weak_equations(
     window : Window, optional
         The test functions; chosen from the bandwidth by default.
     rate_window : Window, optional
-        What smooths the rates that laws act by, where test functions are wider; then sums over time take every window.
+        What smooths the rates that laws act by; then sums over time take every window. The test functions by default.
     values : dict of str to float, optional
         Present values of parameters that enter a law nonlinearly; their starts by default.
     only : collection of int, optional
@@ -137,40 +136,32 @@ def weak_equations(
     IdentificationError
         If the record is shorter than eight windows, too many samples are missing, or a parameter lacks a start.
     """
-    layout = structure_layout(structure, motion.elimination)
-    present = layout.values(values or {})
-    relaxation = layout.relaxation(present)
-    thinned = rate_window is None
-    if relaxation is not None and window is None:
-        rate_window = rate_window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
-    wider = 1.0 if relaxation is None else _WIDER_WITHOUT_STATE
-    window = window or Window.for_band(motion.bandwidth / wider, record.rate, motion.noise_free)
-    window = window.without(None if relaxation is None else relaxation[0])
+    layout = structure_layout(structure)
+    window = window or Window.for_band(motion.bandwidth, record.rate, motion.noise_free)
     windows = window.rows(len(record))
     if windows < MIN_WINDOWS:
         raise IdentificationError(
             f"the record is too short: its {len(record)} samples give {windows} windows of {window.length} samples, and "
             f"{MIN_WINDOWS} are needed; record for longer"
         )
-    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if thinned else 1
+    thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if rate_window is None else 1
     applied = _applied(record, structure)
     smooth = window.filter(motion.displacements, window.kernels)
     total = _with_frame(smooth, applied, frame_acceleration(record), layout, window)
     context = PatchContext(
         structure_layout=layout,
-        values=present,
+        values=layout.values(values or {}),
         motion=motion,
         window=window,
         rate_window=rate_window or window,
         filtered=total,
         forces={
-            mass: -window.filter(np.nan_to_num(force)[None], window.kernels[::INNER])[:, 0]
+            mass: -window.filter(np.nan_to_num(force)[None], window.kernels[:1])[0, 0]
             for mass, force in applied.items()
         },
         slope_stride=_SLOPE_THINNING * thinning,
     )
-    smooth = smooth[window.smooth :]
-    area, displaced = window.kernels[window.smooth].sum(), _displacements(smooth, window)
+    area, displaced = window.kernels[PHI].sum(), _displacements(smooth, window)
     return WeakEquations(
         context=context,
         structure_layout=layout,
@@ -213,7 +204,7 @@ def _with_frame(
         return smooth
     total, masses = smooth.copy(), layout.structure.masses
     for index in (index for index in range(len(masses)) if (-1 - index, MASS) in layout.parameter_index):
-        total[PHI_2::INNER, index] += window.filter(acceleration[None], window.kernels[::INNER])[:, 0]
+        total[PHI_2, index] += window.filter(acceleration[None], window.kernels[:1])[0, 0]
         applied[index] = applied[index] + (masses[index].mass.value or 0.0) * acceleration
         if not applied[index].any():
             del applied[index]
@@ -225,7 +216,7 @@ def _displacements(smooth: Floats, window: Window) -> Floats:
     bias to third order: that of a curve under phi is biased by half its curvature times the second moment of phi.
     """
     time = window.step * np.arange(-window.half, window.half + 1)
-    phi = window.kernels[window.smooth]
+    phi = window.kernels[PHI]
     return np.asarray((smooth[PHI] - 0.5 * (phi @ time**2 / phi.sum()) * smooth[PHI_2]) / phi.sum())
 
 
@@ -240,8 +231,7 @@ def _patches(
     measured = [*context.motion.measured.tolist(), bool(context.motion.has_channel[-2])]
     whole = np.ones(context.filtered.shape[2])
     by_windows: dict[tuple[bytes, bool], tuple[Floats, list[int]]] = {}
-    hidden = layout.equations if layout.elimination is None else layout.structure.size
-    for mass, nodes in enumerate(layout.neighbourhoods[:hidden]):
+    for mass, nodes in enumerate(layout.neighbourhoods):
         if all(measured[node] for node in nodes):
             near = [node for node in nodes if node < layout.equations]
             missing = _missing(context.motion, near, applied.get(mass))

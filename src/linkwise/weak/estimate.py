@@ -15,7 +15,6 @@ from math import sqrt
 from typing import ClassVar, final
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
@@ -30,19 +29,17 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.verdict import Verdict
-from linkwise.weak.displacements import MeasuredDisplacements, bridged, read_displacements, source_names
-from linkwise.weak.elements import Elimination
+from linkwise.weak.displacements import MeasuredDisplacements, read_displacements, source_names
 from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.fit import WeakFit, normal_equations, residual_power, weak_fit, with_priors
 from linkwise.weak.judgement import LARGEST_EXCESS, NOTED_EXCESS, judgement
 from linkwise.weak.layout import structure_layout
 from linkwise.weak.scatter import NoisyPatch
 from linkwise.weak.weak_form import weak_law
-from linkwise.weak.window import ORDER, Window, smoothed_motion
+from linkwise.weak.window import ORDER, Window
 
 _WIDER = 1.4  # rates are smoothed by test functions of so many times the width: twice the width flattens fast motion
 _SHARED = 0.5  # neighbouring windows share their noise, so that two count as one
-_FORGOTTEN = 5.0  # time constants after which a state does not know where it began
 _LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
 _CONVERGED_STEP = 1e-3  # of a standard error
@@ -59,8 +56,7 @@ class WeakForm(Estimator):
 
     The equations of motion are multiplied by test functions and integrated over short windows, so that no signal is
     differentiated. It needs displacements and one record, takes milliseconds, and has no options; `identify` has its answers
-    judged by the likelihood for up to six masses, which takes tenths of a second. States of links with memory are measured;
-    one that is linear, as that of a Maxwell branch or of a piezo, may be hidden.
+    judged by the likelihood for up to six masses, which takes tenths of a second. States of links with memory are measured.
 
     References
     ----------
@@ -107,8 +103,10 @@ class WeakForm(Estimator):
         frame = framed(given, structure)
         record = frame.record
         with one_blas_thread():
-            motion = read_displacements(record, structure, eliminate=True)
-            structure_layout(structure, motion.elimination)  # refuses states that are not linear
+            structure_layout(
+                structure
+            )  # refuses states that are not linear, which measuring them would not change
+            motion = read_displacements(record, structure)
             equations, fit, converged = weak_search(record, structure, motion)
             if converged:
                 fit = _with_smoothing(record, structure, equations, fit)
@@ -168,7 +166,7 @@ def weak_search(
     IdentificationError
         As `weak_equations` and `weak_fit`.
     """
-    layout = structure_layout(structure, motion.elimination)
+    layout = structure_layout(structure)
     nonlinear = {layout.names[number] for number in layout.nonlinear}
     if not nonlinear:
         equations = weak_equations(record, structure, motion)
@@ -325,36 +323,11 @@ def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floa
 
 
 def _link_force(identified: Structure, number: int, equations: WeakEquations) -> Floats:
-    """(R,) the force in N of a link along the smoothed motion; NaN while a state that was eliminated is not known."""
+    """(R,) the force in N of a link along the smoothed motion."""
     link, d, v = identified.links[number], equations.d[number], equations.v[number]
     every = enumerate(identified.topology.states)
     states = {name: equations.states[row] for row, (owner, name) in every if owner == number}
-    elimination = equations.motion.elimination
-    if elimination is not None and elimination.link == number:
-        states[elimination.state] = _state(identified, elimination, equations)
     return np.asarray(link.force(d, v, states))
-
-
-def _state(identified: Structure, elimination: Elimination, equations: WeakEquations) -> Floats:
-    """(R,) the state that follows the smoothed motion, z' = g0 + a z, with g0 linear between samples."""
-    motion, window, number = equations.motion, equations.window, elimination.link
-    x, missing = motion.displacements, motion.missing
-    whole = x if missing is None else bridged(x, missing)  # windows with missing samples have no equation
-    moved = smoothed_motion(whole, equations.context.rate_window)
-    [d], [v] = (equations.structure_layout.elongations(x, [number]) for x in moved)
-    values = identified.links[number].values
-    given = {name: values[name] for name in elimination.drive.coefficients}
-    driven = np.broadcast_to(np.asarray(elimination.drive.force(d, v, given)), d.shape)
-    a, _ = elimination.relaxation_at(identified, {})
-    if not a < 0.0:
-        return np.full(equations.windows, np.nan)
-    decay = np.exp(a * window.step)
-    first = (decay - 1.0) / a
-    second = (first / window.step - 1.0) / a
-    forced = first * driven[:-1] + second * np.diff(driven)
-    state = np.append(0.0, scipy.signal.lfilter([1.0], [1.0, -decay], forced))
-    state[: min(len(d) // 2, int(_FORGOTTEN / (-a * window.step)))] = np.nan
-    return np.asarray(state[window.half + window.stride * np.arange(equations.windows)])
 
 
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:

@@ -96,10 +96,7 @@ def _require_informed(system: WeakEquations, structure: Structure) -> None:
     reached = {number for patch in system.patches for number in patch.layout.free_parameters.tolist()}
     uninformed = [name for number, name in enumerate(system.parameters) if number not in reached]
     if uninformed:
-        motion = system.motion
-        names = source_names(structure)
-        ends = len(structure.places) if motion.elimination is not None else len(names) - 1
-        channels = zip(names[:ends], motion.has_channel, strict=False)
+        channels = zip(source_names(structure)[:-1], system.motion.has_channel, strict=False)
         unmeasured = [name for name, present in channels if not present]
         raise IdentificationError(
             f"the record has no information on {', '.join(uninformed)}: the weak form needs the displacement of a mass and of "

@@ -1,25 +1,43 @@
-"""Layout of weak equations, from the structure alone: their terms, the parameters of these, and where they act.
+"""Layout of weak equations, from the structure alone: what acts in them, their terms, the parameters of these, and where.
 
-It is computed once per structure, so that a study of many records of one structure does not repeat it. On a record, terms of
-laws are functions of the noisy elongations (`LawTerms`). Where a state is eliminated, a change of its a adds terms of its own
-(`BalanceChange`).
+A link without memory is one element: its law, a function of its elongation, acts on the masses that it joins. Where states of
+a link are measured and enter law and rates linearly,
+
+    f = f0(d, v) + sum_k p_k s_k,    s_j' = g0(d, v) + sum_k q_k s_k,
+
+each summand is an element: f0 and g0 are functions of the elongation, the others of a state as if it were one. A state has an
+equation of its own, that of a node without mass, s_j' - g0 - sum_k q_k s_k = 0, in which s_j' is the element with the law v.
+
+The layout is computed once per structure, so that a study of many records of one structure does not repeat it. On a record,
+terms of laws are functions of the noisy elongations (`LawTerms`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.model.law import Law
+from linkwise.errors import StructureError
+from linkwise.expression import (
+    Expression,
+    Number,
+    Symbol,
+    differentiate,
+    multiply,
+    substitute,
+    symbols,
+    to_text,
+)
+from linkwise.model.law import VARIABLES, Law
+from linkwise.model.link import Link
 from linkwise.model.structure import Structure
+from linkwise.model.topology import Weights
 from linkwise.weak.displacements import MeasuredDisplacements
-from linkwise.weak.elements import Element, Elimination, elements_of
 from linkwise.weak.weak_form import (
-    INNER,
     PHI,
     PHI_2,
     PatchLayout,
@@ -29,7 +47,80 @@ from linkwise.weak.weak_form import (
     weak_law,
 )
 
-_KERNELS = 3  # phi and two derivatives, under which an equation without its state has the terms of the balance itself
+_RATE = Law.parse("v")
+
+
+@dataclass(frozen=True)
+class Element:
+    """A function of the motion of some nodes that acts in some equations.
+
+    Attributes
+    ----------
+    link : int
+        The number of the link whose coefficients it has.
+    law : Law
+        The function, of what it reads as d and of the rate of that as v.
+    reading : tuple of (int, float)
+        Nodes, and their weights in what it reads: masses and modes, after them states of links, and the base.
+    action : tuple of (int, float)
+        Nodes in whose equations it acts, and its weights there.
+    """
+
+    link: int
+    law: Law
+    reading: Weights
+    action: Weights
+
+
+def elements_of(structure: Structure) -> tuple[Element, ...]:
+    """What acts in the weak equations of a structure: an element for each link, in their order, and then those of states.
+
+    Raises StructureError if a state does not enter its law and the rates linearly.
+    """
+    topology = structure.topology
+    node_of_state = {state: structure.size + number for number, state in enumerate(topology.states)}
+    base = structure.size + len(topology.states)
+    elements, of_states = [], []
+    every = zip(structure.links, topology.columns, structure.base_incidence.tolist(), strict=True)
+    for number, (link, column, based) in enumerate(every):
+        reading = (*column, (base, based)) if based else column
+        if not link.law.states:
+            elements.append(Element(number, link.law, reading, column))
+            continue
+        nodes = {name: node_of_state[number, name] for name in link.law.states}
+        whole, *others = _linear_parts(link, number, link.law.expression, reading, column, nodes)
+        elements.append(whole)
+        of_states += others
+        for name, rate in link.law.named_rates:
+            own = nodes[name]
+            of_states.append(Element(number, _RATE, ((own, 1.0),), ((own, 1.0),)))
+            of_states += _linear_parts(link, number, rate, reading, ((own, -1.0),), nodes)
+    return (*elements, *of_states)
+
+
+def _linear_parts(
+    link: Link, number: int, expression: Expression, reading: Weights, action: Weights, nodes: dict[str, int]
+) -> Iterator[Element]:
+    """What an expression in d, v and states of a link adds: the part without states, and that of each state."""
+    at_zero = substitute(expression, dict.fromkeys(nodes, Number(0.0)))
+    yield Element(number, _law(link, at_zero), reading, action)
+    for name, node in nodes.items():
+        slope = differentiate(expression, name)
+        if set(symbols(slope)) & {*VARIABLES, *nodes}:
+            raise StructureError(
+                f"the law has memory (state {name}), which is not supported in the weak form where a state does not enter "
+                "its law and the rates linearly; maximum likelihood takes it",
+                f'link "{link.name}"',
+            )
+        if slope != Number(0.0):
+            yield Element(number, _law(link, multiply(slope, Symbol("d"))), ((node, 1.0),), action)
+
+
+def _law(link: Link, expression: Expression) -> Law:
+    """A law with those coefficients of a link that are in an expression."""
+    names = set(symbols(expression))
+    used = tuple(name for name in link.law.coefficients if name in names)
+    return Law(to_text(expression), expression, used)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +137,12 @@ class StructureLayout:
         Index of the parameter of each unknown coefficient, given as (link, or -1 - mass; name of the coefficient).
     elements : tuple of Element
         What acts in the equations: one element for each link, and those of states.
-    elimination : Elimination or None
-        The state that the equations do not contain.
     """
 
     structure: Structure
     names: tuple[str, ...]
     parameter_index: Mapping[tuple[int, str], int]
     elements: tuple[Element, ...]
-    elimination: Elimination | None = None
     _layouts: dict[tuple[tuple[int, ...], tuple[int, ...]], PatchLayout] = field(
         default_factory=dict, repr=False
     )
@@ -67,31 +155,7 @@ class StructureLayout:
     @cached_property
     def between_masses(self) -> bool:
         """Whether every element acts on the masses that it reads, with the weights by which it reads them."""
-        measured = self.structure.topology.states and self.elimination is None
-        return not self.structure.hosts and not measured
-
-    @cached_property
-    def relaxed(self) -> Mapping[str, int]:
-        """The parameters by the coefficients that are in the a of an eliminated state."""
-        if self.elimination is None:
-            return {}
-        link, index = self.elimination.link, self.parameter_index
-        names = self.elimination.relaxation.coefficients
-        return {name: index[link, name] for name in names if (link, name) in index}
-
-    def relaxation(self, values: Floats) -> tuple[float, dict[int, float]] | None:
-        """The a of the eliminated state in 1/s and its derivatives by number of the parameter; None where there is none.
-
-        Raises IdentificationError if a coefficient in it has no start.
-        """
-        if self.elimination is None:
-            return None
-        unknown = {name: float(values[number]) for name, number in self.relaxed.items()}
-        value, by_name = self.elimination.relaxation_at(self.structure, unknown)
-        slopes = dict.fromkeys(self.relaxed.values(), 0.0)
-        for name, number in self.relaxed.items():
-            slopes[number] += by_name[name]
-        return value, slopes
+        return not self.structure.hosts and not self.structure.topology.states
 
     @cached_property
     def elements_at(self) -> tuple[tuple[int, ...], ...]:
@@ -103,19 +167,12 @@ class StructureLayout:
         return tuple(map(tuple, elements))
 
     @cached_property
-    def eliminating(self) -> frozenset[int]:
-        """Nodes on which the link acts whose state is eliminated."""
-        inner = (element for element in self.elements if element.inner)
-        return frozenset(node for element in inner for node, _ in element.action)
-
-    @cached_property
     def masses_with_parameters(self) -> frozenset[int]:
         """Nodes whose equation has a parameter."""
         unknown = {
             number
             for number, element in enumerate(self.elements)
             if any((element.link, name) in self.parameter_index for name in element.law.coefficients)
-            or (element.inner and self.relaxed)
         }
         return frozenset(
             node
@@ -135,8 +192,7 @@ class StructureLayout:
     def nonlinear(self) -> frozenset[int]:
         """Numbers of the parameters that enter an element nonlinearly."""
         slots = ((element.link, name) for element in self.elements for name in element.law.nonlinear)
-        of_laws = (self.parameter_index[slot] for slot in slots if slot in self.parameter_index)
-        return frozenset((*of_laws, *self.relaxed.values()))
+        return frozenset(self.parameter_index[slot] for slot in slots if slot in self.parameter_index)
 
     def values(self, given: Mapping[str, float]) -> Floats:
         """(p,) values of the parameters: those given by name, else the starts, else NaN."""
@@ -181,19 +237,18 @@ class StructureLayout:
 
     def groups(self, elements: Sequence[int] | Indices) -> Iterator[WeakLawGroup]:
         """The elements of these numbers, grouped by law."""
-        by_law: dict[tuple[Law, frozenset[str], bool], list[int]] = {}
+        by_law: dict[tuple[Law, frozenset[str]], list[int]] = {}
         indices = np.array(elements, dtype=np.intp)
         for position, index in enumerate(indices.tolist()):
-            law, link, inner = (element := self.elements[index]).law, element.link, element.inner
+            law, link = self.elements[index].law, self.elements[index].link
             free = frozenset(name for name in law.nonlinear if (link, name) in self.parameter_index)
-            by_law.setdefault((law, free, inner), []).append(position)
-        for (law, free, inner), positions in by_law.items():
+            by_law.setdefault((law, free), []).append(position)
+        for (law, free), positions in by_law.items():
             which = [self.elements[index].link for index in indices[positions].tolist()]
             coefficients = {
                 name: self._numbers((index, name) for index in which) for name in law.coefficients
             }
-            weak = weak_law(law, free, INNER if inner else PHI)
-            yield WeakLawGroup(weak, np.array(positions), indices[positions], coefficients)
+            yield WeakLawGroup(weak_law(law, free), np.array(positions), indices[positions], coefficients)
 
     def layout(self, masses: Iterable[int], forced: Iterable[int]) -> PatchLayout:
         """Layout of the equations of some masses, those `forced` with an applied force; computed once for equal arguments."""
@@ -212,18 +267,14 @@ class StructureLayout:
                 parts.append((part, slice(start, stop)))
                 numbers.append(_multipliers(group, part))
                 chosen.append(group.links)
-        near = [mass for mass in masses.tolist() if mass in self.eliminating]
-        states = [(mass, number) for mass in near for number in self.relaxed.values()]
-        relaxed = np.array(states, dtype=int).reshape(-1, 1, 2).repeat(_KERNELS, 1).reshape(-1, 2)
-        of_states = TermCoefficients(relaxed[:, 1], np.zeros(len(relaxed)))
         inertia = self._numbers((-1 - mass, "mass") for mass in masses.tolist())
         forces = TermCoefficients(np.full(len(forced), -1), np.ones(len(forced)))
-        sizes = [*map(len, chosen), len(relaxed), len(masses), len(forced)]
+        sizes = [*map(len, chosen), len(masses), len(forced)]
         nodes, reading, acting = self._incidence(np.concatenate([*chosen, links]).tolist(), masses)
         # whose equation a term is in
-        own = np.concatenate([relaxed[:, 0], masses, np.array(forced, dtype=int)])
+        own = np.concatenate([masses, np.array(forced, dtype=int)])
         displaced = (own[:, None] == nodes).astype(float)
-        displaced[len(relaxed) + len(masses) :] = 0.0
+        displaced[len(masses) :] = 0.0
         return PatchLayout(
             masses=masses,
             links=links,
@@ -231,22 +282,14 @@ class StructureLayout:
             groups=groups,
             law_parts=tuple(parts),
             inertia=inertia,
-            kernel=np.concatenate(
-                [
-                    np.repeat([part.kernel for part, _ in parts], sizes[: len(parts)]),
-                    np.tile(INNER + np.arange(_KERNELS), len(states)),
-                    np.repeat([PHI_2, PHI], sizes[-2:]),
-                ]
-            ).astype(int),
+            kernel=np.repeat([*(part.kernel for part, _ in parts), PHI_2, PHI], sizes),
             signs=np.hstack([acting[:, :stop], masses[:, None] == own]),
-            coefficients=TermCoefficients.joined([*numbers, of_states, inertia, forces]),
-            increment=np.repeat([*(part.increment for part, _ in parts), True, False, False], sizes),
+            coefficients=TermCoefficients.joined([*numbers, inertia, forces]),
+            increment=np.repeat([*(part.increment for part, _ in parts), False, False], sizes),
             nodes=nodes,
             incidence=np.concatenate([reading[:stop], displaced]),
             readings=reading[stop:],
             link_incidence=acting[:, stop:],
-            inner=np.array([self.elements[number].inner for number in links.tolist()], dtype=bool),
-            eliminating=slice(stop, stop + len(relaxed)),
         )
 
     def _incidence(self, numbers: Sequence[int], masses: Indices) -> tuple[Indices, Floats, Floats]:
@@ -278,8 +321,8 @@ class StructureLayout:
 
 
 @lru_cache(maxsize=32)
-def structure_layout(structure: Structure, elimination: Elimination | None = None) -> StructureLayout:
-    """Layout of a structure without the state of an elimination; the same object for equal arguments."""
+def structure_layout(structure: Structure) -> StructureLayout:
+    """Layout of a structure; the same object for equal arguments."""
     parameters = structure.parameters
     return StructureLayout(
         structure=structure,
@@ -287,8 +330,7 @@ def structure_layout(structure: Structure, elimination: Elimination | None = Non
         parameter_index={
             slot: number for number, parameter in enumerate(parameters) for slot in parameter.members
         },
-        elements=elements_of(structure, elimination),
-        elimination=elimination,
+        elements=elements_of(structure),
     )
 
 
@@ -330,82 +372,3 @@ class LawTerms:
     def slope(self) -> Floats | float:
         """First derivative h' without its factor."""
         return self.derivatives[1] if len(self.derivatives) > 1 else 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class BalanceChange:
-    """The terms of a patch, and those under phi of which its derivatives by the a of an eliminated state are sums.
-
-    Under psi = -phi' - a phi the balance B of a mass, without the state, is int psi B + int phi p g0 = 0 (`elements`). Its
-    derivative with respect to a is - int phi B: minus the same terms under phi and its derivatives, with their present
-    coefficients. These sums are rows like others, with the noise of what they are sums of, so that products of them and of
-    others lose their bias by the same map.
-
-    Attributes
-    ----------
-    layout : PatchLayout
-        The q terms, and behind them t that are some of these once more, under phi and its derivatives.
-    twins : array of int, shape (t,)
-        The terms that these are.
-    sums : array of shape (e, t)
-        The e derivatives as sums of them.
-    """
-
-    layout: PatchLayout
-    twins: Indices
-    sums: Floats
-
-    @classmethod
-    def of(cls, layout: PatchLayout, numbers: Floats, slopes: dict[int, float]) -> BalanceChange:
-        """The change of a patch with q terms of present coefficients `numbers` (q,).
-
-        `slopes` are the derivatives of a by number of the parameter.
-        """
-        own = np.arange(layout.eliminating.start, layout.eliminating.stop)
-        acting = layout.signs[:, own].T @ (layout.signs * np.nan_to_num(numbers))
-        acting *= layout.kernel + INNER == layout.kernel[own, None]
-        acting[:, own] = 0.0
-        twins = np.flatnonzero(acting.any(axis=0))
-        by_parameter = np.array([slopes[number] for number in layout.coefficients.parameter[own].tolist()])
-        wide = replace(
-            layout,
-            kernel=np.append(layout.kernel, layout.kernel[twins] + INNER),
-            incidence=np.concatenate([layout.incidence, layout.incidence[twins]]),
-        )
-        return cls(wide, twins, -by_parameter[:, None] * acting[:, twins])
-
-    def terms(self, evaluated: Sequence[LawTerms]) -> list[LawTerms]:
-        """The terms of laws among those under phi: each part of a law at the links that have one."""
-        first, chosen_terms = len(self.layout.kernel) - len(self.twins), []
-        for terms in evaluated:
-            start, stop = np.searchsorted(self.twins, [terms.terms.start, terms.terms.stop]).tolist()
-            if start < stop:
-                chosen = self.twins[start:stop] - terms.terms.start
-                chosen_terms.append(
-                    replace(
-                        terms,
-                        part=replace(terms.part, kernel=terms.part.kernel + INNER),
-                        links=terms.links[chosen],
-                        terms=slice(first + start, first + stop),
-                        derivatives=tuple(_chosen(part, chosen) for part in terms.derivatives),
-                        rate_slope=None if terms.rate_slope is None else terms.rate_slope[chosen],
-                    )
-                )
-        return chosen_terms
-
-    def joined(self, bias: Floats) -> Floats:
-        """(q, q) sums of the products (q + t, q + t) of all terms, of the terms of the equations."""
-        count = len(self.layout.kernel) - len(self.twins)
-        whole = np.eye(count, len(self.layout.kernel))
-        whole[self.layout.eliminating] = 0.0
-        whole[self.layout.eliminating, count:] = self.sums
-        return np.asarray(whole @ bias @ whole.T)
-
-    def slopes(self, slopes: Floats) -> Floats:
-        """(e, K) slopes of the derivatives by the displacement of their own mass, from those of the terms (q, K)."""
-        own = self.layout.incidence[self.layout.eliminating] @ self.layout.incidence[self.twins].T
-        return np.asarray((self.sums * own) @ slopes[self.twins])
-
-
-def _chosen(part: Floats | float, rows: Indices) -> Floats | float:
-    return part if isinstance(part, float) else part[rows]

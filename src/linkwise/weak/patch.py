@@ -22,8 +22,8 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.weak.displacements import MeasuredDisplacements
-from linkwise.weak.layout import BalanceChange, LawTerms, StructureLayout
-from linkwise.weak.weak_form import INNER, PHI_2, PatchLayout, WeakLawGroup
+from linkwise.weak.layout import LawTerms, StructureLayout
+from linkwise.weak.weak_form import PHI_2, PatchLayout, WeakLawGroup
 from linkwise.weak.window import Window
 
 
@@ -105,8 +105,8 @@ class PatchContext:
         What smooths the rates that laws act by.
     filtered : array of shape (K, n + 2, R)
         Displacements of masses, base and ground under the kernels.
-    forces : mapping of int to array of shape (K', R)
-        Negative applied forces under phi, by mass, and under the phi behind that where a state is eliminated.
+    forces : mapping of int to array of shape (R,)
+        Negative applied forces under phi, by mass.
     slope_stride : int
         Stride in windows of `Patch.slopes`.
     """
@@ -133,11 +133,8 @@ class PatchContext:
     def patch(self, masses: Sequence[int], valid: Floats) -> Patch:
         """The equations of m masses by number, in windows with weights `valid` (R,)."""
         layout = self.structure_layout.layout(masses, (mass for mass in masses if mass in self.forces))
-        change = self._change(layout)
         evaluated, slope = self._evaluated(layout)
         rows = self._rows(layout, evaluated)
-        if change is not None:
-            rows[layout.eliminating] = change.sums @ self._rows(layout, evaluated, INNER)[change.twins]
         if not valid.all():
             rows *= valid
         products = rows @ rows.T
@@ -148,9 +145,9 @@ class PatchContext:
             - np.where(layout.increment, present, 0.0),
             rows=rows,
             products=products,
-            moments=products - self._bias(layout, evaluated, slope, valid, change),
+            moments=products - self._bias(layout, evaluated, slope, valid),
             valid=valid,
-            slopes=self._slopes(layout, slope, evaluated, change),
+            slopes=self._slopes(layout, slope, evaluated),
         )
 
     def _bias(
@@ -159,24 +156,13 @@ class PatchContext:
         terms: Sequence[LawTerms],
         slopes: Floats,
         valid: Floats,
-        change: BalanceChange | None,
     ) -> Floats:
         """(q, q) bias of the products of all terms due to noise, `slopes` (q,) those that are constant, 0 for others."""
-        if change is not None:
-            slopes, terms = np.append(slopes, slopes[change.twins]), [*terms, *change.terms(terms)]
-        whole, noise = layout if change is None else change.layout, self.motion.covariance(layout.nodes)
+        noise = self.motion.covariance(layout.nodes)
         curved = [of_law for of_law in terms if not isinstance(of_law.slope, float)]
-        bias = noise_bias(whole, curved, slopes, noise, self.window, valid)
-        bias += rate_bias(whole, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
-        return bias if change is None else change.joined(bias)
-
-    def _change(self, layout: PatchLayout) -> BalanceChange | None:
-        """What a change of the a of an eliminated state adds to equations; None where they have no such term."""
-        if layout.eliminating.start == layout.eliminating.stop:
-            return None
-        relaxation = self.structure_layout.relaxation(self.values)
-        numbers = np.where(layout.increment, 0.0, layout.coefficients.at(self.values))
-        return BalanceChange.of(layout, numbers, {} if relaxation is None else relaxation[1])
+        bias = noise_bias(layout, curved, slopes, noise, self.window, valid)
+        bias += rate_bias(layout, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
+        return bias
 
     def _evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
         """The terms of laws at every sample, and the slopes (q,) of all terms where they are constant, 0 for others."""
@@ -219,13 +205,11 @@ class PatchContext:
         inner = single.filter(d, single.slope)[0]
         return np.pad(inner, ((0, 0), (single.half, single.half)), mode="edge")
 
-    def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms], behind: int = 0) -> Floats:
-        """(q, R): the terms under the kernels that stand `behind` those of the equations; 0 where there is none."""
+    def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floats:
+        """(q, R): the terms under their kernels."""
         rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
-            kernel, sign, first = terms.part.kernel + behind, terms.factors[0], terms.derivatives[0]
-            if kernel >= len(self.filtered):
-                continue
+            kernel, sign, first = terms.part.kernel, terms.factors[0], terms.derivatives[0]
             if terms.part.plain:
                 rows[terms.terms] = self.structure_layout.elongations(self.filtered[kernel], terms.links)
                 rows[terms.terms] *= sign
@@ -235,18 +219,12 @@ class PatchContext:
                 taps = sign * self.window.kernels[kernel : kernel + 1]
                 rows[terms.terms] = self.window.filter(first, taps)[0]
         forces = len(rows) - len(layout.forced)
-        rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2 + behind, layout.masses]
+        rows[forces - len(layout.masses) : forces] = self.filtered[PHI_2, layout.masses]
         for row, mass in enumerate(layout.forced, start=forces):
-            rows[row] = self.forces[mass][behind // INNER]
+            rows[row] = self.forces[mass]
         return rows
 
-    def _slopes(
-        self,
-        layout: PatchLayout,
-        constant: Floats,
-        evaluated: Sequence[LawTerms],
-        change: BalanceChange | None,
-    ) -> Floats:
+    def _slopes(self, layout: PatchLayout, constant: Floats, evaluated: Sequence[LawTerms]) -> Floats:
         """(q, K): slopes of the terms' functions at the centres of every `slope_stride`-th window."""
         windows = np.arange(0, self.filtered.shape[2], self.slope_stride)
         centres = self.window.half + windows * self.window.stride
@@ -254,8 +232,6 @@ class PatchContext:
         for terms in evaluated:
             if not isinstance(terms.slope, float):
                 slopes[terms.terms] = terms.factors[1] * terms.slope[:, centres]
-        if change is not None:
-            slopes[layout.eliminating] = change.slopes(slopes)
         return slopes
 
 

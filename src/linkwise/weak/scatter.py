@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement, pairwise, product
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,10 @@ from linkwise.expression import Program, differentiate, symbols
 from linkwise.model.law import VARIABLES, Law
 from linkwise.weak.equations import WeakEquations
 from linkwise.weak.patch import Patch
-from linkwise.weak.weak_form import INNER, PHI, PHI_1, PHI_2, NoisePaths
+from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, NoisePaths
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
 _AT_ONCE = 2**17  # numbers in the weights of channels that are in memory together
-_AS_TWO = 2  # channels beyond which those of one equation are taken together
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 _STEP = 1e-30  # e, for matrices of order 1
 
@@ -87,18 +86,13 @@ class NoisyPatch:
         return layout.paths_of_nodes if weights is None else layout.noise_paths(weights)
 
     def under_kernels(self, passed: Floats, inertia: Floats, slopes: Floats) -> list[Floats]:
-        """What noise is weighted by under each kernel, (w, P) each; none under the last of an eliminated state.
+        """What noise is weighted by under each kernel, (w, P) each.
 
         It passes through links with `slopes` (2, l, P) as `passed` (w, l) says, and is in the displacements of masses by
-        `inertia` (w,). Inner links act under phi in place of the state.
+        `inertia` (w,).
         """
-        inner = self.patch.layout.inner
-        stiffness, damping = (passed * ~inner) @ slopes
-        weights = [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
-        if len(self.system.window.kernels) > INNER:
-            stiffness, damping = (passed * inner) @ slopes
-            weights += [stiffness, -damping]
-        return weights
+        stiffness, damping = passed @ slopes
+        return [stiffness, -damping, np.broadcast_to(inertia[:, None], stiffness.shape)]
 
     @cached_property
     def power(self) -> Floats:
@@ -110,8 +104,7 @@ class NoisyPatch:
         curved = np.tensordot(gram.diagonal()[[PHI, PHI_1]], square - mean**2, 1)
         weights = self.under_kernels(paths.passed, paths.inertia * self.masses[paths.equation], mean)
         power = np.zeros_like(weights[PHI])
-        every = combinations_with_replacement(range(len(weights)), 2)
-        for first, second in _CORRELATED[:-1] if len(gram) == INNER else every:
+        for first, second in _CORRELATED[:-1]:
             share = gram[first, second] if first == second else 2.0 * gram[first, second]
             power += share * (weights[first] * weights[second])
         floor = FLOOR * self.patch.largest()[:, None] / system.windows + np.finfo(float).tiny
@@ -149,7 +142,6 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
     """
     count = len(noisy[0].system.motion.floored_variance)
     of_patches = [np.bincount(own.paths.source, minlength=count) for own in noisy]
-    equations = np.sum(of_patches, axis=0, dtype=int)
     pending = np.count_nonzero(of_patches, axis=0)
     across = pending > 1
     shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
@@ -158,11 +150,7 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
         parameters = patch.layout.free_parameters
         sums = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
         total = _quadratic_noise(own, weight)
-        alone = _alone(own, equations)
-        for terms, of_noise in _joint_sums(own, weight, sums, alone):
-            total[terms[:, None], terms] += of_noise @ of_noise.T
-        others = np.setdiff1d(np.flatnonzero(present), alone.source)
-        for channel, terms, of_noise in _channel_sums(own, weight, sums, others):
+        for channel, terms, of_noise in _channel_sums(own, weight, sums, np.flatnonzero(present)):
             if across[channel]:
                 shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
             else:
@@ -172,41 +160,6 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
         for channel in [channel for channel in shared_sums if not pending[channel]]:
             which, of_noise = (np.concatenate(parts) for parts in zip(*shared_sums.pop(channel), strict=True))
             yield which, of_noise @ of_noise.T
-
-
-def _alone(noisy: NoisyPatch, equations: Indices) -> NoisePaths:
-    """Paths of noise that enters one of all equations, through links alone, where these are so many that they stand together.
-
-    `equations` (C,) is in how many the noise of each channel is.
-    """
-    paths, layout = noisy.paths, noisy.patch.layout
-    alone = (equations[paths.source] == 1) & (paths.inertia == 0.0)
-    many = np.bincount(paths.equation[alone], minlength=len(noisy.masses)) > _AS_TWO
-    many &= ~((layout.link_incidence != 0.0) & layout.inner).any(axis=1)
-    return paths.chosen(alone & many[paths.equation])
-
-
-def _joint_sums(
-    noisy: NoisyPatch, weight: Floats, sums: Floats, alone: NoisePaths
-) -> Iterator[tuple[Indices, Floats]]:
-    """For each of two channels of variance 1 that have the noise of those `alone` in an equation: terms (s,), sums (s, P).
-
-    The sums of every channel are s phi - d phi', s and d its stiffness and damping, so that all channels together have the
-    products of two sums at each point: those of the Cholesky factor of the covariance of s and d.
-    """
-    patch = noisy.patch
-    for i in np.unique(alone.equation).tolist():
-        own = alone.equation == i
-        signs, passed = patch.signs[i, patch.layout.free_terms], alone.passed[own]
-        terms, links = np.flatnonzero(signs), np.flatnonzero(passed.any(axis=0))
-        variance = noisy.system.motion.floored_variance[alone.source[own]]
-        stiffness, damping = passed[:, links] @ noisy.mean[:, links]
-        first, both = np.sqrt(variance @ stiffness**2), variance @ (stiffness * damping)
-        shared = np.divide(both, first, out=np.zeros_like(first), where=first > 0.0)
-        second = np.sqrt(np.maximum(variance @ damping**2 - shared**2, 0.0))
-        phi, phi_1 = sums[:PHI_2, terms] * (weight[i] * signs[terms])[:, None]
-        yield terms, first * phi - shared * phi_1
-        yield terms, second * phi_1
 
 
 def _channel_sums(
@@ -224,9 +177,9 @@ def _channel_sums(
         for first, last in pairwise([0, *ends.tolist()]):
             own, of_term = pairs[first:last], terms[first:last]
             of_noise = weights[PHI][own] * sums[PHI, of_term]
-            for kernel in range(PHI_1, len(weights)):
-                if kernel != PHI_2 or weights[kernel][own, 0].any():  # most channels are not in inertia
-                    of_noise += weights[kernel][own] * sums[kernel, of_term]
+            of_noise += weights[PHI_1][own] * sums[PHI_1, of_term]
+            if weights[PHI_2][own, 0].any():  # most channels are not in inertia
+                of_noise += weights[PHI_2][own] * sums[PHI_2, of_term]
             yield int(channel[own[0]]), of_term, of_noise
 
 
@@ -262,14 +215,13 @@ def _quadratic_noise(noisy: NoisyPatch, weight: Floats) -> Floats:
     through = _own_noise(patch, system, layout.link_incidence, layout.readings)
     weights = noisy.under_kernels(through, noisy.masses, noisy.mean[:, :, at])
     shape = weights[PHI].shape
-    kernels = np.zeros((len(window.kernels), weights[PHI].size))
-    kernels[: len(weights)] = np.reshape(weights, (len(weights), -1))
+    kernels = np.reshape(weights, (len(weights), -1))
     slopes = patch.slopes[:, system.points[at] // stride]
     variance = system.motion.covariance(patch.masses, floored=True).diagonal()
     amount = stride * (weight * variance) ** 2
     acting = _own_noise(patch, system, patch.signs, layout.incidence)
     total, terms = np.zeros(patch.products.shape), layout.free_terms_by_kernel
-    for row, column in _CORRELATED if len(kernels) == INNER else product(range(len(terms)), repeat=2):
+    for row, column in _CORRELATED:
         first, second = terms[row], terms[column]
         if len(first) and len(second):
             correlated = window.cross_correlations[row, column].T @ kernels

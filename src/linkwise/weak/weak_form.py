@@ -37,7 +37,6 @@ from linkwise.expression.tree import (
 from linkwise.model.law import Law
 
 PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
-INNER = 3  # where a state is eliminated: the row of phi, behind the test functions of the equations and their derivatives
 
 _HIGHEST = 3  # derivatives kept: products of cubic laws are then unbiased, others to order s^6
 _SERIES = 3  # terms of exp(-s^2/2 D^2), enough for polynomials up to d^7
@@ -57,7 +56,7 @@ class WeakPart:
         True where the coefficient enters the law nonlinearly: the function is the derivative of the law with respect to it,
         and the multiplier is its step from the present value.
     kernel : int
-        PHI, PHI_1 or PHI_2, behind INNER for an eliminated state.
+        PHI, PHI_1 or PHI_2.
     sign : float
         1 or -1.
     function : Expression
@@ -191,7 +190,7 @@ class WeakLaw:
 
 
 @lru_cache(maxsize=512)
-def weak_law(law: Law, free: frozenset[str], first: int = PHI) -> WeakLaw:
+def weak_law(law: Law, free: frozenset[str]) -> WeakLaw:
     """Weak form of a law.
 
     A linear coefficient has a term of its own, known or not; the terms without one have the coefficient 1; each unknown
@@ -203,8 +202,6 @@ def weak_law(law: Law, free: frozenset[str], first: int = PHI) -> WeakLaw:
         The law.
     free : frozenset of str
         Names of the unknown coefficients that enter nonlinearly.
-    first : int, optional
-        The row of phi among the kernels: INNER for what takes the place of an eliminated state.
 
     Returns
     -------
@@ -215,20 +212,20 @@ def weak_law(law: Law, free: frozenset[str], first: int = PHI) -> WeakLaw:
     if law.remainder != ZERO:
         terms.append((None, False, law.remainder))
     terms += [(name, True, differentiate(law.expression, name)) for name in law.nonlinear if name in free]
-    return WeakLaw(law, tuple(part for term in terms for part in _parts(*term, first)))
+    return WeakLaw(law, tuple(part for term in terms for part in _parts(*term)))
 
 
-def _parts(coefficient: str | None, increment: bool, term: Expression, first: int) -> list[WeakPart]:
+def _parts(coefficient: str | None, increment: bool, term: Expression) -> list[WeakPart]:
     by_rate = differentiate(term, "v")
     if by_rate == ZERO:
-        return [WeakPart(coefficient, increment, first + PHI, 1.0, term)]
+        return [WeakPart(coefficient, increment, PHI, 1.0, term)]
     primitive = antiderivative(by_rate, "d") if "v" not in symbols(by_rate) else None
     if primitive is None:
-        return [WeakPart(coefficient, increment, first + PHI, 1.0, term)]
-    parts = [WeakPart(coefficient, increment, first + PHI_1, -1.0, primitive)]
+        return [WeakPart(coefficient, increment, PHI, 1.0, term)]
+    parts = [WeakPart(coefficient, increment, PHI_1, -1.0, primitive)]
     at_rest = substitute(term, {"v": ZERO})
     if at_rest != ZERO:
-        parts.append(WeakPart(coefficient, increment, first + PHI, 1.0, at_rest))
+        parts.append(WeakPart(coefficient, increment, PHI, 1.0, at_rest))
     return parts
 
 
@@ -377,10 +374,6 @@ class PatchLayout:
         Weights of the nodes in the elongations of the links.
     link_incidence : array of shape (m, l)
         Weights of the links in the equations.
-    inner : array of bool, shape (l,)
-        The links that act under phi in place of an eliminated state.
-    eliminating : slice
-        The terms that a change of the a of an eliminated state adds: three kernels of each of its parameters.
     """
 
     masses: Indices
@@ -397,8 +390,6 @@ class PatchLayout:
     incidence: Floats
     readings: Floats
     link_incidence: Floats
-    inner: Bools
-    eliminating: slice
 
     @cached_property
     def free_terms(self) -> Indices:
@@ -419,8 +410,8 @@ class PatchLayout:
     @cached_property
     def free_terms_by_kernel(self) -> tuple[Indices, ...]:
         """The terms with a parameter under each of the kernels."""
-        last = int(self.kernel.max(initial=PHI_2))
-        return tuple(self.free_terms[self.kernel[self.free_terms] == kernel] for kernel in range(last + 1))
+        kernels = self.kernel[self.free_terms]
+        return tuple(self.free_terms[kernels == kernel] for kernel in (PHI, PHI_1, PHI_2))
 
     def noise_paths(self, weights: Floats | None = None) -> NoisePaths:
         """The paths of noise of nodes, or of channels with these weights (n + 2, C) in the displacements of nodes."""

@@ -15,14 +15,13 @@ from math import ceil, pi, sqrt
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
-from linkwise.weak.weak_form import INNER, PHI, PHI_2
+from linkwise.weak.weak_form import PHI, PHI_2
 
 ORDER = 8
 _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower phi exceeds noise at 40 dB
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _DISTANCE = 1.6  # standard deviations from one window to the next
-_DEGREE = 6  # of polynomials that smooth motion, as of `Window.slope`
 _AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
 _BLOCK = 8  # outputs in one row of the blocked product
 
@@ -39,15 +38,11 @@ class Window:
         Distance of neighbouring windows in samples.
     step : float
         Sampling interval in s.
-    relaxation : float, optional
-        The a of a state z' = a z + g that the equations do not contain, in 1/s: -phi' - a phi weights them in place of phi,
-        and integration by parts leaves phi times g of p z.
     """
 
     half: int
     stride: int
     step: float
-    relaxation: float | None = None
 
     @classmethod
     def of_deviation(cls, deviation: float, step: float) -> Window:
@@ -78,15 +73,6 @@ class Window:
         narrowest = _NARROWEST_EXACT if noise_free else _NARROWEST
         return cls.of_deviation(min(max(rate / (2.0 * pi * highest), narrowest), _WIDEST), 1.0 / rate)
 
-    def without(self, relaxation: float | None) -> Window:
-        """The test functions that eliminate a state with the a `relaxation` in 1/s; None for no state."""
-        return _window(self.half, self.stride, self.step, relaxation)
-
-    @property
-    def smooth(self) -> int:
-        """The row of phi among the kernels: 0, or behind those of an eliminated state."""
-        return PHI if self.relaxation is None else INNER
-
     @property
     def length(self) -> int:
         """Number of samples in a window."""
@@ -99,9 +85,6 @@ class Window:
     @cached_property
     def kernels(self) -> Floats:
         """(3, length) phi, phi' and phi'' at the samples, divided by the norm of phi''.
-
-        Where a state is eliminated (6, length): psi = -phi' - a phi and its derivatives, by the norm of psi'', in the place of
-        these, which follow.
 
         phi' and phi'' contain a small multiple of phi, so that sums over samples satisfy integration by parts exactly for
         polynomials of degree five; without it their aliasing, of 1e-6, would be a spurious acceleration of slow motion.
@@ -116,10 +99,6 @@ class Window:
         second = _exact(second, phi, (0, 2, 4), moments)
         reach = self.half * self.step
         kernels: Floats = np.stack([phi, first / reach, second / reach**2])
-        if self.relaxation is not None:
-            third = _third(u) / reach**3
-            outer = -np.stack([kernels[1], kernels[2], third]) - self.relaxation * kernels
-            kernels = np.concatenate([outer, kernels])
         return kernels / np.linalg.norm(kernels[PHI_2])
 
     @cached_property
@@ -127,7 +106,7 @@ class Window:
         """(1, length) filter for the derivative at the centre of a polynomial of degree six, fitted with the weight phi."""
         u = np.arange(-self.half, self.half + 1) / self.half
         odd = u ** np.array([[1], [3], [5]])
-        weighted = odd * self.kernels[self.smooth]
+        weighted = odd * self.kernels[PHI]
         first = np.linalg.solve(weighted @ odd.T, [1.0, 0.0, 0.0])
         return np.asarray(first @ weighted / (self.half * self.step))[None]
 
@@ -222,45 +201,10 @@ class Window:
         return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
 
 
-def smoothed_motion(displacements: Floats, window: Window) -> tuple[Floats, Floats]:
-    """Displacements and rates from polynomials of degree six that are fitted to the samples around each one.
-
-    Samples have the weight phi; at the ends, nearer than half a window, the polynomial of the first or last window is taken.
-
-    Parameters
-    ----------
-    displacements : array of shape (k, N)
-        Displacements in m, of at least one window.
-    window : Window
-        The window.
-
-    Returns
-    -------
-    displacements, rates : array of shape (k, N)
-        In m and m/s.
-    """
-    inner, edge = _filters(window)
-    length, half = window.length, window.half
-    every = Window(half, 1, window.step).filter(displacements, inner)
-    smooth = np.empty((2, *displacements.shape))
-    smooth[:, :, half : displacements.shape[1] - half] = every
-    smooth[:, :, :half] = displacements[:, :length] @ edge[:, :half].transpose(0, 2, 1)
-    smooth[:, :, -half:] = displacements[:, -length:] @ edge[:, -half:].transpose(0, 2, 1)
-    return smooth[0], smooth[1]
-
-
 @lru_cache(maxsize=64)
-def _window(half: int, stride: int, step: float, relaxation: float | None = None) -> Window:
+def _window(half: int, stride: int, step: float) -> Window:
     """One object for equal windows, which keeps its kernels."""
-    return Window(half, stride, step, relaxation)
-
-
-def _third(u: Floats) -> Floats:
-    """The third derivative of phi at u; with odd multiples of phi, sums are exact for polynomials of degree five."""
-    inside, p = 1.0 - u * u, ORDER
-    third = u * inside ** (p - 3) * (12.0 * p * (p - 1) * inside - 8.0 * p * (p - 1) * (p - 2) * u * u)
-    moments = np.append(0.0, -np.array([6.0, 60.0]) * ((u ** [[0], [2]]) @ inside**p))
-    return _exact(third, inside**p, (1, 3, 5), moments)
+    return Window(half, stride, step)
 
 
 def _exact(kernel: Floats, phi: Floats, powers: Sequence[int], moments: Floats) -> Floats:
@@ -315,16 +259,3 @@ def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
     by_signal, by_sample = signals.strides
     shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
     return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)
-
-
-@lru_cache(maxsize=64)
-def _filters(window: Window) -> tuple[Floats, Floats]:
-    """(2, T) taps of value and rate at the centre; (2, T, T) those at every sample of a window, with equal weights."""
-    u = np.arange(-window.half, window.half + 1) / window.half
-    powers = np.arange(_DEGREE + 1)
-    values = u[:, None] ** powers
-    rates = powers * u[:, None] ** np.maximum(powers - 1, 0) / (window.half * window.step)
-    weight = np.sqrt(np.maximum(window.kernels[window.smooth], 0.0))
-    weighted, equal = np.linalg.pinv(weight[:, None] * values) * weight, np.linalg.pinv(values)
-    centre = np.stack([values[window.half], rates[window.half]])
-    return centre @ weighted, np.stack([values @ equal, rates @ equal])

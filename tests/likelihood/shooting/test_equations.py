@@ -1,7 +1,7 @@
-"""Bordered block-tridiagonal equations, banded and by blocks from both ends, against dense matrices."""
+"""Bordered block-tridiagonal equations, banded and by blocks, against dense matrices."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,12 @@ from present import present
 
 from linkwise.likelihood.shooting.bordered_system import (
     BlockEquations,
+    BlockFactor,
     BorderedSystem,
     BorderEquations,
     Damping,
     NodeBlocks,
+    excess,
 )
 from linkwise.likelihood.shooting.linear_model import covariance
 from linkwise.likelihood.shooting.segments import Scales
@@ -38,24 +40,41 @@ def system(nodes: int, m: int, p: int) -> BorderedSystem:
     return BorderedSystem(diagonal, coupling, right, corner, random.normal(size=p))
 
 
-def blocks(banded: BorderedSystem) -> BlockEquations:
-    nodes, m, _ = banded.diagonal.shape
-    coupling = np.concatenate([banded.coupling, np.zeros((1, m, m))])
+@dataclass(frozen=True)
+class Blocks(BlockEquations):
+    """The same equations, node by node."""
 
-    def some(first: int, last: int) -> NodeBlocks:
-        right = banded.right[first:last].transpose(0, 2, 1)
-        own = banded.diagonal[first:last].copy(), right.copy(), coupling[first:last].copy()
-        return NodeBlocks(*own)
+    banded: BorderedSystem
 
-    return BlockEquations(
-        (nodes, m),
-        some,
-        lambda border: banded.right[..., -1] - banded.right[..., :-1] @ border,
-        lambda states: np.tensordot(states, banded.right[..., :-1], 2),
-        lambda first, last: coupling[first:last],
-        banded.corner,
-        banded.corner_gradient,
-    )
+    @property
+    def shape(self) -> tuple[int, int]:
+        nodes, m, _ = self.banded.diagonal.shape
+        return nodes, m
+
+    @property
+    def corner(self) -> np.ndarray:
+        return self.banded.corner
+
+    @property
+    def corner_gradient(self) -> np.ndarray:
+        return self.banded.corner_gradient
+
+    def blocks(self, first: int, last: int) -> NodeBlocks:
+        right = self.banded.right[first:last].transpose(0, 2, 1)
+        return NodeBlocks(self.banded.diagonal[first:last].copy(), right.copy(), self.coupling(first, last))
+
+    def coupling(self, first: int, last: int) -> np.ndarray:
+        m = self.shape[1]
+        return np.concatenate([self.banded.coupling, np.zeros((1, m, m))])[first:last]
+
+    def remainder(self, border: np.ndarray) -> np.ndarray:
+        return np.asarray(self.banded.right[..., -1] - self.banded.right[..., :-1] @ border)
+
+    def across(self, nodes: np.ndarray) -> np.ndarray:
+        return np.asarray(np.tensordot(nodes, self.banded.right[..., :-1], 2))
+
+    def factor(self) -> BlockFactor | None:
+        return self.block_factor()
 
 
 def dense(equations: BorderedSystem) -> tuple[np.ndarray, np.ndarray]:
@@ -81,9 +100,9 @@ def banded(equations: BorderedSystem) -> BorderedSystem:
 @pytest.mark.parametrize(
     ("nodes", "m", "p"), [(1, 4, 3), (2, 4, 3), (3, 4, 3), (37, 5, 2), (40, 3, 1), (6, 128, 3)]
 )
-@pytest.mark.parametrize("form", [banded, blocks])
+@pytest.mark.parametrize("form", [banded, Blocks])
 def test_steps_of_a_dense_matrix(form: Callable[[BorderedSystem], Any], nodes: int, m: int, p: int) -> None:
-    """With all that is free, with some or all of the border held, and held elsewhere; nodes of 128 states by two threads."""
+    """With all that is free, with some or all of the border held, and held elsewhere."""
     equations = system(nodes, m, p)
     (matrix, gradient), size = dense(equations), nodes * m
     factor = present(form(equations).factor())
@@ -109,7 +128,7 @@ def test_steps_of_a_dense_matrix(form: Callable[[BorderedSystem], Any], nodes: i
             np.append(states, border), step, rtol=1e-8, atol=1e-8 * np.max(np.abs(step))
         )
         predicted = 2.0 * gradient @ step - step @ matrix @ step  # of a quadratic cost, exactly
-        fall = equations.drop(states, border) - factor.excess(border, free)
+        fall = equations.drop(states, border) - excess(factor.schur, factor.reduced, border, free)
         assert fall == pytest.approx(predicted, rel=1e-8, abs=1e-12)
         determinant = np.linalg.slogdet(matrix[np.ix_(moving, moving)])[1]
         assert factor.log_determinant(free) == pytest.approx(determinant, rel=1e-8)
@@ -142,10 +161,10 @@ def test_covariances_and_blocks_of_the_inverse_are_those_of_a_dense_one() -> Non
 
 @pytest.mark.parametrize(("node", "m"), [(0, 4), (3, 4), (6, 4), (5, 128)])
 def test_what_is_not_positive_definite_has_no_factor_unless_it_is_damped(node: int, m: int) -> None:
-    """At either end, or where both meet; found by either thread."""
+    """At either end, or between."""
     equations = system(7, m, 2)
     equations.diagonal[node] -= 1e3 * np.eye(m)
-    assert blocks(equations).factor() is None and blocks(equations).border() is None
+    assert Blocks(equations).factor() is None and Blocks(equations).block_border() is None
     assert equations.factor() is None
     added = np.full((7, m), 1e4), np.full(2, 1e4)
     states, border = present(present(equations.factor(Damping(*added))).solve(np.ones(2, bool)))

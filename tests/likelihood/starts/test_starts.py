@@ -90,8 +90,8 @@ WING = host("wing", (5.0, 9.0), 0.01, {"tip": (0.1, 0.2), "mid": (0.15, -0.1)})
 SAMPLED = 100.0
 
 
-def joined(law: str) -> lw.Structure:
-    return structure({}, link("joint", "wing.mid-ground", law), hosts=(WING,))
+def joined(law: str, **values: float) -> lw.Structure:
+    return structure({}, link("joint", "wing.mid-ground", law, **values), hosts=(WING,))
 
 
 def started(law: str, k: float, c: float, stated: dict[str, float] | None = None) -> tuple[float, float]:
@@ -101,7 +101,7 @@ def started(law: str, k: float, c: float, stated: dict[str, float] | None = None
 
 
 def eigenvalues(k: float, c: float) -> np.ndarray:
-    part = LinearPart.of(joined("k*d + c*v"), np.array([[k, c]]))
+    part = LinearPart.of(joined("k*d + c*v", k=k, c=c))
     return np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-part.stiffness, -part.damping]]))
 
 

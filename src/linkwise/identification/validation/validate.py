@@ -481,7 +481,7 @@ def _rig_prediction(
 
 def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
     """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
-    cells = [(len(problem.cell(number)), link) for number, (_, link, _) in enumerate(problem.states)]
+    cells = [(len(cell.measured), cell.link) for cell in problem.cells]
     weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / noise[link], 0.0) for n, link in cells])
     start = np.zeros(problem.size)
     paths = problem.paths(start)

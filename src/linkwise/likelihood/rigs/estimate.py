@@ -33,9 +33,7 @@ from linkwise.likelihood.rigs.problem import (
     BASE_CHANNEL,
     LinkPath,
     Minimum,
-    PrescribedMotion,
     RigProblem,
-    bounds,
     cell_name,
     cell_noise,
     minimise,
@@ -99,8 +97,8 @@ def noise_of_sums(problem: RigProblem, minimum: Minimum, cells: Floats, rows: Fl
 def newey_west(problem: RigProblem, rows: Floats) -> Floats:
     """Covariance (f, f) of the sums of rows (R, f) that are correlated over a period of the motion (Newey and West 1987)."""
     total = np.zeros((rows.shape[1], rows.shape[1]))
-    for (record, _, _), part in zip(problem.states, problem.split(rows), strict=True):
-        lags = min(problem.records[record].motion.period, len(part) // 4)
+    for cell, part in zip(problem.cells, problem.split(rows), strict=True):
+        lags = min(cell.motion.period, len(part) // 4)
         size = 2 ** int(np.ceil(np.log2(len(part) + lags + 1)))
         taper = np.zeros(size)
         taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1)
@@ -168,14 +166,8 @@ def rig_fit(
     problem: RigProblem, noise: Mapping[int, float], given: Mapping[str, float], progress: Progress
 ) -> RigFit:
     """Fit a rig; `noise` in N is that of load cells by the number of their link, `given` starts by name."""
-    cells = np.concatenate(
-        [
-            np.full(len(problem.cell(number)), noise[link])
-            for number, (_, link, _) in enumerate(problem.states)
-        ]
-    )
-    measured = np.concatenate([problem.cell(number) for number in range(len(problem.states))])
-    level = max(float(np.nanstd(measured)), np.finfo(float).tiny)
+    cells = np.concatenate([np.full(len(cell.measured), noise[cell.link]) for cell in problem.cells])
+    level = max(float(np.nanstd(problem.measured)), np.finfo(float).tiny)
     found = starts(problem, given)
     near = [start.values for start in found if start.misfit <= _NEAR * found[0].misfit]
     minima = []
@@ -251,12 +243,11 @@ def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigPr
 def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
     """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
     rng = np.random.default_rng(_SEED)
-    noises: list[PrescribedMotion] = [record.motion for record in problem.records]
-    changes = [motion.noise_draws(rng, _DRAWS) for motion in noises]
+    changes = [record.motion.noise_draws(rng, _DRAWS) for record in problem.records]
     rows = []
-    for (record, link, _), path in zip(problem.states, minimum.paths, strict=True):
-        motion = noises[record]
-        moved = path.tangents(problem.free(link)).by_motion(*changes[record])[:: motion.substeps]
+    for cell, path in zip(problem.cells, minimum.paths, strict=True):
+        moved = path.tangents(problem.free(cell.link)).by_motion(*changes[cell.record])
+        moved = moved[:: cell.motion.substeps]
         rows.append(np.sqrt(np.mean(moved**2, axis=1)))
     return np.asarray(np.nan_to_num(np.concatenate(rows)))
 
@@ -278,7 +269,7 @@ def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
 
 
 def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
-    low, high = bounds(problem)
+    low, high = problem.bounds
     size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
     return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
 
@@ -332,8 +323,7 @@ def _share(fit: RigFit) -> float:
     """Model error over the root mean square of the forces about their mean."""
     if fit.model_force == 0.0:
         return 0.0
-    measured = np.concatenate([fit.problem.cell(number) for number in range(len(fit.problem.states))])
-    return fit.model_force / float(np.nanstd(measured))
+    return fit.model_force / float(np.nanstd(fit.problem.measured))
 
 
 _GAIN = 25.0  # in -2 log likelihood: five standard deviations
@@ -426,12 +416,10 @@ def _delays(fit: RigFit) -> Iterator[_Column]:
 def _column(fit: RigFit, link: int, along: Callable[[LinkPath], Floats]) -> Floats:
     """(R,) what is along the paths of one link, at its samples among those of all; 0 where one is missing."""
     rows = []
-    for number, ((record, own, _), path) in enumerate(
-        zip(fit.problem.states, fit.minimum.paths, strict=True)
-    ):
-        shown = np.isfinite(fit.problem.cell(number)) & (own == link)
-        values = np.broadcast_to(along(path), path.d.shape) if own == link else path.d
-        rows.append(np.where(shown, values[:: fit.problem.records[record].motion.substeps], 0.0))
+    for cell, path in zip(fit.problem.cells, fit.minimum.paths, strict=True):
+        shown = np.isfinite(cell.measured) & (cell.link == link)
+        values = np.broadcast_to(along(path), path.d.shape) if cell.link == link else path.d
+        rows.append(np.where(shown, values[:: cell.motion.substeps], 0.0))
     return np.asarray(np.nan_to_num(np.concatenate(rows)))
 
 
@@ -539,12 +527,11 @@ def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> Li
         at = slice(int(first), int(first) + count)
         d[at] = np.outer(motion.d[:: motion.substeps], identified.base_incidence)
         v[at] = np.outer(motion.v[:: motion.substeps], identified.base_incidence)
-    for number, ((record, link, _), path) in enumerate(zip(problem.states, fit.minimum.paths, strict=True)):
-        at = slice(int(firsts[record]), int(firsts[record]) + counts[record])
-        every = problem.records[record].motion.substeps
-        d[at, link] = path.d[::every]
-        force[at, link] = path.force()[::every]
-        measured[at, link] = problem.cell(number) - problem.offset(link, fit.minimum.unknowns)
+    for cell, path in zip(problem.cells, fit.minimum.paths, strict=True):
+        at, link = slice(int(firsts[cell.record]), int(firsts[cell.record]) + counts[cell.record]), cell.link
+        d[at, link] = path.d[:: cell.motion.substeps]
+        force[at, link] = path.force()[:: cell.motion.substeps]
+        measured[at, link] = cell.measured - problem.offset(link, fit.minimum.unknowns)
     time = np.concatenate([record.time for record in records])
     return LinkMotion(
         structure=identified,

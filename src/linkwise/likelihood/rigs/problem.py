@@ -113,10 +113,7 @@ def _programs(law: Law, free: tuple[str, ...]) -> tuple[Program, Program]:
     names = (*law.variables, *law.coefficients)
     newton = [*rates, *(differentiate(rate, state) for rate in rates for state in law.states)]
     by = ("d", "v", *law.states, *free)
-    slopes = [
-        law.expression,
-        *(differentiate(tree, name) for tree in (law.expression, *rates) for name in by),
-    ]
+    slopes = [differentiate(tree, name) for tree in (law.expression, *rates) for name in by]
     return Program(newton, names, wide=law.variables), Program(slopes, names, wide=law.variables)
 
 
@@ -203,21 +200,20 @@ class LinkPath:
     def tangents(self, free: Sequence[str]) -> LinkTangents:
         """Derivatives along the motion, by the coefficients `free`."""
         _, program = _programs(self.law, tuple(free))
-        force, *slopes = program(self.d, self.v, *self.states.T, *self.values)
+        slopes = program(self.d, self.v, *self.states.T, *self.values)
         count, width = len(self.law.states), 2 + len(self.law.states) + len(free)
         rows = np.stack(slopes, axis=1).reshape(len(self.d), 1 + count, width)
         by_state = rows[:, 1:, 2 : 2 + count]
         equations = StateEquations.of(by_state, self.step) if count else None
-        return LinkTangents(force, rows, self.step, count, equations)
+        return LinkTangents(rows, self.step, count, equations)
 
 
 @dataclass(frozen=True, eq=False)
 class LinkTangents:
-    """Force (J,) of a link along a motion, and derivatives (J, 1 + S, 2 + S + c) of the force and the rates of the states by
-    d, v, the states and c coefficients.
+    """Derivatives (J, 1 + S, 2 + S + c) of the force and the rates of the states of a link along a motion by d, v, the states
+    and c coefficients.
     """
 
-    force: Floats
     rows: Floats
     step: float
     count: int
@@ -277,6 +273,20 @@ class Forces:
 
 
 @dataclass(frozen=True, eq=False)
+class Cell:
+    """A load cell in a record: the number of the record and of its link, the places of the initial states of that among the
+    unknowns, the motion, the elongation per displacement of the base, and the samples (N,), NaN where they miss.
+    """
+
+    record: int
+    link: int
+    places: slice
+    motion: PrescribedMotion
+    sign: float
+    measured: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class RigProblem:
     """Unknowns: the p parameters, offsets of load cells (by number of the link) and of the displacement, initial states."""
 
@@ -307,25 +317,21 @@ class RigProblem:
         return tuple(sorted(self.records[0].cells))
 
     @cached_property
-    def states(self) -> tuple[tuple[int, int, slice], ...]:
-        """Number of the record, of the link, and places of its initial states among the unknowns."""
-        places, first = [], self.first_state
-        for record in range(len(self.records)):
+    def cells(self) -> tuple[Cell, ...]:
+        """Those of all records; their initial states follow the other unknowns."""
+        cells, first = [], len(self.parameters) + len(self.cell_offsets) + self.motion_offset
+        for number, record in enumerate(self.records):
             for link in self.links:
-                count = len(self.structure.links[link].law.states)
-                places.append((record, link, slice(first, first + count)))
-                first += count
-        return tuple(places)
-
-    @property
-    def first_state(self) -> int:
-        """Number of unknowns before the initial states."""
-        return len(self.parameters) + len(self.cell_offsets) + self.motion_offset
+                places = slice(first, first + len(self.structure.links[link].law.states))
+                sign = float(self.structure.base_incidence[link])
+                cells.append(Cell(number, link, places, record.motion, sign, record.cells[link]))
+                first = places.stop
+        return tuple(cells)
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.states[-1][2].stop)
+        return int(self.cells[-1].places.stop)
 
     def values(self, link: int, unknowns: Floats) -> dict[str, float]:
         """Values of the coefficients of a link."""
@@ -334,23 +340,17 @@ class RigProblem:
             known |= {key: float(value) for index, key in parameter.members if index == link}
         return known
 
-    def sign(self, link: int) -> float:
-        """Elongation of a link per displacement of the base."""
-        return float(self.structure.base_incidence[link])
-
     def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
         """The links along the motions; states are sought near those `before`."""
         p = len(self.parameters)
         shift = unknowns[p + len(self.cell_offsets)] if self.motion_offset else 0.0
         return tuple(
             LinkPath.of(
-                self.structure.links[link].law, self.values(link, unknowns),
-                self.sign(link) * (self.records[record].motion.d - shift),
-                self.sign(link) * self.records[record].motion.v,
-                self.records[record].motion.step, unknowns[places],
+                self.structure.links[cell.link].law, self.values(cell.link, unknowns),
+                cell.sign * (cell.motion.d - shift), cell.sign * cell.motion.v, cell.motion.step, unknowns[cell.places],
                 None if before is None or not before[number].converged else before[number].states,
             )
-            for number, (record, link, places) in enumerate(self.states)
+            for number, cell in enumerate(self.cells)
         )  # fmt: skip
 
     def free(self, link: int) -> tuple[str, ...]:
@@ -358,10 +358,10 @@ class RigProblem:
         unknown = {key for p in self.parameters for index, key in p.members if index == link}
         return tuple(key for key in self.structure.links[link].law.coefficients if key in unknown)
 
-    def cell(self, number: int) -> Floats:
-        """Samples (N,) of the load cell of a path."""
-        record, link, _ = self.states[number]
-        return self.records[record].cells[link]
+    @cached_property
+    def measured(self) -> Floats:
+        """(R,) samples of all load cells."""
+        return np.concatenate([cell.measured for cell in self.cells])
 
     def offset(self, link: int, unknowns: Floats) -> float:
         """Zero error in N of the load cell of a link, 0 where it is not unknown."""
@@ -372,10 +372,9 @@ class RigProblem:
     def residuals(self, unknowns: Floats, paths: Sequence[LinkPath]) -> Floats:
         """Measured less modelled forces (R,) in N, 0 where a sample is missing and NaN where a law is not finite."""
         rows = []
-        for number, ((record, link, _), path) in enumerate(zip(self.states, paths, strict=True)):
-            every = self.records[record].motion.substeps
-            force = path.force()[::every]
-            measured = self.cell(number) - self.offset(link, unknowns)
+        for cell, path in zip(self.cells, paths, strict=True):
+            force = path.force()[:: cell.motion.substeps]
+            measured = cell.measured - self.offset(cell.link, unknowns)
             left = np.where(np.isfinite(force), measured - force, np.nan)
             rows.append(np.where(np.isfinite(measured), left, 0.0))
         return np.concatenate(rows)
@@ -383,38 +382,45 @@ class RigProblem:
     def jacobian(self, paths: Sequence[LinkPath]) -> Floats:
         """(R, u) derivatives of the modelled forces by the unknowns."""
         p, blocks = len(self.parameters), []
-        for number, ((record, link, places), path) in enumerate(zip(self.states, paths, strict=True)):
-            free, every = self.free(link), self.records[record].motion.substeps
-            slopes = path.tangents(free).by_unknowns()[::every]
+        for cell, path in zip(self.cells, paths, strict=True):
+            free = self.free(cell.link)
+            slopes = path.tangents(free).by_unknowns()[:: cell.motion.substeps]
             block = np.zeros((len(slopes), self.size))
             for column, parameter in enumerate(self.parameters):
                 for index, key in parameter.members:
-                    if index == link:
+                    if index == cell.link:
                         block[:, column] += slopes[:, free.index(key)]
-            if link in self.cell_offsets:
-                block[:, p + self.cell_offsets.index(link)] = 1.0
+            if cell.link in self.cell_offsets:
+                block[:, p + self.cell_offsets.index(cell.link)] = 1.0
             if self.motion_offset:
-                block[:, p + len(self.cell_offsets)] = -self.sign(link) * slopes[:, -1]
-            block[:, places] = slopes[:, len(free) : -1]
-            block[~np.isfinite(self.cell(number))] = 0.0
+                block[:, p + len(self.cell_offsets)] = -cell.sign * slopes[:, -1]
+            block[:, cell.places] = slopes[:, len(free) : -1]
+            block[~np.isfinite(cell.measured)] = 0.0
             blocks.append(block)
         return np.concatenate(blocks)
 
     def noise_of_motion(self, paths: Sequence[LinkPath], weights: Floats) -> Floats:
         """(M, q) how sums of modelled forces with weights (R, q) change with the noise of each displacement sample."""
         by_record: dict[int, Floats] = {}
-        for (record, link, _), path, own in zip(self.states, paths, self.split(weights), strict=True):
-            motion = self.records[record].motion
+        for cell, path, own in zip(self.cells, paths, self.split(weights), strict=True):
             spread = np.zeros((len(path.d), weights.shape[1]))
-            spread[:: motion.substeps] = own
-            part = self.sign(link) * motion.noise_of(*path.tangents(self.free(link)).to_motion(spread))
-            by_record[record] = by_record.get(record, 0.0) + part
+            spread[:: cell.motion.substeps] = own
+            by_motion = path.tangents(self.free(cell.link)).to_motion(spread)
+            part = cell.sign * cell.motion.noise_of(*by_motion)
+            by_record[cell.record] = by_record.get(cell.record, 0.0) + part
         return np.concatenate([by_record[record] for record in sorted(by_record)])
 
     def split(self, rows: Floats) -> list[Floats]:
         """Rows (R, q), one of each sample of each load cell, by paths."""
-        lengths = [len(self.cell(number)) for number in range(len(self.states))]
-        return np.split(rows, np.cumsum(lengths)[:-1])
+        return np.split(rows, np.cumsum([len(cell.measured) for cell in self.cells])[:-1])
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds (u,) of the unknowns."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        low[: len(self.parameters)] = [p.lower for p in self.parameters]
+        high[: len(self.parameters)] = [p.upper for p in self.parameters]
+        return low, high
 
 
 BASE_CHANNEL = Channel("x", BASE)
@@ -509,32 +515,26 @@ class Minimum:
     converged: bool
 
 
-class _Follower:
-    """The links along the motions at the unknowns asked for, sought near those asked for before."""
-
-    def __init__(self, problem: RigProblem) -> None:
-        self._problem = problem
-        self._at = np.full(problem.size, np.nan)
-        self._paths: tuple[LinkPath, ...] | None = None
-
-    def paths(self, unknowns: Floats) -> tuple[LinkPath, ...]:
-        if self._paths is None or not np.array_equal(unknowns, self._at):
-            paths = self._problem.paths(unknowns, self._paths)
-            if not all(path.converged for path in paths):
-                paths = self._problem.paths(unknowns)
-            self._at, self._paths = unknowns.copy(), paths
-        return self._paths
-
-
 def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
     """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
-    low, high = bounds(problem)
-    follower = _Follower(problem)
+    low, high = problem.bounds
+    at = np.full(problem.size, np.nan)
+    last: tuple[LinkPath, ...] | None = None
     prior = np.array([p.start or 0.0 for p in problem.parameters])
     certainty = problem.certainty[: len(prior)]
 
+    def paths_at(unknowns: Floats) -> tuple[LinkPath, ...]:
+        """The links along the motions, sought near those asked for before."""
+        nonlocal at, last
+        if last is None or not np.array_equal(unknowns, at):
+            paths = problem.paths(unknowns, last)
+            if not all(path.converged for path in paths):
+                paths = problem.paths(unknowns)
+            at, last = unknowns.copy(), paths
+        return last
+
     def residuals(unknowns: Floats) -> Floats:
-        paths = follower.paths(unknowns)
+        paths = paths_at(unknowns)
         if not all(path.converged for path in paths):
             return np.full(len(weights) + len(prior), _RUNAWAY)
         left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
@@ -546,7 +546,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
     def jacobian(unknowns: Floats) -> Floats:
         own = np.zeros((len(prior), problem.size))
         own[:, : len(prior)] = -np.diag(certainty)
-        slopes = -weights[:, None] * problem.jacobian(follower.paths(unknowns))
+        slopes = -weights[:, None] * problem.jacobian(paths_at(unknowns))
         return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), own])
 
     inside = np.clip(start, low, high)
@@ -562,18 +562,10 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
             ftol=1e-9,
         )
         unknowns = np.asarray(optimum.x)
-        end = follower.paths(unknowns)
+        end = paths_at(unknowns)
     return Minimum(
         unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
     )
-
-
-def bounds(problem: RigProblem) -> tuple[Floats, Floats]:
-    """Bounds (u,) of the unknowns."""
-    low, high = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
-    low[: len(problem.parameters)] = [p.lower for p in problem.parameters]
-    high[: len(problem.parameters)] = [p.upper for p in problem.parameters]
-    return low, high
 
 
 def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]:

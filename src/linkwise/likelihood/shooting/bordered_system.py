@@ -4,14 +4,14 @@
     | E' C | |t| = |c|      E: (K m, p) border, C: (p, p) corner
 
 Flops and memory are linear in K. `BorderedSystem` is factored by LAPACK's banded routine; a wide border goes through the
-factor node by node, by products of blocks. `BlockEquations`, for many masses, are eliminated from the first node on and from
-the last, which two threads can do at once, and meet in the middle: dense blocks, of which none but the roots are kept.
+factor node by node, by products of blocks. `BlockEquations`, for many masses, are eliminated node by node: dense blocks, of
+which none but the roots are kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,6 +117,11 @@ def border_step(schur: Floats, reduced: Floats, free: Bools, fixed_values: Float
     return border
 
 
+def excess(schur: Floats, reduced: Floats, border: Floats, free: Bools) -> float:
+    """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
+    return float(border[~free] @ (schur[~free] @ border - reduced[~free]))
+
+
 @dataclass(frozen=True, eq=False)
 class BorderedFactor:
     """Factor of the nodes, `chol` (banded) and `forward` (K, m, p + 1); equations of the border, `schur` (p, p) and
@@ -171,10 +176,6 @@ class BorderedFactor:
         moment = np.tensordot(change.reshape(self.shape), forward[..., :-1], 2)
         return replace(self, forward=forward, reduced=self.reduced + border - moment)
 
-    def excess(self, border: Floats, free: Bools) -> float:
-        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `BorderedSystem.drop` takes for zero."""
-        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
-
     def inverse_blocks(self) -> Floats:
         """(K, m, m) diagonal blocks of H^-1, from the last node to the first (Takahashi, Fagan and Chen 1973)."""
         K, m = self.shape
@@ -219,8 +220,6 @@ def _forward(chol: Floats, right: Floats, *, overwrite: bool) -> Floats:
 
 _AT_ONCE = 32  # nodes that are assembled together at most
 _HELD = 2_000_000  # numbers in the blocks of these
-_BLOCK = 40  # states in a diagonal block of a root
-_PARALLEL = 1e7  # multiplications a node from which products take longer than one thread takes to hand over to the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,46 +233,46 @@ class NodeBlocks:
     coupling: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class BlockEquations:
-    """K nodes of m states with a border of p unknowns.
+class BlockEquations(ABC):
+    """K nodes of m states with a border of p unknowns, which are assembled a few nodes at a time."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        K and m.
-    blocks : callable
-        The `NodeBlocks` of the nodes from a first one up to a last one, not included; new arrays, which may be overwritten.
-    corner : array of shape (p, p)
-        Matrix of the border.
-    corner_gradient : array of shape (p,)
-        Its gradient.
-    remainder : callable
-        What a border (p,) leaves of the gradient of the nodes, (K, m).
-    across : callable
-        What nodes (K, m) add to the equations of the border, (p,).
-    coupling : callable
-        Of the nodes from a first one up to a last one, not included, the blocks (c, m, m) of the node that follows each (rows)
-        with it (columns).
-    """
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int]:
+        """K and m."""
 
-    shape: tuple[int, int]
-    blocks: Callable[[int, int], NodeBlocks]
-    remainder: Callable[[Floats], Floats]
-    across: Callable[[Floats], Floats]
-    coupling: Callable[[int, int], Floats]
-    corner: Floats
-    corner_gradient: Floats
+    @property
+    @abstractmethod
+    def corner(self) -> Floats:
+        """(p, p) matrix of the border."""
 
-    def factor(self) -> BlockFactor | None:
+    @property
+    @abstractmethod
+    def corner_gradient(self) -> Floats:
+        """(p,) its gradient."""
+
+    @abstractmethod
+    def blocks(self, first: int, last: int) -> NodeBlocks:
+        """Those of nodes up to a last one, not included; new arrays, which may be overwritten."""
+
+    @abstractmethod
+    def coupling(self, first: int, last: int) -> Floats:
+        """(c, m, m) blocks of the node that follows each of such nodes (rows) with it (columns)."""
+
+    @abstractmethod
+    def remainder(self, border: Floats) -> Floats:
+        """What a border (p,) leaves of the gradient of the nodes, (K, m)."""
+
+    @abstractmethod
+    def across(self, nodes: Floats) -> Floats:
+        """What nodes (K, m) add to the equations of the border, (p,)."""
+
+    def block_factor(self, *, damped: bool = False) -> BlockFactor | None:
         """The Cholesky factor; None where the equations are not positive definite."""
-        roots = TriangularRoots.empty(*self.shape)
-        border = self._eliminated(roots)
-        return None if border is None else BlockFactor(self, roots, border.schur, border.reduced)
-
-    def border(self) -> BorderEquations | None:
-        """What the factor has of the border, without room for all of it."""
-        return self._eliminated(None)
+        K, m = self.shape
+        roots = np.empty((K, m, m))
+        border = self.block_border(roots)
+        return None if border is None else BlockFactor(self, roots, border.schur, border.reduced, damped)
 
     @property
     def at_once(self) -> int:
@@ -281,149 +280,56 @@ class BlockEquations:
         m, p = self.shape[1], len(self.corner)
         return max(4, min(_AT_ONCE, _HELD // (m * (2 * m + p + 1))))
 
-    def _eliminated(self, roots: TriangularRoots | None) -> BorderEquations | None:
-        """The border with all nodes eliminated, whose `roots` are filled where they are asked for."""
-        K, m = self.shape
-        middle = K // 2
-        halves = (
-            _Elimination(self, roots, range(middle)),
-            _Elimination(self, roots, range(K - 1, middle, -1)),
-        )
-        if m**2 * (m + 2 * len(self.corner)) < _PARALLEL:
-            eliminated = halves[0].run() and halves[1].run()
-        else:
-            with ThreadPoolExecutor(1) as executor:
-                second_half = executor.submit(halves[1].run)
-                eliminated = halves[0].run() and second_half.result()
-        if not eliminated:
-            return None
-        last = self.blocks(middle, middle + 1)
-        final = _Elimination(self, roots, range(middle, middle + 1))
-        for half in halves:
-            half.carry(last.diagonal[0], last.right[0])
-        if not final.eliminate(middle, last.diagonal[0], last.right[0]):
-            return None
-        moment = halves[0].moment + halves[1].moment + last.right[0] @ last.right[0].T
-        p = len(self.corner)
+    @np.errstate(over="ignore", invalid="ignore")
+    def block_border(self, roots: Floats | None = None, *, damped: bool = False) -> BorderEquations | None:
+        """The border with all nodes eliminated, whose `roots` (K, m, m) are filled where they are asked for.
+
+        None where the equations are not positive definite.
+        """
+        (K, m), p = self.shape, len(self.corner)
+        root, moment = np.empty((m, m)), np.zeros((p + 1, p + 1))
+        link = right = None  # of the last node with the next (rows), and its border, through its root
+        for first in range(0, K, self.at_once):
+            blocks = self.blocks(first, min(first + self.at_once, K))
+            for own, node in enumerate(range(first, first + len(blocks.diagonal))):
+                diagonal = blocks.diagonal[own]
+                if link is not None and right is not None:
+                    diagonal -= link @ link.T
+                    blocks.right[own] -= right @ link.T
+                root = root if roots is None else roots[node]
+                root[:] = diagonal
+                _, info = lapack.dpotrf(root.T, lower=1, overwrite_a=1)
+                if info:
+                    return None
+                link, right = np.array(blocks.coupling[own], order="C"), blocks.right[own]
+                for rows in (link, right):
+                    _through(root, rows)
+            rows = np.concatenate(list(blocks.right), axis=1)
+            moment += rows @ rows.T
         schur = self.corner - moment[:p, :p]
         if not np.isfinite(schur).all():  # of tangents that overflowed
             return None
-        return BorderEquations(schur, self.corner_gradient - moment[p, :p], float(moment[p, p]))
+        reduced = self.corner_gradient - moment[p, :p]
+        return BorderEquations(schur, reduced, float(moment[p, p]), damped)
 
 
-@dataclass(frozen=True, eq=False)
-class TriangularRoots:
-    """Cholesky factors L of K nodes; `pairs` ((K + 1) / 2, m + 1, m) has L of one node and L' of the next in one rectangle.
-
-    `upper` (m, m) tells an upper triangle.
-    """
-
-    pairs: Floats
-    upper: Bools
-
-    @classmethod
-    def empty(cls, K: int, m: int) -> TriangularRoots:
-        """Room for those of K nodes of m states."""
-        return cls(np.empty(((K + 1) // 2, m + 1, m)), np.tri(m, dtype=bool).T)
-
-    def put(self, node: int, root: Floats) -> None:
-        """Store a factor L by its transpose `root` (m, m)."""
-        own = self.pairs[node // 2]
-        np.copyto(own[1:].T if node % 2 else own[:-1], root, where=self.upper)
-
-    def through(self, node: int, right: Floats, *, transposed: bool = False) -> None:
-        """Solve L x = b, or L' x = b, for each of the rows of `right` (c, m), in place."""
-        own, upper = self.pairs[node // 2], node % 2 == 1
-        triangle = own[1:].T if upper else own[:-1].T
-        lapack.dtrtrs(triangle, right.T, lower=int(not upper), trans=int(transposed != upper), overwrite_b=1)
-
-    def diagonals(self, K: int) -> Floats:
-        """(K, m) the diagonals."""
-        first, second = self.pairs[:, :-1], self.pairs[:, 1:]
-        both = np.stack([np.einsum("kii->ki", first), np.einsum("kii->ki", second)], axis=1)
-        return both.reshape(-1, both.shape[2])[:K]
-
-
-class _Elimination:
-    """Nodes eliminated one after the other: `roots` of each are filled, if any, `moment` (p + 1, p + 1) is summed."""
-
-    def __init__(self, equations: BlockEquations, roots: TriangularRoots | None, nodes: range) -> None:
-        size = len(equations.corner) + 1
-        self.equations, self.roots, self.nodes = equations, roots, nodes
-        self.root = np.empty(2 * equations.shape[1:])  # of the last node that was eliminated
-        self.moment = np.zeros((size, size))
-        self.link: Floats | None = None  # (m, m) of the node behind with the last one that was eliminated
-        self.right: Floats | None = None  # (p + 1, m) of the latter
-
-    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def run(self) -> bool:
-        """Eliminate all nodes; False where one is not positive definite."""
-        nodes, step = self.nodes, self.nodes.step
-        at_once = self.equations.at_once
-        for begin in range(0, len(nodes), at_once):
-            some = nodes[begin : begin + at_once]
-            first, last = min(some[0], some[-1]), max(some[0], some[-1])
-            blocks = self.equations.blocks(first if step > 0 else first - 1, last + 1)
-            if step < 0:  # the links are with the nodes before
-                blocks = NodeBlocks(
-                    blocks.diagonal[1:], blocks.right[1:], blocks.coupling[:-1].transpose(0, 2, 1)
-                )
-            for node in some:
-                own = node - first
-                link = np.array(blocks.coupling[own], order="C")
-                self.carry(blocks.diagonal[own], blocks.right[own])
-                if not self.eliminate(node, blocks.diagonal[own], blocks.right[own], link):
-                    return False
-                self.link, self.right = link, blocks.right[own]
-            rows = np.concatenate(list(blocks.right), axis=1)
-            self.moment += rows @ rows.T
-        return True
-
-    def carry(self, diagonal: Floats, right: Floats) -> None:
-        """Subtract what the last node that was eliminated leaves in the next one."""
-        if self.link is not None and self.right is not None:
-            diagonal -= self.link @ self.link.T
-            right -= self.right @ self.link.T
-
-    def eliminate(self, node: int, diagonal: Floats, *rows: Floats) -> bool:
-        """Root of a node's `diagonal` to `roots`, and `rows` (r, m) through it, in place."""
-        self.root[:] = diagonal
-        _, info = lapack.dpotrf(self.root.T, lower=1, overwrite_a=1)
-        if info:
-            return False
-        if self.roots is not None:
-            self.roots.put(node, self.root)
-        return _solve_rows(self.root, rows)
-
-
-def _solve_rows(root: Floats, rows: Sequence[Floats]) -> bool:
-    """Rows (r, m) times the inverse of the upper triangular `root` (m, m), in place; False where that is singular.
-
-    Products with the inverses of its diagonal blocks let two threads run at once, which the solutions of LAPACK do not: SciPy
-    holds the lock of the interpreter meanwhile.
-    """
-    for first in range(0, len(root), _BLOCK):
-        own = slice(first, first + _BLOCK)
-        inverse, info = lapack.dtrtri(root[own, own].T, lower=1)
-        if info:
-            return False
-        for some in rows:
-            if first:
-                some[:, own] -= some[:, :first] @ root[:first, own]
-            some[:, own] = some[:, own] @ inverse.T
-    return True
+def _through(root: Floats, rows: Floats, *, transposed: bool = False) -> None:
+    """Solve L x = b, or L' x = b, for each of `rows` (c, m), in place; L is given by its transpose `root` (m, m)."""
+    lapack.dtrtrs(root.T, rows.T, lower=1, trans=int(transposed), overwrite_b=1)
 
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Factor of `equations`: `roots` of the nodes, and equations of the border, `schur` (p, p) and
-    `reduced` (p,).
+    """Factor of `equations`: transposed `roots` (K, m, m) of the nodes, and equations of the border, `schur` (p, p) and
+    `reduced` (p,); whether it was `damped`, and what is `added` (K, m) to the gradient of the nodes, if anything.
     """
 
     equations: BlockEquations
-    roots: TriangularRoots
+    roots: Floats
     schur: Floats
     reduced: Floats
+    damped: bool = False
+    added: Floats | float = 0.0
 
     def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
         """Nodes (K, m) and border (p,), entries outside `free` (p,) kept at `fixed_values` (p,), by default at zero.
@@ -433,57 +339,41 @@ class BlockFactor:
         border = border_step(self.schur, self.reduced, free, fixed_values)
         if border is None:
             return None
-        return self.nodes(np.array(self.equations.remainder(border)[:, None], order="C"))[:, 0], border
+        right = self.equations.remainder(border) + self.added
+        return self.nodes(np.array(right[:, None], order="C"))[:, 0], border
 
     def nodes(self, right: Floats) -> Floats:
         """The solution (K, c, m) of the equations of the nodes alone; `right` (K, c, m) is overwritten."""
-        K = len(right)
-        middle = K // 2
-        halves = range(middle), range(K - 1, middle, -1)
-        for half in halves:
-            for node, link in self._links(half):
-                self.roots.through(node, right[node])
-                own = right[node].copy()
-                self.roots.through(node, own, transposed=True)
-                right[node + half.step] -= own @ link.T
-        self.roots.through(middle, right[middle])
-        self.roots.through(middle, right[middle], transposed=True)
-        for half in halves:
-            for node, link in self._links(half[::-1]):
-                carried = right[node + half.step] @ link
-                self.roots.through(node, carried)
-                right[node] -= carried
-                self.roots.through(node, right[node], transposed=True)
+        last = len(right) - 1
+        for node, link in self._links(range(last)):
+            _through(self.roots[node], right[node])
+            own = right[node].copy()
+            _through(self.roots[node], own, transposed=True)
+            right[node + 1] -= own @ link.T
+        _through(self.roots[last], right[last])
+        _through(self.roots[last], right[last], transposed=True)
+        for node, link in self._links(range(last - 1, -1, -1)):
+            carried = right[node + 1] @ link
+            _through(self.roots[node], carried)
+            right[node] -= carried
+            _through(self.roots[node], right[node], transposed=True)
         return right
 
     def moved(self, nodes: Floats, border: Floats) -> BlockFactor:
         """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
-        before = self.equations
-        change = self.nodes(nodes[:, None].copy())[:, 0]
-        return replace(
-            self,
-            equations=replace(before, remainder=lambda values: before.remainder(values) + nodes),
-            reduced=self.reduced + border - before.across(change),
-        )
+        change = self.nodes(np.array(nodes[:, None], order="C"))[:, 0]
+        reduced = self.reduced + border - self.equations.across(change)
+        return replace(self, added=self.added + nodes, reduced=reduced)
 
     def _links(self, nodes: range) -> Iterator[tuple[int, Floats]]:
-        """Of each of some nodes the block (m, m) of the one behind it on the way to the middle (rows) with it (columns)."""
-        before = (
-            len(nodes) > 0 and max(nodes) > self.equations.shape[0] // 2
-        )  # then that is the one before it
+        """Of each of some nodes the block (m, m) of the one that follows it (rows) with it (columns)."""
         for begin in range(0, len(nodes), _AT_ONCE):
             some = nodes[begin : begin + _AT_ONCE]
-            first = min(some) - before
-            blocks = self.equations.coupling(first, max(some) + 1 - before)
+            blocks = self.equations.coupling(min(some), max(some) + 1)
             for node in some:
-                block = blocks[node - before - first]
-                yield node, block.T if before else block
-
-    def excess(self, border: Floats, free: Bools) -> float:
-        """s'(H s - g) of a step whose `border` (p,) is held outside `free`: what `drop` takes for zero."""
-        return float(border[~free] @ (self.schur[~free] @ border - self.reduced[~free]))
+                yield node, blocks[node - min(some)]
 
     def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""
         _, border = np.linalg.slogdet(self.schur[np.ix_(free, free)])
-        return 2.0 * float(np.log(self.roots.diagonals(self.equations.shape[0])).sum()) + float(border)
+        return 2.0 * float(np.log(np.einsum("kii->ki", self.roots)).sum()) + float(border)

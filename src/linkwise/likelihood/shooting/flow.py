@@ -26,6 +26,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.model.excitation import Sampled
+from linkwise.records.channel import interpolated
 
 _s = np.sqrt(21.0)
 
@@ -155,14 +156,9 @@ class UncertainForces:
 
     def acting(self, gains: Floats, delays: Floats) -> tuple[Floats, Floats]:
         """(J, 5, f, K) the forces in N at gains (g,) and delays (l,) in s, and their rates; straight on beyond `unit`."""
-        late = np.append(delays, 0.0)[self.delays, None] / self.unit
         factors = np.append(gains, 1.0)[self.gains, None]
-        place = np.clip(late, -1.0, 1.0)
-        value, slope = np.zeros_like(self.coefficients[0]), np.zeros_like(self.coefficients[0])
-        for row in self.coefficients[::-1]:
-            slope = slope * place + value
-            value = value * place + row
-        value += slope * (late - place)
+        late = np.append(delays, 0.0)[self.delays, None] / self.unit
+        value, slope = _at_delay(self.coefficients, late)
         return value / factors, slope / (self.unit * factors)
 
     def on_masses(self, acting: Floats) -> Floats:
@@ -574,7 +570,13 @@ def late_motion(
     ]
     place = sample - delay / step - first
     polynomial = np.tensordot(_through(points), np.stack(at_points), axes=1)
-    shown, rate = (_derivative(polynomial, place, order) / step**order for order in (kind, kind + 1))
+    shown, rate = (
+        np.polynomial.polynomial.polyval(
+            place, np.polynomial.polynomial.polyder(polynomial, order), tensor=False
+        )
+        / step**order
+        for order in (kind, kind + 1)
+    )
     return shown, rate
 
 
@@ -590,36 +592,25 @@ def _through(points: int) -> Floats:
     return np.asarray(np.linalg.solve(np.array(rows, dtype=float), np.eye(3 * points)))
 
 
-def _derivative(coefficients: Floats, place: Floats, order: int) -> Floats:
-    """The polynomial's derivative of an order at `place`, by Horner's scheme."""
-    total = np.zeros_like(place)
-    for power in range(len(coefficients) - 1, order - 1, -1):
-        factor = np.prod(np.arange(power - order + 1, power + 1, dtype=float))
-        total = total * place + factor * coefficients[power]
-    return total
-
-
 _BASE_POINTS = (
     9  # odd, so that one of them is no delay; 1e-4 of a signal at 0.29 of the sampling rate is left
 )
 EDGE = 3
 """Samples at both ends of a record that late sensors cannot use, as the base a delay earlier or later was not recorded."""
-_BAND_LIMITED = 64  # samples from which a windowed sinc interpolates accurately
 
 
 def values_at_delays(values: Floats, rate: float) -> Floats:
     """(P, N) a signal `values` (N,) at Chebyshev's points of delay, ascending; beyond its ends it runs straight on."""
-    signal = Sampled(0.0, rate, values, band_limited=len(values) > _BAND_LIMITED)
-    sample = np.arange(len(values)) / rate
-    rows = []
-    for place in places_of_delays():
-        time = sample - place * LARGEST / rate
-        inside = np.clip(time, 0.0, sample[-1])
-        beyond = np.flatnonzero(time != inside)
-        row = signal.value(inside)
-        row[beyond] += signal.derivative(inside[beyond]) * (time[beyond] - inside[beyond])
-        rows.append(row)
-    return np.stack(rows)
+    signal, sample = interpolated(0.0, rate, values), np.arange(len(values)) / rate
+    return np.stack([straight_on(signal, sample - place * LARGEST / rate) for place in places_of_delays()])
+
+
+def straight_on(signal: Sampled, time: Floats) -> Floats:
+    """A signal from 0 s on at some times, beyond its ends by its slopes there."""
+    inside = np.clip(time, 0.0, signal.end)
+    value, beyond = signal.value(inside), time != inside
+    value[beyond] += signal.derivative(inside[beyond]) * (time[beyond] - inside[beyond])
+    return value
 
 
 def places_of_delays() -> Floats:
@@ -634,6 +625,16 @@ def powers_through(values: Floats) -> Floats:
     powers = np.vander(places_of_delays(), increasing=True)
     coefficients = np.linalg.solve(powers, values.reshape(len(values), -1))
     return np.asarray(coefficients).reshape(values.shape)
+
+
+def _at_delay(coefficients: Sequence[Floats] | Floats, late: Floats) -> tuple[Floats, Floats]:
+    """The value and the slope of polynomials in the delay over the largest one, straight on beyond that."""
+    place = np.clip(late, -1.0, 1.0)
+    value, slope = np.zeros_like(coefficients[0]), np.zeros_like(coefficients[0])
+    for row in coefficients[::-1]:
+        slope = slope * place + value
+        value = value * place + row
+    return value + slope * (late - place), slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -658,11 +659,6 @@ class LateBase:
 
     def at(self, channel: int, delay: float, part: slice = slice(None)) -> tuple[Floats, Floats]:
         """(M, k) what a channel shows that is `delay` s late, and its rate; straight on beyond the largest delay."""
-        coefficients = self.coefficients[:, :, self.channels.index(channel), part]
         unit = LARGEST * self.step[part]
-        place = np.clip(delay / unit, -1.0, 1.0)
-        value, slope = np.zeros(coefficients.shape[1:]), np.zeros(coefficients.shape[1:])
-        for row in coefficients[::-1]:
-            slope = slope * place + value
-            value = value * place + row
-        return value + slope * (delay / unit - place), -slope / unit
+        value, slope = _at_delay(self.coefficients[:, :, self.channels.index(channel), part], delay / unit)
+        return value, -slope / unit

@@ -18,9 +18,8 @@ import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
+from linkwise.likelihood.shooting.bordered_system import BlockFactor, BorderedFactor, BorderEquations
 from linkwise.likelihood.shooting.local_equations import (
-    LocalFactor,
     LocalLinearization,
     LocalSystem,
     local_linearization,
@@ -41,7 +40,7 @@ from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.runtime import processors
 
 GaussNewtonModel = Linearization | LocalLinearization
-Factor = BorderedFactor | LocalFactor
+Factor = BorderedFactor | BlockFactor
 Border = BorderEquations | Factor
 
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
@@ -158,7 +157,7 @@ def precise_model(
         The linearised problem.
     q : float
         Relaxation.
-    factor : BorderedFactor or LocalFactor, optional
+    factor : BorderedFactor or BlockFactor, optional
         Its factor at the relaxation.
     own : int, optional
         How many of the border, the first, rounding must not hide; candidates behind them may well be as good as singular. By
@@ -244,7 +243,7 @@ class FactoredModel:
         """That of these unknowns of the border alone, in arrays of its own, from a linearization with more of them."""
         own = linear.within(border)
         if isinstance(own, LocalLinearization):
-            assert isinstance(factor, LocalFactor)
+            assert isinstance(factor, BlockFactor)
             return cls(own, own.equations(q).with_nodes_of(factor, border))
         assert isinstance(factor, BorderedFactor)
         return cls(own, factor.within(border))
@@ -263,7 +262,7 @@ def block_information(linear: GaussNewtonModel | FactoredModel, q: float) -> tup
             return None
         factor = own
     if isinstance(linear, LocalLinearization):
-        assert isinstance(factor, LocalFactor)
+        assert isinstance(factor, BlockFactor)
         return _local(linear, factor, q)
     assert isinstance(factor, BorderedFactor)
     return _dense(linear, factor, q)
@@ -312,12 +311,10 @@ def _transmit(corner: Floats, block: int, passed: Floats) -> None:
     corner[block + 1] -= passed
 
 
-def _local(linear: LocalLinearization, factor: LocalFactor, q: float) -> tuple[Floats, Floats]:
-    equations = linear.equations(q)
-    weight, border = 1.0 / q**2, equations.order.border
+def _local(linear: LocalLinearization, factor: BlockFactor, q: float) -> tuple[Floats, Floats]:
+    equations, weight = linear.equations(q), 1.0 / q**2
     gradient, corner = _corners(linear, weight)
-    gradient, corner = gradient[:, border], corner[:, border[:, None], border]
-    (K, m), p = linear.missed.shape, len(border)
+    (K, m), p = linear.missed.shape, len(linear.data.prior)
     ends = block_ends(K, len(corner))
     nodes = np.array(ends[1:-1], dtype=int)
     at_nodes, links = np.empty((len(nodes), p, m)), np.empty((len(nodes), p, m))
@@ -327,7 +324,7 @@ def _local(linear: LocalLinearization, factor: LocalFactor, q: float) -> tuple[F
         for begin in range(0, K, _AT_ONCE):
             end = min(begin + _AT_ONCE, K)
             right[begin:end] = equations.rights(begin, end)[:, some]
-        follow = factor.blocks.nodes(right)
+        follow = factor.nodes(right)
         _subtract_products(equations, follow, some, gradient, corner)
         at_nodes[:, some] = follow[nodes]
         links[:, some] = follow[nodes] * linear.joined[nodes - 1, None, None]
@@ -336,41 +333,38 @@ def _local(linear: LocalLinearization, factor: LocalFactor, q: float) -> tuple[F
                 equations.coupling(node - 1, node)[0] / weight
             )  # the end by the node before, sign reversed
             links[number, some] += follow[node - 1] @ coupling.T
-    for number, group in enumerate(linear.groups):
-        own, a = equations.order.of_border[number], len(group.states)
-        columns = np.arange(p)[own][: group.moving - a]
-        if len(columns):
-            at = equations.order.places[group.rows]
-            links[:, columns[:, None], at] += linear.ends[number][nodes - 1, :, a:].transpose(0, 2, 1)
+    for ends_of_group, group in zip(linear.ends, linear.groups, strict=True):
+        if len(group.moving_border):
+            moved = ends_of_group[nodes - 1, :, len(group.states) :].transpose(0, 2, 1)
+            links[:, group.moving_border[:, None], group.rows] += moved
     for block in range(len(nodes)):
         _transmit(corner, block, weight * at_nodes[block] @ links[block].T)
-    places = np.argsort(border)
-    corner = corner[:, places[:, None], places]
-    return gradient[:, places], 0.5 * (corner + corner.transpose(0, 2, 1))
+    return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
 
 
 def _subtract_products(
     equations: LocalSystem, follow: Floats, some: slice, gradient: Floats, corner: Floats
 ) -> None:
-    """Take E_b' F and g_b' F from `corner` and `gradient`; F is `follow` (K, c, m), of `some` columns in the blocks' order."""
-    linear, order, weight = equations.linear, equations.order, equations.weight
+    """Take E_b' F and g_b' F from `corner` and `gradient`; F is `follow` (K, c, m), of `some` columns."""
+    linear, weight = equations.linear, equations.weight
     K, own_gradient = len(follow), linear.data.gradient + weight * linear.defects.gradient
     for block, (first, last) in enumerate(pairwise(block_ends(K, len(corner)))):
         part, own = slice(first, last), corner[block, :, some]
-        by_state = [np.ascontiguousarray(follow[part, :, of].transpose(0, 2, 1)) for of in order.of_states]
+        by_state = [
+            np.ascontiguousarray(follow[part][:, :, group.states].transpose(0, 2, 1))
+            for group in linear.groups
+        ]
         for pair, data in zip(linear.pairs, linear.products, strict=True):
-            b = len(linear.groups[pair.second].states)
-            upper = data.upper[part, :, b:].astype(float)
-            own[order.of_border[pair.second]] -= _product(upper, by_state[pair.first])
+            first_group, second_group = (linear.groups[number] for number in pair.groups)
+            upper = data.upper[part, :, len(second_group.states) :].astype(float)
+            own[second_group.border] -= _product(upper, by_state[pair.first])
             if pair.first != pair.second:
                 lower = data.lower[part].astype(float).transpose(0, 2, 1)
-                own[order.of_border[pair.first]] -= _product(lower, by_state[pair.second])
+                own[first_group.border] -= _product(lower, by_state[pair.second])
         defects = weight * equations.followed_defects(part, follow)
-        for number, group in enumerate(linear.groups):
-            a = len(group.states)
-            columns = np.arange(len(own))[order.of_border[number]][: group.moving - a]
-            fallen = np.ascontiguousarray(defects[:, :, order.places[group.rows]].transpose(0, 2, 1))
-            own[columns] -= _product(linear.ends[number][part, :, a:].astype(float), fallen)
+        for ends, group in zip(linear.ends, linear.groups, strict=True):
+            fallen = np.ascontiguousarray(defects[:, :, group.rows].transpose(0, 2, 1))
+            own[group.moving_border] -= _product(ends[part, :, len(group.states) :].astype(float), fallen)
         inner = slice(first, min(last, K - 1))  # segments that another follows
         gradient[block, some] -= np.einsum("km,kcm->c", own_gradient[part], follow[part])
         later = follow[first + 1 : inner.stop + 1]

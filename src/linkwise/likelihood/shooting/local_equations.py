@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import (
     BlockEquations,
     BlockFactor,
@@ -23,7 +24,6 @@ from linkwise.likelihood.shooting.neighbourhoods import (
     LocalRows,
     MeetingGroups,
     Neighbourhood,
-    Order,
     PairBlocks,
     below,
     common_rows,
@@ -93,9 +93,9 @@ class LocalLinearization:
 
     def equations(self, q: float) -> LocalSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
-        return LocalSystem(self, Order(self.groups), 1.0 / q**2)
+        return LocalSystem(self, 1.0 / q**2)
 
-    def factor(self, q: float) -> LocalFactor | None:
+    def factor(self, q: float) -> BlockFactor | None:
         """Factor of `equations`; of nodes that the samples hardly determine, with the least diagonal that makes it one."""
         return self._first_of(self.equations(q).factor, q)
 
@@ -121,16 +121,14 @@ class LocalLinearization:
         return Damping(strength * self.diagonal(1.0), strength * border)
 
     def diagonal(self, weight: float) -> Floats:
-        """(K, m) of the nodes, in the order of the blocks."""
-        order = Order(self.groups)
+        """(K, m) of the nodes."""
         nodes = np.zeros(self.missed.shape)
         for pair, data in zip(self.pairs, self.products, strict=True):
             if pair.first == pair.second:
-                own = order.of_states[pair.first]
-                size = own.stop - own.start
-                ends = self.ends[pair.first][:, :, :size].astype(float)
-                nodes[:, own] = np.einsum("kii->ki", data.upper[:, :, :size])
-                nodes[:, own] += weight * np.einsum("kri,kri->ki", ends, ends)
+                states = self.groups[pair.first].states
+                ends = self.ends[pair.first][:, :, : len(states)].astype(float)
+                nodes[:, states] = np.einsum("kii->ki", data.upper[:, :, : len(states)])
+                nodes[:, states] += weight * np.einsum("kri,kri->ki", ends, ends)
         nodes += self.unconstrained[:, None]
         nodes[1:] += weight * self.joined[:-1, None]
         return nodes
@@ -149,90 +147,74 @@ class LocalLinearization:
 
 
 @dataclass(frozen=True, eq=False)
-class LocalSystem:
-    """The normal equations of `linear` with squared defects weighted by `weight`, unknowns in `order`."""
+class LocalSystem(BlockEquations):
+    """The normal equations of `linear` with squared defects weighted by `weight`, and with a `damping`, if there is one."""
 
     linear: LocalLinearization
-    order: Order
     weight: float
+    damping: Damping | None = None
 
-    def factor(self, damping: Damping | None = None) -> LocalFactor | None:
+    def factor(self, damping: Damping | None = None) -> BlockFactor | None:
         """Cholesky factor of the equations, damped where `damping` is given; None where they are not positive definite."""
-        factor = self._of_blocks(damping).factor()
-        return None if factor is None else LocalFactor(factor, self.order, damping is not None)
+        return replace(self, damping=damping).block_factor(damped=damping is not None)
 
     def border(self, damping: Damping | None = None) -> BorderEquations | None:
-        """The equations of the border, in its own order; None where they are not positive definite."""
-        border = self._of_blocks(damping).border()
-        if border is None:
-            return None
-        places = np.argsort(self.order.border)
-        schur, reduced = border.schur[np.ix_(places, places)], border.reduced[places]
-        return BorderEquations(schur, reduced, border.by_nodes, damping is not None)
+        """What the factor has of the border, without room for all of it."""
+        return replace(self, damping=damping).block_border(damped=damping is not None)
 
-    def with_nodes_of(self, factor: LocalFactor, border: Indices) -> LocalFactor:
+    def with_nodes_of(self, factor: BlockFactor, border: Indices) -> BlockFactor:
         """The factor, from that of equations with more unknowns in the border, of which `border` are those of these."""
-        chosen = border[self.order.border]
-        own = replace(
-            factor.blocks,
-            equations=self._of_blocks(None),
-            schur=factor.schur[np.ix_(chosen, chosen)],
-            reduced=factor.reduced[chosen],
-        )
-        return LocalFactor(own, self.order, factor.damped)
-
-    def _of_blocks(self, damping: Damping | None) -> BlockEquations:
-        border = self.order.border
-        corner = self.linear.data.corner + self.weight * self.linear.defects.corner
-        if damping is not None:
-            corner[range(len(corner)), range(len(corner))] += damping.border
-        return BlockEquations(
-            self.linear.missed.shape,
-            lambda first, last: self.blocks(first, last, damping),
-            self.remainder,
-            self.across,
-            self.coupling,
-            corner[np.ix_(border, border)],
-            self.corner_gradient[border],
-        )
+        schur, reduced = factor.schur[np.ix_(border, border)], factor.reduced[border]
+        return replace(factor, equations=self, schur=schur, reduced=reduced)
 
     @property
+    def shape(self) -> tuple[int, int]:
+        K, m = self.linear.missed.shape
+        return K, m
+
+    @cached_property
+    def corner(self) -> Floats:
+        corner = self.linear.data.corner + self.weight * self.linear.defects.corner
+        if self.damping is not None:
+            corner[range(len(corner)), range(len(corner))] += self.damping.border
+        return np.asarray(corner)
+
+    @cached_property
     def corner_gradient(self) -> Floats:
-        """(p,) gradient of the border."""
         return np.asarray(
             self.linear.data.corner_gradient + self.weight * self.linear.defects.corner_gradient
         )
 
     @property
     def gradient(self) -> Floats:
-        """(K, m) gradient of the nodes, in the order of the blocks."""
+        """(K, m) gradient of the nodes."""
         gradient = self.linear.data.gradient + self.weight * self.linear.defects.gradient
         gradient[1:] -= self.weight * self.linear.missed[:-1]
         return gradient
 
     def drop(self, nodes: Floats, border: Floats) -> float:
         """g's: the reduction of the cost that a full Gauss-Newton step s = (nodes, border) predicts."""
-        return float(np.vdot(self.gradient, nodes[:, self.order.states]) + self.corner_gradient @ border)
+        return float(np.vdot(self.gradient, nodes) + self.corner_gradient @ border)
 
-    def blocks(self, first: int, last: int, damping: Damping | None) -> NodeBlocks:
-        """The blocks of some nodes."""
-        linear, order, weight = self.linear, self.order, self.weight
+    def blocks(self, first: int, last: int) -> NodeBlocks:
+        linear, weight = self.linear, self.weight
         some, m = slice(first, last), linear.missed.shape[1]
         diagonal = np.zeros((last - first, m, m))
         of_ends = linear.products_of_ends(some)
         for pair, data, defects in zip(linear.pairs, linear.products, of_ends, strict=True):
-            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-            b = at_second.stop - at_second.start
-            own = diagonal[:, at_first, at_second]
-            np.multiply(defects.upper[:, :, :b], weight, out=own)
-            own += data.upper[some, :, :b]
+            at_first, at_second = (linear.groups[number].states for number in pair.groups)
+            own = weight * defects.upper[:, :, : len(at_second)]
+            own += data.upper[some, :, : len(at_second)]
+            diagonal[:, at_first[:, None], at_second] = own
+            if pair.first != pair.second:
+                diagonal[:, at_second[:, None], at_first] = own.transpose(0, 2, 1)
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
         on_diagonal = np.einsum("kii->ki", diagonal)
         on_diagonal += linear.unconstrained[some, None]
         on_diagonal[later] += weight * linear.joined[before, None]
-        if damping is not None:
-            on_diagonal += damping.nodes[some]
+        if self.damping is not None:
+            on_diagonal += self.damping.nodes[some]
         return NodeBlocks(diagonal, self._rights(first, last, of_ends), self.coupling(first, last))
 
     def rights(self, first: int, last: int) -> Floats:
@@ -240,129 +222,76 @@ class LocalSystem:
         return self._rights(first, last, self.linear.products_of_ends(slice(first, last)))
 
     def _rights(self, first: int, last: int, of_ends: Sequence[PairBlocks]) -> Floats:
-        linear, order, weight = self.linear, self.order, self.weight
-        some, p = slice(first, last), len(order.border)
+        linear, weight, p = self.linear, self.weight, len(self.linear.data.prior)
+        some = slice(first, last)
         right = np.zeros((last - first, p + 1, linear.missed.shape[1]))
         for pair, data, defects in zip(linear.pairs, linear.products, of_ends, strict=True):
-            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-            b = at_second.stop - at_second.start
+            first_group, second_group = (linear.groups[number] for number in pair.groups)
+            b = len(second_group.states)
             upper = _weighted_sum(data.upper[some, :, b:], defects.upper[:, :, b:], weight, 2)
-            right[:, order.of_border[pair.second], at_first] = upper.transpose(0, 2, 1)
+            right[:, second_group.border[:, None], first_group.states] = upper.transpose(0, 2, 1)
             if pair.first != pair.second:
                 lower = _weighted_sum(data.lower[some], defects.lower, weight, 1)
-                right[:, order.of_border[pair.first], at_second] = lower
+                right[:, first_group.border[:, None], second_group.states] = lower
         before = slice(max(first - 1, 0), last - 1)  # segments that end at these nodes
         later = slice(before.start + 1 - first, None)
-        for number, group in enumerate(linear.groups):
-            rows, a = order.places[group.rows], len(group.states)
-            columns = np.arange(p)[order.of_border[number]][: group.moving - a]
-            if len(columns):
-                ends = linear.ends[number][before, :, a:].astype(float).transpose(0, 2, 1) * weight
-                right[later][:, columns[:, None], rows] -= ends
+        for ends, group in zip(linear.ends, linear.groups, strict=True):
+            if len(group.moving_border):
+                moved = ends[before, :, len(group.states) :].astype(float).transpose(0, 2, 1) * weight
+                right[later][:, group.moving_border[:, None], group.rows] -= moved
         right[:, p] = linear.data.gradient[some] + weight * linear.defects.gradient[some]
         right[later, p] -= weight * linear.missed[before]
         return right
 
     def coupling(self, first: int, last: int) -> Floats:
-        """(c, m, m) blocks of the node that follows each of some nodes (rows) with it (columns)."""
-        size = len(self.order.states)
-        blocks = np.zeros((last - first, size, size))
-        for ends, group, own in zip(self.linear.ends, self.linear.groups, self.order.of_states, strict=True):
+        blocks = np.zeros((last - first, *self.shape[1:] * 2))
+        for ends, group in zip(self.linear.ends, self.linear.groups, strict=True):
             states = ends[first:last, :, : len(group.states)].astype(float)
-            blocks[:, self.order.places[group.rows], own] = states * -self.weight
+            blocks[:, group.rows[:, None], group.states] = states * -self.weight
         return blocks
 
     def remainder(self, border: Floats) -> Floats:
-        """What a border (p,), in the order of the blocks, leaves of the gradient of the nodes, (K, m)."""
-        linear, order, weight = self.linear, self.order, self.weight
+        linear, weight = self.linear, self.weight
         left = self.gradient
         for pair, blocks in zip(linear.pairs, linear.products, strict=True):
-            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-            b = at_second.stop - at_second.start
-            left[:, at_first] -= blocks.upper[:, :, b:] @ border[order.of_border[pair.second]]
+            first, second = (linear.groups[number] for number in pair.groups)
+            left[:, first.states] -= blocks.upper[:, :, len(second.states) :] @ border[second.border]
             if pair.first != pair.second:
-                left[:, at_second] -= border[order.of_border[pair.first]] @ blocks.lower
-        ends = np.zeros(left.shape)
-        for number, group in enumerate(linear.groups):
-            a = len(group.states)
-            own = linear.ends[number][:, :, a:] @ border[order.of_border[number]][: group.moving - a]
-            ends[:, order.places[group.rows]] += own
-        for number, group in enumerate(linear.groups):
-            rows, states = order.places[group.rows], linear.ends[number][:, :, : len(group.states)]
-            left[:, order.of_states[number]] -= weight * (ends[:, None, rows] @ states)[:, 0]
-        left[1:] += weight * ends[:-1]
+                left[:, second.states] -= border[first.border] @ blocks.lower
+        moved = np.zeros(left.shape)
+        for ends, group in zip(linear.ends, linear.groups, strict=True):
+            moved[:, group.rows] += ends[:, :, len(group.states) :] @ border[group.moving_border]
+        for ends, group in zip(linear.ends, linear.groups, strict=True):
+            states = ends[:, :, : len(group.states)]
+            left[:, group.states] -= weight * (moved[:, None, group.rows] @ states)[:, 0]
+        left[1:] += weight * moved[:-1]
         return left
 
     def across(self, nodes: Floats) -> Floats:
-        """What nodes (K, m) add to the equations of the border, (p,), both in the order of the blocks."""
-        linear, order, weight = self.linear, self.order, self.weight
-        added = np.zeros(len(order.border))
+        linear, weight = self.linear, self.weight
+        added = np.zeros(len(self.linear.data.prior))
         for pair, blocks in zip(linear.pairs, linear.products, strict=True):
-            at_first, at_second = order.of_states[pair.first], order.of_states[pair.second]
-            b = at_second.stop - at_second.start
-            added[order.of_border[pair.second]] += np.tensordot(nodes[:, at_first], blocks.upper[:, :, b:], 2)
+            first, second = (linear.groups[number] for number in pair.groups)
+            upper = blocks.upper[:, :, len(second.states) :]
+            added[second.border] += np.tensordot(nodes[:, first.states], upper, 2)
             if pair.first != pair.second:
-                of_first = np.einsum("kqb,kb->q", blocks.lower, nodes[:, at_second])
-                added[order.of_border[pair.first]] += of_first
+                added[first.border] += np.einsum("kqb,kb->q", blocks.lower, nodes[:, second.states])
         defects = self.followed_defects(slice(0, len(nodes)), nodes[:, None])[:, 0]
-        for number, group in enumerate(linear.groups):
-            a, own = len(group.states), defects[:, order.places[group.rows]]
-            of_ends = np.tensordot(own, linear.ends[number][:, :, a:], 2)
-            added[order.of_border[number]][: group.moving - a] += weight * of_ends
+        for ends, group in zip(linear.ends, linear.groups, strict=True):
+            of_ends = np.tensordot(defects[:, group.rows], ends[:, :, len(group.states) :], 2)
+            added[group.moving_border] += weight * of_ends
         return added
 
     def followed_defects(self, some: slice, nodes: Floats) -> Floats:
         """(k, c, m) by how much the defects at the ends of some segments fall where all nodes (K, c, m) move."""
-        linear, order = self.linear, self.order
+        linear = self.linear
         defects = np.zeros(nodes[some].shape)
         later = nodes[some.start + 1 : some.stop + 1]
         defects[: len(later)] -= later
-        for number, group in enumerate(linear.groups):
-            states = linear.ends[number][some, :, : len(group.states)].astype(float)
-            own = nodes[some, :, order.of_states[number]] @ states.transpose(0, 2, 1)
-            defects[:, :, order.places[group.rows]] += own
+        for ends, group in zip(linear.ends, linear.groups, strict=True):
+            states = ends[some, :, : len(group.states)].astype(float)
+            defects[:, :, group.rows] += nodes[some][:, :, group.states] @ states.transpose(0, 2, 1)
         return defects
-
-
-@dataclass(frozen=True, eq=False)
-class LocalFactor:
-    """A factor with its unknowns in the order of the structure."""
-
-    blocks: BlockFactor
-    order: Order
-    damped: bool = False
-
-    @property
-    def schur(self) -> Floats:
-        """(p, p) equations of the border."""
-        places = np.argsort(self.order.border)
-        return self.blocks.schur[np.ix_(places, places)]
-
-    @property
-    def reduced(self) -> Floats:
-        """(p,) gradient of the border."""
-        return self.blocks.reduced[np.argsort(self.order.border)]
-
-    def solve(self, free: Bools, fixed_values: Floats | None = None) -> tuple[Floats, Floats] | None:
-        """As `BorderedFactor.solve`."""
-        border = self.order.border
-        solved = self.blocks.solve(free[border], None if fixed_values is None else fixed_values[border])
-        if solved is None:
-            return None
-        return solved[0][:, self.order.places], solved[1][np.argsort(border)]
-
-    def moved(self, nodes: Floats, border: Floats) -> LocalFactor:
-        """As `BorderedFactor.moved`."""
-        order = self.order
-        return replace(self, blocks=self.blocks.moved(nodes[:, order.states], border[order.border]))
-
-    def excess(self, border: Floats, free: Bools) -> float:
-        """As `BorderedFactor.excess`."""
-        return self.blocks.excess(border[self.order.border], free[self.order.border])
-
-    def log_determinant(self, free: Bools) -> float:
-        """As `BorderedFactor.log_determinant`."""
-        return self.blocks.log_determinant(free[self.order.border])
 
 
 def _weighted_sum(data: NDArray[Any], defects: NDArray[Any], weight: float, axis: int) -> Floats:
@@ -400,14 +329,13 @@ def local_linearization(
         The blocks.
     """
     segments, groups = rows.segments, rows.groups
-    order, pairs, K = Order(groups), _pairs(groups), segments.count
+    pairs, K, m = _pairs(groups), segments.count, segments.system.dimension
     ends_of_blocks = block_ends(K, blocks)
     products = PairBlocks.room(K, pairs, groups)
-    gradients = np.zeros((2, K, len(order.states)))
+    gradients = np.zeros((2, K, m))
     joined = np.append(segments.linked, False).astype(float)
-    missed = np.zeros((K, len(order.states)))
-    missed[:-1] = rows.misfit.defects.reshape(len(order.states), -1).T
-    missed = missed[:, order.states] * joined[:, None]
+    missed = np.zeros((K, m))
+    missed[:-1] = rows.misfit.defects.reshape(m, -1).T * joined[:-1, None]
     ends = in_one_piece([(K, len(group.rows), group.moving) for group in groups])
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
@@ -419,10 +347,13 @@ def local_linearization(
         exact = [end[part].astype(float) for end in ends]
         slopes = []
         for number, (group, own) in enumerate(zip(groups, by_group, strict=True)):
-            at, a = order.of_states[number], len(group.states)
+            a = len(group.states)
             by_data = _gradient(own.data, residuals[:, group.channels].astype(np.float32))
-            by_ends = _gradient(exact[number], missed[part][:, order.places[group.rows]])
-            gradients[0, part, at], gradients[1, part, at] = by_data[:, :a], by_ends[:, :a]
+            by_ends = _gradient(exact[number], missed[part][:, group.rows])
+            gradients[0][part, group.states], gradients[1][part, group.states] = (
+                by_data[:, :a],
+                by_ends[:, :a],
+            )
             slopes.append([sums_over(by_data[:, a:], pieces), sums_over(by_ends[:, a:], pieces)])
         corners = []
         for pair, own_products in zip(pairs, products, strict=True):

@@ -72,6 +72,11 @@ class Neighbourhood:
         """Number of columns."""
         return len(self.states) + len(self.border)
 
+    @property
+    def moving_border(self) -> Indices:
+        """Columns of the border that act on the motion."""
+        return self.border[: self.moving - len(self.states)]
+
     def places_of(self, border: Indices) -> Indices:
         """The places among the group's columns of the border of those that are in `border`, in order."""
         return np.flatnonzero(np.isin(self.border, border))
@@ -600,19 +605,3 @@ def _summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
         left, right = (rows[some].reshape(count, size * r, rows.shape[2]) for rows in (first, second))
         total += (left.transpose(0, 2, 1) @ right).sum(axis=0, dtype=float)
     return total
-
-
-class Order:
-    """The order of the unknowns, group by group, in the blocks: `states` (m,) and `border` (p,) by their numbers."""
-
-    def __init__(self, groups: Sequence[Neighbourhood]) -> None:
-        self.states = np.concatenate([group.states for group in groups])
-        self.border = np.concatenate([group.border for group in groups])
-        self.places = np.argsort(self.states)
-        self.of_states = _slices([len(group.states) for group in groups])
-        self.of_border = _slices([len(group.border) for group in groups])
-
-
-def _slices(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(a, b) for a, b in pairwise(ends)]

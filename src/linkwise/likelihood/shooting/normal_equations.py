@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles, late_motion
+from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles
 from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
@@ -78,67 +78,25 @@ class NormalBlocks:
         """(p,) of all segments."""
         return np.asarray(self.corner_gradients.sum(axis=0))
 
-    def put(self, part: slice, rows: Floats | Single, pieces: Sequence[slice], columns: Indices) -> Floats:
-        """Store [J r]'[J r] of the Jacobian and residuals `rows` (k, r, m + c) of a chunk, by states and c `columns`.
+    def put(self, part: slice, rows: Floats | Single, pieces: Sequence[slice]) -> Floats:
+        """Store [J r]'[J r] of the Jacobian and residuals `rows` (k, r, m + p + 1) of a chunk.
 
-        Returns corners and gradients (b, c, c) of its pieces. Rows in single precision are multiplied segment by segment and
-        the products summed in double precision; those in double precision are multiplied at once.
+        Returns corners and gradients (b, p + 1, p + 1) of its pieces. Rows in single precision are multiplied segment by
+        segment and the products summed in double precision; those in double precision are multiplied at once.
         """
         m, single = self.state.shape[1], rows.dtype == np.float32
         product = (rows if single else rows[..., :m]).transpose(0, 2, 1) @ rows
         self.state[part] = product[:, :m, :m]
-        put_columns(self.right[part], columns, product[:, :m, m:])
+        self.right[part] = product[:, :m, m:]
         if single:
             return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
-        borders = (rows[piece, :, m:].reshape(-1, len(columns)) for piece in pieces)
+        borders = (rows[piece, :, m:].reshape(-1, rows.shape[2] - m) for piece in pieces)
         return np.stack([border.T @ border for border in borders])
 
-    def add_corners(self, blocks: Indices, columns: Indices, corners: Floats) -> None:
-        """Add corners and gradients (b, c, c) of `columns`, as of `put`, to those of b `blocks`."""
-        border, which = as_slice(columns[:-1]), as_slice(blocks)
-        if isinstance(border, slice) and isinstance(which, slice):
-            self.corners[which, border, border] += corners[:, :-1, :-1]
-            self.corner_gradients[which, border] += corners[:, -1, :-1]
-            return
-        places, numbers = columns[:-1], blocks[:, None]
-        self.corners[numbers[:, None], places[:, None], places] += corners[:, :-1, :-1]
-        self.corner_gradients[numbers, places] += corners[:, -1, :-1]
-
-    def put_errors(
-        self, part: slice, rows: Floats | Single, errors: Sequence[ChannelErrors], columns: Indices
-    ) -> Floats:
-        """Store products of `errors` of sensors with `rows` (k, M C, m + c) as of `put`.
-
-        Returns those in the border and its gradient (p + 1, p + 1).
-        """
-        m, size = self.state.shape[1], self.right.shape[2]
-        corner = np.zeros((size, size))
-        for of_channel in errors:
-            own, values = of_channel.columns, of_channel.values
-            by_sample = rows.reshape(*values.shape[:2], -1, rows.shape[2])
-            shown = by_sample[:, :, of_channel.channel]
-            product = shown.transpose(0, 2, 1) @ values
-            self.right[part][..., own] = product[:, :m]
-            across = product[:, m:].sum(axis=0, dtype=float)
-            corner[columns[:, None], own] = across
-            corner[own[:, None], columns] = across.T
-            corner[own[:, None], own] = (values.transpose(0, 2, 1) @ values).sum(axis=0, dtype=float)
-        return corner
-
-
-def put_columns(out: Floats, columns: Indices, values: Floats | Single) -> None:
-    """Store values (..., c) in some columns of `out` (..., p + 1), of which the last one is the gradient's."""
-    out[..., as_slice(columns[:-1])] = values[..., :-1]
-    out[..., -1] = values[..., -1]
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelErrors:
-    """Whitened `values` (k, M, e) that e errors add to a `channel` in a chunk, and their `columns` (e,) in the border."""
-
-    channel: int
-    columns: Indices
-    values: Single
+    def add_corners(self, blocks: Indices, corners: Floats) -> None:
+        """Add corners and gradients (b, p + 1, p + 1), as of `put`, to those of b `blocks`."""
+        self.corners[blocks] += corners[:, :-1, :-1]
+        self.corner_gradients[blocks] += corners[:, -1, :-1]
 
 
 def columns_of_forces(segments: Segments) -> Indices:
@@ -210,14 +168,8 @@ def add_delays(
     units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
     for channel in sensors.late:
         number = sensors.delay[channel]
-        _, rate = late_motion(
-            sensors.orbit_with_points(misfit.trajectories.part(part)),
-            segments.step[part] * segments.refine,
-            segments.refine,
-            mass=int(sensors.mass[channel]),
-            kind=int(sensors.kind[channel]),
-            delay=float(point.delays[number]),
-        )
+        orbit = sensors.orbit_with_points(misfit.trajectories.part(part))
+        _, rate = segments.late(channel, orbit, point, part)
         if segments.late_base is not None:
             rate = rate + segments.late_base.at(channel, float(point.delays[number]), part)[1]
         column = -whiten[:, channel] * rate * (units[number] * factors[channel])
@@ -375,38 +327,32 @@ def linearise(
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
-    `blocks` of segments; products with errors are not told apart by these.
+    `blocks` of segments.
     """
     m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
-    columns = np.delete(np.arange(p + 1), _columns_of(errors, segments, candidates))
-    parts, ends_of_blocks = chunks(segments, len(columns) - 1), block_ends(K, blocks)
+    moving = segments.parameters + _extra_columns(candidates, None)
+    parts, ends_of_blocks = chunks(segments, moving), block_ends(K, blocks)
     data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
     joined, defects_by_node = np.zeros((2, K, m))
     joined[:-1], defects_by_node[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(part: slice) -> tuple[Floats, Floats, Floats | None]:
+    def work(part: slice) -> tuple[Floats, Floats]:
         pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
-        corners, of_errors = data.put(part, rows, pieces, columns), None
-        if errors is not None:
-            added = _whitened_errors(errors, segments, misfit, scales, loss, part, candidates)
-            of_errors = data.put_errors(part, rows, added, columns)
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
+        corners = data.put(part, rows, pieces)
         ends *= joined[part, :, None]
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
-        state_ends[part] = ends[:, :, :m]
-        put_columns(right_ends[part], columns, ends[:, :, m:])
-        return corners, defects.put(part, ends, pieces, columns), of_errors
+        state_ends[part], right_ends[part] = ends[:, :, :m], ends[:, :, m:]
+        return corners, defects.put(part, ends, pieces)
 
     by_part = map(work, parts) if executor is None or len(parts) == 1 else executor.map(work, parts)
-    for part, (*sums, of_errors) in zip(parts, by_part, strict=True):
+    for part, sums in zip(parts, by_part, strict=True):
         own = np.array([block for block, _ in blocks_of(part, ends_of_blocks)])
         for form, corners in zip((data, defects), sums, strict=True):
-            form.add_corners(own, columns, corners)
-        if of_errors is not None:
-            data.add_corners(own[:1], np.arange(p + 1), of_errors[None])
+            form.add_corners(own, corners)
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     add_starts(data.state, data.right, segments, misfit.point.nodes, scales)
     if segments.prior is not None:
@@ -550,38 +496,6 @@ def _weights(
     """(M, C, k) square roots of the weights of samples, 0 where one is missing, and what whitens what sensors show."""
     root = misfit.roots(segments, loss, part)
     return root, (root / segments.deviations(scales, part)).astype(np.float32)
-
-
-def _columns_of(
-    errors: SensorErrors | None, segments: Segments, candidates: CandidateForces | None
-) -> Indices:
-    """The columns of `errors` in the border, which follow those of the parameters and of `candidates`."""
-    first = segments.system.parameters.size + _extra_columns(candidates, None)
-    return first + np.arange(_extra_columns(None, errors))
-
-
-def _whitened_errors(
-    errors: SensorErrors,
-    segments: Segments,
-    misfit: Misfit,
-    scales: Scales,
-    loss: Loss,
-    part: slice,
-    candidates: CandidateForces | None,
-) -> list[ChannelErrors]:
-    """What errors add to the rows of their channels in some segments."""
-    _, whiten = _weights(segments, misfit, scales, loss, part)
-    columns = _columns_of(errors, segments, candidates)
-    factors = segments.sensors.factors(misfit.point.gains)
-    by_channel = []
-    for channel in np.unique(errors.channel).tolist():
-        own = np.flatnonzero(errors.channel == channel)
-        added = whiten[:, channel, None] * errors.values[:, own, part]
-        values = added.transpose(2, 0, 1).astype(np.float32)
-        if channel in segments.sensors.scaled:
-            values *= np.float32(factors[channel])
-        by_channel.append(ChannelErrors(channel, columns[own], values))
-    return by_channel
 
 
 def _extra_columns(candidates: CandidateForces | None, errors: SensorErrors | None) -> int:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import CLOCK, HIGH_PASS
-from linkwise.likelihood.shooting.flow import Trajectories, flow, late_motion
+from linkwise.likelihood.shooting.flow import Trajectories, flow
 from linkwise.likelihood.shooting.loss import ClippedMisfit, Gaussian, Loss
 from linkwise.likelihood.shooting.segments import (
     PPM,
@@ -157,15 +157,7 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     if segments.random is not None and segments.random.shown is not None:
         residuals[0] -= segments.random.shown @ point.nodes[segments.random.rows]
     for channel in sensors.late:
-        shown, _ = late_motion(
-            shown_orbit,
-            segments.step * segments.refine,
-            segments.refine,
-            mass=int(sensors.mass[channel]),
-            kind=int(sensors.kind[channel]),
-            delay=float(point.delays[sensors.delay[channel]]),
-        )
-        residuals[:, channel] = segments.samples[:, channel] - shown
+        residuals[:, channel] = segments.samples[:, channel] - segments.late(channel, shown_orbit, point)[0]
         if segments.carried is not None and segments.late_base is not None:
             carried, _ = segments.late_base.at(channel, float(point.delays[sensors.delay[channel]]))
             residuals[:, channel] += segments.carried[0, :, channel] - carried
@@ -240,10 +232,7 @@ class SensorErrors:
         """All kinds of errors of all channels along the fitted motion."""
         ramp = _ramp(segments)
         sensors = segments.sensors
-        motions = [
-            _shown(segments, misfit, channel, int(kind), int(mass))
-            for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True))
-        ]
+        motions = [_shown(segments, misfit, channel) for channel in range(len(sensors.kind))]
         rows = [
             (channel, kind, -1, value)
             for channel, (shown, rate) in enumerate(motions)
@@ -279,7 +268,7 @@ def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
         if kind == X and segments.carried is None:
             values.append(motion_of(segments, misfit, V, int(mass))[1])
         else:
-            rate = _shown(segments, misfit, channel, int(kind), int(mass))[1]
+            rate = _shown(segments, misfit, channel)[1]
             values.append(_with_rate(segments, rate)[1])
     count = len(values)
     return SensorErrors(np.arange(count), ("filter",) * count, np.full(count, -1), np.stack(values, axis=1))
@@ -293,12 +282,15 @@ def relative_to_gain(filtered: SensorErrors, errors: SensorErrors) -> float:
     return float(np.sqrt(np.max(changed / np.maximum(power, np.finfo(float).tiny))))
 
 
-def _shown(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
+def _shown(segments: Segments, misfit: Misfit, channel: int) -> tuple[Floats, Floats]:
     """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
-    late = channel in segments.sensors.late
-    value, rate = (
-        _late(segments, misfit, channel, kind, mass) if late else motion_of(segments, misfit, kind, mass)
-    )
+    sensors = segments.sensors
+    if channel in sensors.late:
+        sensors = sensors.at(segments.system.at(misfit.point.theta))
+        orbit = sensors.orbit_with_points(misfit.trajectories)
+        value, rate = segments.late(channel, orbit, misfit.point)
+    else:
+        value, rate = motion_of(segments, misfit, int(sensors.kind[channel]), int(sensors.mass[channel]))
     carried = carried_by(segments, misfit, channel)
     return (value, rate) if carried is None else (value + carried[0], rate + carried[1])
 
@@ -310,19 +302,6 @@ def carried_by(segments: Segments, misfit: Misfit, channel: int) -> tuple[Floats
     if segments.late_base is None or channel not in segments.late_base.channels:
         return segments.carried[0, :, channel], segments.carried[1, :, channel]
     return segments.late_base.at(channel, float(misfit.point.delays[segments.sensors.delay[channel]]))
-
-
-def _late(segments: Segments, misfit: Misfit, channel: int, kind: int, mass: int) -> tuple[Floats, Floats]:
-    """(M, K) what a late sensor of this kind shows of a mass, and its rate."""
-    sensors = segments.sensors.at(segments.system.at(misfit.point.theta))
-    return late_motion(
-        sensors.orbit_with_points(misfit.trajectories),
-        segments.step * segments.refine,
-        segments.refine,
-        mass=mass,
-        kind=kind,
-        delay=float(misfit.point.delays[sensors.delay[channel]]),
-    )
 
 
 def motion_of(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:

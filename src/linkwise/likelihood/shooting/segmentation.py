@@ -24,12 +24,12 @@ from linkwise.likelihood.shooting.flow import (
     UncertainForces,
     places_of_delays,
     powers_through,
+    straight_on,
     values_at_delays,
 )
 from linkwise.likelihood.shooting.loss import ClippedReadings
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
-from linkwise.model.excitation import Sampled
 from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import (
     BAND_LIMITED,
@@ -588,15 +588,9 @@ def _at_delays(record: Record, values: Floats, count: int, grid: tuple[int, int]
     Beyond the ends of the record it runs straight on, and stays from the last sample on where no delay counts.
     """
     samples, refine = grid
-    signal: Sampled = interpolated(0.0, record.rate, values)
+    signal = interpolated(0.0, record.rate, values)
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
-    time = (record.step / refine) * (steps.T[:, None, :] + POINTS[None, :, None])
-    rows = []
-    for place in places_of_delays():
-        late = np.minimum(time, signal.end) + place * LARGEST / record.rate
-        inside = np.clip(late, 0.0, signal.end)
-        row = signal.value(inside)
-        beyond = late != inside
-        row[beyond] += signal.derivative(inside[beyond]) * (late[beyond] - inside[beyond])
-        rows.append(row)
-    return np.stack(rows)
+    time = np.minimum((record.step / refine) * (steps.T[:, None, :] + POINTS[None, :, None]), signal.end)
+    return np.stack(
+        [straight_on(signal, time + place * LARGEST / record.rate) for place in places_of_delays()]
+    )

@@ -12,11 +12,11 @@ continuations, and a search cannot choose among them from poor starting values: 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,14 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow
+from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.loss import ClippedReadings, Prior, RandomStates
 from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
 from linkwise.records.channel import interpolated
 from linkwise.records.record import Record
 
+Stated: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
+"""A channel, several, or numbers by channel, None where one is not stated."""
 PPM = 1e-6
 PIECES, MOST_PIECES = 8, 64
 """Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
@@ -213,32 +215,44 @@ def _pieces(record: Record, seconds: float | None) -> int:
     return PIECES if seconds is None else max(1, round(record.duration / seconds))
 
 
-def lengths_by_channel(drifts: str | Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
-    """Channels that drift, with the lengths of pieces in s where they are stated.
+def lengths_by_channel(drifts: Stated) -> dict[str, float | None]:
+    """Channels that drift, with the lengths of pieces in s where they are stated; IdentificationError for no positive one."""
+    return _numbers_by_channel(
+        drifts,
+        lambda seconds: seconds > 0.0,
+        "the pieces of the drift of {name} must have a positive length in s, got {number!r}",
+    )
 
-    Parameters
-    ----------
-    drifts : str, sequence of str or mapping of str to float or None
-        A channel, several, or the lengths by channel.
 
-    Returns
-    -------
-    dict of str to float or None
-        The lengths by channel.
+def corners_by_channel(corners: Stated) -> dict[str, float | None]:
+    """Channels behind a high pass, with its corner in Hz where it is stated; IdentificationError for no positive one."""
+    return _numbers_by_channel(
+        corners,
+        lambda corner: corner > 0.0,
+        "the corner of {name} must be a positive frequency in Hz, got {number!r}",
+    )
 
-    Raises
-    ------
-    IdentificationError
-        If a length is no positive number.
-    """
-    if not isinstance(drifts, Mapping):
-        return dict.fromkeys((drifts,) if isinstance(drifts, str) else drifts or ())
-    for name, seconds in drifts.items():
-        if seconds is not None and not (_is_number(seconds) and seconds > 0.0):
-            raise IdentificationError(
-                f"the pieces of the drift of {name} must have a positive length in s, got {seconds!r}"
-            )
-    return dict(drifts)
+
+def ratios_by_channel(clocks: Stated) -> dict[str, float | None]:
+    """Channels with a clock of their own, with its ratio in ppm where it is stated; IdentificationError for no small one."""
+    return _numbers_by_channel(
+        clocks,
+        lambda ratio: abs(ratio) < _FASTEST,
+        "the clock of {name} must run fast by a number of ppm, negative for a slow one, and by less than "
+        f"{_FASTEST:g} ppm, got {{number!r}}",
+    )
+
+
+def _numbers_by_channel(
+    stated: Stated, is_possible: Callable[[float], bool], message: str
+) -> dict[str, float | None]:
+    """A channel or several, with a number where one is stated; IdentificationError with the `message` for another one."""
+    if not isinstance(stated, Mapping):
+        return dict.fromkeys((stated,) if isinstance(stated, str) else stated or ())
+    for name, number in stated.items():
+        if number is not None and not (_is_number(number) and is_possible(number)):
+            raise IdentificationError(message.format(name=name, number=number))
+    return dict(stated)
 
 
 def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[str, tuple[float, ...]]:
@@ -268,31 +282,6 @@ def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[
             )
         frequencies[str(name)] = tuple(float(frequency) for frequency in values)
     return frequencies
-
-
-def corners_by_channel(corners: Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
-    """Channels behind a high pass, with its corner in Hz where it is stated; IdentificationError for no positive one."""
-    if not isinstance(corners, Mapping):
-        return dict.fromkeys((corners,) if isinstance(corners, str) else corners or ())
-    for name, corner in corners.items():
-        if corner is not None and not (_is_number(corner) and corner > 0.0):
-            raise IdentificationError(
-                f"the corner of {name} must be a positive frequency in Hz, got {corner!r}"
-            )
-    return dict(corners)
-
-
-def ratios_by_channel(clocks: str | Sequence[str] | Mapping[str, float | None]) -> dict[str, float | None]:
-    """Channels with a clock of their own, with its ratio in ppm where it is stated; IdentificationError for no small one."""
-    if not isinstance(clocks, Mapping):
-        return dict.fromkeys((clocks,) if isinstance(clocks, str) else clocks or ())
-    for name, ratio in clocks.items():
-        if ratio is not None and not (_is_number(ratio) and abs(ratio) < _FASTEST):
-            raise IdentificationError(
-                f"the clock of {name} must run fast by a number of ppm, negative for a slow one, and by less than "
-                f"{_FASTEST:g} ppm, got {ratio!r}"
-            )
-    return dict(clocks)
 
 
 def _is_number(value: object) -> bool:
@@ -489,6 +478,20 @@ class Segments:
             random=None if self.random is None else self.random.chosen(which),
             waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
             clipped=None if self.clipped is None else self.clipped.chosen(which),
+        )
+
+    def late(
+        self, channel: int, orbit: Trajectories, point: Iterate, part: slice = slice(None)
+    ) -> tuple[Floats, Floats]:
+        """(M, k) what a late sensor shows of an orbit with points, in some segments, and the rate of it."""
+        sensors = self.sensors
+        return late_motion(
+            orbit,
+            self.step[part] * self.refine,
+            self.refine,
+            mass=int(sensors.mass[channel]),
+            kind=int(sensors.kind[channel]),
+            delay=float(point.delays[sensors.delay[channel]]),
         )
 
     def deviations(self, scales: Scales, part: slice = slice(None)) -> Floats:

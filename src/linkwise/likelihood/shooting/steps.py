@@ -18,7 +18,7 @@ from math import log10
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem, border_step
+from linkwise.likelihood.shooting.bordered_system import BorderedSystem, border_step, excess
 from linkwise.likelihood.shooting.flow import LARGEST
 from linkwise.likelihood.shooting.linear_model import Border, Factor, GaussNewtonModel
 from linkwise.likelihood.shooting.local_equations import LocalLinearization, LocalSystem
@@ -40,7 +40,7 @@ class DampedEquations:
     ----------
     equations : BorderedSystem or LocalSystem
         The equations.
-    factor : BorderedFactor, LocalFactor or None
+    factor : BorderedFactor, BlockFactor or None
         Their factor, damped; None where they are not positive definite.
     q : float
         Relaxation.
@@ -97,8 +97,8 @@ def damped_step(
     nodes, border = length * solved[0], length * solved[1]
     moved = (nodes * scales.state).T
     point = misfit.point.moved(misfit.point.nodes + moved, bounded.border)
-    excess = factor.excess(solved[1], bounded.free)
-    predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * excess
+    left = excess(factor.schur, factor.reduced, solved[1], bounded.free)
+    predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * left
     return point, predicted
 
 
@@ -225,7 +225,7 @@ def change_of_defects(linear: GaussNewtonModel, nodes: Floats, border: Floats) -
     for ends, group in zip(linear.ends, linear.groups, strict=True):
         a = len(group.states)
         moved = np.einsum("kij,kj->ki", ends[:-1, :, :a], nodes[:-1, group.states])
-        change[:, group.rows] -= moved + ends[:-1, :, a:] @ border[group.border[: group.moving - a]]
+        change[:, group.rows] -= moved + ends[:-1, :, a:] @ border[group.moving_border]
     return change
 
 
@@ -253,7 +253,7 @@ def pull_of_defects(linear: GaussNewtonModel, defects: Floats) -> tuple[Floats, 
     for ends, group in zip(linear.ends, linear.groups, strict=True):
         a, own = len(group.states), defects[:, group.rows]
         nodes[:-1, group.states] += np.einsum("kij,ki->kj", ends[:-1, :, :a], own)
-        border[group.border[: group.moving - a]] += np.tensordot(own, ends[:-1, :, a:], 2)
+        border[group.moving_border] += np.tensordot(own, ends[:-1, :, a:], 2)
     nodes[1:] -= linear.joined[:-1, None] * defects
     return nodes, border
 

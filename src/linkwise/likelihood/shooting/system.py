@@ -77,11 +77,6 @@ class LawGroup:
         """
         return _slope_program(self.law, self.free, self.lag)
 
-    @cached_property
-    def slopes(self) -> Program:
-        """Program for the partial derivatives of the force with respect to d and v, from what `partials` takes."""
-        return _slope_of_motion_program(self.law)
-
     def slope_by(self, signal: int) -> Program:
         """Program for the derivative of the force with respect to the signal at a position, from what `force` takes."""
         return _slope_by_signal(self.law, self.law.signals[self.signals.index(signal)])
@@ -139,12 +134,6 @@ def _slope_program(law: Law, free: tuple[str, ...], lag: float | None) -> Progra
     names = (*VARIABLES, *free, *law.states)
     trees = _trees(law, lag)
     slopes = [differentiate(tree, name) for tree in trees for name in names]
-    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
-
-
-@lru_cache(maxsize=512)
-def _slope_of_motion_program(law: Law) -> Program:
-    slopes = [differentiate(law.expression, name) for name in VARIABLES]
     return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables)
 
 
@@ -733,11 +722,3 @@ class NumericSystem:
                 which = group.which
                 (slopes[which],) = group.slope_by(signal)(d[which], v[which], *group.inside(states), *values)
         return slopes
-
-    def slopes(self, d: Floats, v: Floats, states: Floats) -> tuple[Floats, Floats]:
-        """Partial derivatives (..., L, K) of the link forces with respect to elongations and rates; as `partials`."""
-        by_d, by_v = np.empty_like(d), np.empty_like(d)
-        for group, values in zip(self.system.groups, self._values, strict=True):
-            which = group.which
-            by_d[which], by_v[which], *_ = group.slopes(d[which], v[which], *group.inside(states), *values)
-        return by_d, by_v

@@ -2,30 +2,20 @@
 
 After the first samples the covariance is the steady one, of the algebraic Riccati equation, and the gain with it. The smoother
 runs an adjoint backwards through the filter's own closed loop, which is stable, and divides by no covariance of a state, which
-sinks to rounding where little is random. Where nothing is, the state at the start decides all (`free_states`).
+sinks to rounding where little is random.
 
 References
 ----------
 A. E. Bryson and M. Frazier, Smoothing for linear and nonlinear dynamic systems, TDR 63-119, Wright-Patterson AFB (1963).
 P. de Jong, J. Am. Stat. Assoc. 84, 1085 (1989).
 
-States of a linear system without random inputs: all follow from the one at the start, which least squares find.
-
-Rows of samples are joined to a triangular factor block by block (Bierman's square-root information form), so that nothing is
-squared and nothing is divided by a covariance.
-
-References
-----------
-G. J. Bierman, Factorization Methods for Discrete Sequential Estimation, Academic Press (1977), chapter V.
-
-Frequencies and damping of modes, and equivalent springs and dampers of links, as a filter predicts the samples best.
+Frequencies and damping of modes as a filter predicts the samples best.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import accumulate, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +26,6 @@ from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inpu
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
-_GROWTH = 20.0  # of the logarithm of a motion over the record, at most: a filter holds one that grows further
-_BLOCK = 4000  # rows of samples that are joined at a time
-
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
@@ -48,62 +35,6 @@ class Smoothed:
     covariance: Floats
     whitened: Floats
     log_likelihood: float
-
-
-def determines(model: LinearModel, count: int) -> bool:
-    """Whether the state at the start determines all of `count` samples: nothing is random, and no motion runs away."""
-    if model.process.any():
-        return False
-    largest = float(np.abs(np.linalg.eigvals(model.transition)).max(initial=0.0))
-    return count * float(np.log(max(largest, 1.0))) < _GROWTH
-
-
-def fitted(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
-    """States by the most likely one at the start.
-
-    Parameters
-    ----------
-    model : LinearModel
-        The system, whose process covariance is zero.
-    samples : array of shape (N, C)
-        The samples, NaN where missing.
-    inputs : array of shape (N, r)
-        The known inputs at the samples; between them their mean acts.
-
-    Returns
-    -------
-    Smoothed
-        The states.
-    """
-    count, channels = samples.shape
-    m = len(model.transition)
-    noise, size = np.sqrt(model.noise), np.sqrt(model.first.diagonal())
-    known = np.isfinite(samples)
-    driven = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
-    forced = recursion(model.transition, np.zeros(m), driven)
-    left = np.where(known, samples, 0.0) - inputs @ model.direct.T - forced @ model.observation.T
-    left = np.where(known, left / noise, 0.0)
-    length = max(1, min(count, _BLOCK // max(channels, 1)))
-    powers = np.stack([*accumulate(repeat(model.transition, length), np.matmul, initial=np.eye(m))])
-    rows = np.matmul(model.observation / noise[:, None], powers[:length])  # (length, C, m)
-    # of the state at the start in units of `size`, which is its prior
-    factor, at = np.eye(m, m + 1), np.diag(size)
-    for first in range(0, count, length):
-        part = slice(first, min(first + length, count))
-        slopes = (rows[: part.stop - first] @ at) * known[part, :, None]
-        joined = np.concatenate([slopes.reshape(-1, m), left[part].reshape(-1, 1)], axis=1)
-        factor = np.linalg.qr(np.concatenate([factor, joined]))[1][: m + 1]
-        at = powers[length] @ at
-    triangle = factor[:m, :m]
-    start = size * scipy.linalg.solve_triangular(triangle, factor[:m, m])
-    states = forced + recursion(model.transition, start, np.zeros((count - 1, m)))
-    root = size[:, None] * np.linalg.inv(triangle)
-    root = np.linalg.matrix_power(model.transition, count // 2) @ root
-    misfit = float(np.sum(factor[m:, m] ** 2))
-    total = -0.5 * misfit - float(np.sum(known @ np.log(noise)))
-    total -= float(np.log(np.abs(triangle.diagonal())).sum())
-    error = left - np.where(known, (states - forced) @ model.observation.T / noise, 0.0)
-    return Smoothed(states, root @ root.T, error, total)
 
 
 _TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
@@ -140,8 +71,6 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
     Smoothed
         The states.
     """
-    if determines(model, len(samples)):
-        return fitted(model, samples, inputs)
     forward = _filtered(model, samples, inputs)
     count, which = len(samples), np.asarray(forward.which)
     middle, states = count // 2, np.empty_like(forward.predicted)
@@ -164,21 +93,12 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
 
 def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
     """Log likelihood of samples (N, C), less what does not depend on the model, with inputs (N, r)."""
-    return _predicted(model, samples, inputs).log_likelihood
+    return _filtered(model, samples, inputs, transient=1).log_likelihood
 
 
 def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
-    """Whitened errors (N, C) of the predictions of samples (N, C) from those before, 0 where one is missing.
-
-    Where nothing is random, of those by the most likely state at the start.
-    """
-    return _predicted(model, samples, inputs).whitened
-
-
-def _predicted(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed | _Forward:
-    if determines(model, len(samples)):
-        return fitted(model, samples, inputs)
-    return _filtered(model, samples, inputs, transient=1)
+    """Whitened errors (N, C) of the predictions of samples (N, C) from those before, 0 where one is missing."""
+    return _filtered(model, samples, inputs, transient=1).whitened
 
 
 class _Forward(NamedTuple):
@@ -320,10 +240,6 @@ _DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
 _CHANGES = 10.0 ** np.arange(
     -4.0, 3.0
 )  # of a force over a sample, relative to its size: tried one after the other
-_STIFF = 0.1  # such a change, at which springs and dampers of open links are found first
-_SPRINGS = 10.0 ** np.arange(0.0, 6.5, 0.5)  # sizes of springs that are tried before, in those of the motion
-_RATIO = 0.1  # of the critical damping of the masses at their ends: dampers beside these springs
-_ROUNDS, _GAIN = 4, 1.0  # of that search, and what the log likelihood rises by where another round may gain
 
 
 def likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
@@ -352,42 +268,11 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
     dict of str to float
         Values by name of the parameter; empty where all modes are known.
     """
-    linear = LinearPart.of(structure)
-    return _tuned(record, structure, sigma, linear, likeliest_change(record, linear, sigma)[1])[0]
-
-
-def tuned_part(
-    record: Record, structure: Structure, sigma: Mapping[str, float]
-) -> tuple[dict[str, float], LinearPart]:
-    """Values of unknown modes as `tuned_modes`, and the linear system with springs and dampers for the open links.
-
-    These explain most of the forces of links, so that errors of modes are not taken for forces.
-    """
-    values: dict[str, float] = {}
-    linear = _stiffened(record, LinearPart.of(structure), sigma)
-    units, change, best = linear.equivalent_units(record), _STIFF, -np.inf
-    units = np.maximum(units, _ROUGH * np.abs(linear.equivalent))
-    for _ in range(_ROUNDS):
-        tuned, part = _tuned(record, with_starts(structure, values), sigma, linear, change, units)
-        likelihood, change = likeliest_change(record, part, sigma)
-        if likelihood < best + _GAIN:
-            break
-        values, linear, best = tuned, part, likelihood
-    return values, linear
-
-
-def _tuned(
-    record: Record,
-    structure: Structure,
-    sigma: Mapping[str, float],
-    linear: LinearPart,
-    change: float,
-    units: Floats | None = None,
-) -> tuple[dict[str, float], LinearPart]:
-    """Values of unknown modes, and the linear system with these, and with equivalents found where they have `units`."""
     free = [p for p in structure.parameters if p.name.owner in structure.mass_names and not p.name.is_shape]
-    if not free and units is None:
-        return {}, linear
+    if not free:
+        return {}
+    linear = LinearPart.of(structure)
+    change = likeliest_change(record, linear, sigma)[1]
     start = np.array([float(p.start or 0.0) for p in free])
     unit = np.array(
         [min(p.sigma, _ROUGH * abs(value) or _ROUGH) for p, value in zip(free, start, strict=True)]
@@ -395,23 +280,15 @@ def _tuned(
     stated = np.array([p.sigma < np.inf for p in free], dtype=bool)
     samples, inputs = samples_of(record, linear)[:_TUNED], inputs_of(record)[:_TUNED]
 
-    def part_of(moved: Floats) -> tuple[dict[str, float], LinearPart]:
-        values = dict(zip((p.name for p in free), (start + unit * moved[: len(free)]).tolist(), strict=True))
-        springs = linear.equivalent
-        if units is not None:
-            springs = springs + units * moved[len(free) :].reshape(springs.shape)
-        return values, LinearPart.of(with_starts(structure, values), springs)
+    def values(moved: Floats) -> dict[str, float]:
+        return dict(zip((p.name for p in free), (start + unit * moved).tolist(), strict=True))
 
     def residual(moved: Floats) -> Floats:
-        model = part_of(moved)[1].model(record, sigma, change)
-        return np.append(innovations(model, samples, inputs).ravel(), moved[: len(free)][stated])
+        model = LinearPart.of(with_starts(structure, values(moved))).model(record, sigma, change)
+        return np.append(innovations(model, samples, inputs).ravel(), moved[stated])
 
-    limits = np.array([[p.lower, p.upper] for p in free]).reshape(-1, 2)
+    limits = np.array([[p.lower, p.upper] for p in free])
     lower, upper = ((limits - start[:, None]) / unit[:, None]).T
-    if units is not None:
-        stable = np.array([linear.bounds(number, record.rate) for number in range(len(units))])
-        least, most = np.moveaxis((stable - linear.equivalent[..., None]) / units[..., None], -1, 0)
-        lower, upper = np.append(lower, least), np.append(upper, most)
     optimum = scipy.optimize.least_squares(
         lambda shifted: residual(shifted - 1.0),  # from 1, of which a difference is a part
         np.ones(len(lower)),
@@ -420,27 +297,7 @@ def _tuned(
         diff_step=_DIFFERENCE,
         max_nfev=_STEPS,
     )
-    return part_of(np.asarray(optimum.x) - 1.0)
-
-
-def _stiffened(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> LinearPart:
-    """The linear system with a spring and a damper of the likeliest size in each open link, one after the other."""
-    samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
-
-    def likelihood(part: LinearPart) -> float:
-        return log_likelihood(part.model(record, sigma, _STIFF), samples, inputs)
-
-    best = likelihood(linear)
-    for number, unit in enumerate(linear.equivalent_units(record)[:, 0]):
-        (_, most), _ = linear.bounds(number, record.rate)
-        for spring in unit * _SPRINGS[unit * _SPRINGS < most]:
-            equivalent = linear.equivalent.copy()
-            equivalent[number] = spring, _RATIO * np.sqrt(spring * linear.mass(number))
-            trial = LinearPart.of(linear.structure, equivalent)
-            rise = likelihood(trial) - best
-            if rise > _GAIN:
-                linear, best = trial, best + rise
-    return linear
+    return values(np.asarray(optimum.x) - 1.0)
 
 
 def with_starts(structure: Structure, values: Mapping[str, float]) -> Structure:

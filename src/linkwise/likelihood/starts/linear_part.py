@@ -97,27 +97,21 @@ _LOWEST = 3  # periods in a record of the slowest motion that counts for sizes
 
 @dataclass(frozen=True, eq=False)
 class LinearPart:
-    """Linear system of a structure: stiffness and damping (n, n), and the open links.
-
-    `equivalent` (U, 2) is what an open link has of both, in N/m and N s/m; the rest of its force is a random walk.
-    """
+    """Linear system of a structure: stiffness and damping (n, n), and the open links, whose forces are random walks."""
 
     structure: Structure
     stiffness: Floats
     damping: Floats
     open: tuple[int, ...]
-    equivalent: Floats
 
     @classmethod
-    def of(cls, structure: Structure, equivalent: Floats | None = None) -> LinearPart:
+    def of(cls, structure: Structure) -> LinearPart:
         slopes = [_linear_slopes(link, mode=link.name in structure.modes) for link in structure.links]
         open_links = tuple(number for number, own in enumerate(slopes) if own is None)
-        equivalent = np.zeros((len(open_links), 2)) if equivalent is None else equivalent
         both = np.array([own or (0.0, 0.0) for own in slopes]).reshape(-1, 2)
-        both[list(open_links)] = equivalent
         incidence = structure.incidence.toarray()
         stiffness, damping = ((incidence * own) @ incidence.T for own in both.T)
-        return cls(structure, stiffness, damping, open_links, equivalent)
+        return cls(structure, stiffness, damping, open_links)
 
     @cached_property
     def incidence(self) -> Floats:
@@ -163,18 +157,12 @@ class LinearPart:
             first=np.diag(np.square(10.0 * start)),
         )
 
-    def equivalent_units(self, record: Record) -> Floats:
-        """(U, 2) sizes of the stiffness and damping of open links: of what would give their ends the measured acceleration."""
-        x, v = self._sizes(record)
-        size = self._force_sizes(x, v)
-        return np.stack([size / x, size / v], axis=1)
-
     def bounds(self, number: int, rate: float) -> tuple[tuple[float, float], tuple[float, float]]:
         """Least and largest stiffness in N/m, and damping in N s/m, of open link `number` in a stable system.
 
         A spring may be as negative as the rest of the structure holds, and both as large as some steps a sample follow.
         """
-        direction, stiffness = self.incidence[:, number], LinearPart.of(self.structure).stiffness
+        direction, stiffness = self.incidence[:, number], self.stiffness
         moved = np.linalg.lstsq(stiffness, direction, rcond=None)[0]
         is_held = np.linalg.norm(stiffness @ moved - direction) < _HELD * np.linalg.norm(direction)
         least = -_STABLE / float(direction @ moved) if is_held else 0.0

@@ -33,7 +33,8 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
-from linkwise.likelihood.starts.kalman import tuned_part, with_starts
+from linkwise.likelihood.starts.kalman import tuned_modes, with_starts
+from linkwise.likelihood.starts.linear_part import LinearPart
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
 from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported
@@ -602,7 +603,8 @@ def host_memory_starts(
     record, sigma = record[:MOST_SAMPLES], channel_noise(record)
     structure = with_starts(structure, dict(given))
     try:
-        tuned, linear = tuned_part(record, structure, sigma)
+        tuned = tuned_modes(record, structure, sigma)
+        linear = LinearPart.of(with_starts(structure, tuned))
         by_motion = [
             _motion_starts(motion, record, structure, {**given, **tuned})
             for motion in host_motions(record, linear, sigma)

@@ -45,7 +45,6 @@ from linkwise.likelihood.starts.kalman import (
     likeliest_change,
     smooth,
     tuned_modes,
-    tuned_part,
     with_starts,
 )
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of, stable_starts
@@ -347,8 +346,7 @@ def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotio
     x, v, inside = np.split(smoothed.states[:, : 2 * n + u].T, [n, 2 * n])
     d, rate = structure.elongations(x.T).T, structure.elongations(v.T).T
     force, walk = np.zeros_like(d), np.zeros(len(d))
-    springs, dampers = linear.equivalent.T[..., None]
-    force[open_links] = inside + springs * d[open_links] + dampers * rate[open_links]
+    force[open_links] = inside
     incidence, deviation = structure.incidence.toarray(), np.sqrt(smoothed.covariance.diagonal()[: 2 * n + u])
     covariance = smoothed.covariance[:n, :n]
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
@@ -362,9 +360,7 @@ def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotio
     return HostMotion(x, v, deviation[: 2 * n], signals, linear.open, coupling)
 
 
-def host_start(
-    record: Record, structure: Structure, given: Mapping[str, float], *, equivalent: bool = False
-) -> dict[str, float]:
+def host_start(record: Record, structure: Structure, given: Mapping[str, float]) -> dict[str, float]:
     """Starting values of all parameters of a structure with hosts, by the forces of its links.
 
     Parameters
@@ -375,8 +371,6 @@ def host_start(
         The structure.
     given : mapping of str to float
         Starting values by name of the parameter.
-    equivalent : bool, optional
-        Take the laws that come closest to equivalent springs and dampers of the links.
 
     Returns
     -------
@@ -391,7 +385,7 @@ def host_start(
     require_supported(record, structure)
     stated = with_starts(structure, {name: v for name, v in given.items() if not name.endswith(".mass")})
     try:
-        values = _start_by_forces(record, stated, given, equivalent=equivalent)
+        values = _start_by_forces(record, stated, given)
     except np.linalg.LinAlgError:
         raise IdentificationError(TOO_LITTLE) from None
     missing = [p.name for p in structure.parameters if p.name not in values]
@@ -435,37 +429,21 @@ def require_supported(record: Record, structure: Structure) -> None:
     require_placed(record, structure)
 
 
-def _start_by_forces(
-    record: Record, structure: Structure, given: Mapping[str, float], *, equivalent: bool
-) -> dict[str, float]:
-    """Values by forces of links along the motion that the laws explain best, or by those of equivalent springs and dampers."""
+def _start_by_forces(record: Record, structure: Structure, given: Mapping[str, float]) -> dict[str, float]:
+    """Values by forces of links along the motion that the laws explain best."""
     sigma = channel_noise(record)
-    if equivalent:
-        tuned, linear = tuned_part(record, structure, sigma)
-    else:
-        tuned = tuned_modes(record, structure, sigma)
-        linear = LinearPart.of(with_starts(structure, tuned))
+    tuned = tuned_modes(record, structure, sigma)
+    linear = LinearPart.of(with_starts(structure, tuned))
     shapes = [p for p in structure.parameters if p.name.is_shape or is_between_modes(p.name)]
     known = {p.name: p.start for p in shapes if p.start is not None} | dict(given) | tuned
     trials: list[tuple[float, int, dict[str, float]]] = []
     for motion in host_motions(record, linear, sigma):
-        signals = _equivalent(motion.signals, linear) if equivalent else motion.signals
-        start = start_of_links(signals, structure, given, motion.open) | known
-        if equivalent:
-            return start
+        start = start_of_links(motion.signals, structure, given, motion.open) | known
         valued = structure.with_values(
             {p.name: start[p.name] for p in structure.parameters if p.name in start}
         )
         trials.append((motion.with_drift_tracked(valued).misfit(valued), len(trials), start))
     return min(trials)[-1]
-
-
-def _equivalent(signals: LinkSignals, linear: LinearPart) -> LinkSignals:
-    """The motion of links with the forces of equivalent springs and dampers in the open ones."""
-    force = np.zeros_like(signals.d)
-    for number, (spring, damper) in zip(linear.open, linear.equivalent, strict=True):
-        force[number] = spring * signals.d[number] + damper * signals.v[number]
-    return replace(signals, force=force, integration_order=np.zeros_like(signals.integration_order))
 
 
 ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
@@ -532,18 +510,6 @@ def _with_masses(structure: Structure, starts: tuple[Floats, Floats | None]) -> 
                 "noise can make it. State { start = ... } for it in the structure"
             )
     return starts
-
-
-def equivalent_values(
-    records: Sequence[Record], structure: Structure, given: Mapping[str, float] | None = None
-) -> Floats:
-    """Starting values (p,) of a structure with hosts, from equivalent springs and dampers of its links.
-
-    Raises IdentificationError if a parameter has no starting value.
-    """
-    record = framed_records(records, structure, integrated=True)[0]
-    known = {p.name: p.start for p in structure.parameters if p.start is not None} | dict(given or {})
-    return np.array([*host_start(record, structure, known, equivalent=True).values()])
 
 
 def _beside_priors(
