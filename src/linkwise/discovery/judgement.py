@@ -16,7 +16,6 @@ from linkwise.discovery.evidence import (
     dropped_terms_remark,
     exchange_remarks,
     opposed_damping,
-    path_parabolas,
     runners_up,
     selection_path,
     term_evidence,
@@ -69,11 +68,6 @@ class _Rivals(NamedTuple):
     origins: tuple[Rival, ...] = ()
     nothing: tuple[Rival, ...] = ()
 
-    @property
-    def terms(self) -> set[int]:
-        """The terms that may be replaced, by number."""
-        return {k for rival in chain(*self) for k in rival.terms}
-
     def remarks(self, choice: Iterable[str]) -> Iterator[str]:
         """What is said of the first of each kind, beside what is said of the `choice` of terms."""
         yield from _remarks(self.forms)
@@ -114,12 +108,19 @@ def judged_discovery(
     dropped = DroppedTerms.of(selection.quadratic, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     told = admit_intervals(estimate.verdicts)
-    tested = (firm := told and selection.settled) and not fit.random_forces
-    rivals = _tested_rivals(selection, estimate, records, frequencies) if tested else _Rivals()
-    if told and candidates.hosts and not tested:
+    firm = told and selection.settled
+    rivals = _Rivals()
+    if firm and not fit.random_forces:
+        rivals = _Rivals(
+            errors=(*frequencies, *rival_errors(selection, estimate.structure)),
+            offsets=rival_offsets(selection, records[0].channels),
+            links=rival_links(selection),
+            forms=rival_forms(selection),
+        )
+    elif told and candidates.hosts:
         rivals = _Rivals(links=rival_links(selection))
     estimate = rivals.beside(estimate)
-    parabolas = path_parabolas(selection)
+    path, parabolas = selection_path(selection)
     rivals = rivals._replace(
         origins=rival_origins(selection, estimate, records) if screened.integrated else (),
         nothing=terms_without_gain(selection, parabolas, estimate.model_error),
@@ -128,7 +129,6 @@ def judged_discovery(
     doubts = [*_doubts(screened, selection, estimate, rivals.forms, memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in doubts))
     trusted = admit_intervals(verdicts)
-    path = selection_path(selection, parabolas)
     # beside a model error, or where residuals hint at another term, the criterion may keep one whose interval holds zero
     absent = np.abs(estimate.values) <= NORMAL_95 * (alone if selection.is_exact else _errors(estimate))
     discovery = Discovery(
@@ -138,7 +138,10 @@ def judged_discovery(
             np.asarray(estimate.for_dropped_terms).diagonal(),
             trusted=trusted,
             checks=checks,
-            replaceable={*np.flatnonzero(absent).tolist(), *rivals.terms},
+            replaceable={
+                *np.flatnonzero(absent).tolist(),
+                *(k for rival in chain(*rivals) for k in rival.terms),
+            },
         ),
         path=path,
         runners_up=runners_up(selection),
@@ -158,18 +161,6 @@ def judged_discovery(
         untested=tuple(e.name for e in screened.candidates.entries if e.name not in screened.tested),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
-
-
-def _tested_rivals(
-    selection: Selection, estimate: Estimate, records: Sequence[Record], frequencies: Sequence[Rival]
-) -> _Rivals:
-    """The rivals of a settled selection; `frequencies` of hosts explain the records in place of links."""
-    return _Rivals(
-        errors=(*frequencies, *rival_errors(selection, estimate.structure)),
-        offsets=rival_offsets(selection, records[0].channels),
-        links=rival_links(selection),
-        forms=rival_forms(selection),
-    )
 
 
 def _remarks(rivals: Sequence[Rival]) -> tuple[str, ...]:
