@@ -230,7 +230,8 @@ class ScreenedRecords:
         cls, records: Sequence[Record], candidates: Candidates, progress: Progress
     ) -> ScreenedRecords:
         """The screen without hosts, of records at one rate."""
-        whole, candidates = candidates, candidates.without_signals
+        whole = candidates
+        candidates = replace(whole, terms=tuple(term for term in whole.terms if not term.law.signals))
         displaced = [with_displacements(record, candidates.masses) for record in records]
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         measured = [read_densely(record, candidates.full_structure) for record in displaced]
@@ -239,7 +240,9 @@ class ScreenedRecords:
         inactive = _inactive_terms(measured, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
         first, tested = screen(measured, candidates, progress)
-        tested |= candidates.always_tested
+        tested |= candidates.on_pairs(
+            {k for k, p in enumerate(candidates.pairs) if p.name in candidates.asked_for}
+        )
         if integrated:
             tree = tree_of_forces(records, candidates) or most_significant_tree(measured, candidates)
             first = tree or first

@@ -163,7 +163,8 @@ def names_memory(text: str) -> bool:
 def plain_terms(name: str) -> list[str]:
     """The functions of d and v beside the states in a named law: "d" and "v" of "bouc-wen"."""
     law = named_law(name)
-    matches = (_TERM.fullmatch(summand) for summand in _summands(law.law) if not _remembers(summand, law))
+    summands = _split(law.law, " + ")
+    matches = (_TERM.fullmatch(summand) for summand in summands if not _remembers(summand, law))
     return [match[1] for match in matches if match is not None]
 
 
@@ -173,7 +174,7 @@ def link_with_memory(name: str, between: tuple[str, str], law: str, reserved: Co
     Coefficients are unknown, and have other names where theirs are `reserved`.
     """
     named = named_law(law)
-    text = " + ".join(summand for summand in _summands(named.law) if _remembers(summand, named))
+    text = " + ".join(summand for summand in _split(named.law, " + ") if _remembers(summand, named))
     state = next(iter(named.states))
     coefficients = Law.parse(text, named.states).coefficients
     renamed = {old: f"{old}_{state}" for old in coefficients if old in reserved}
@@ -194,11 +195,6 @@ def _with_names(text: str, names: Mapping[str, str]) -> str:
 
 def _remembers(summand: str, law: NamedLaw) -> bool:
     return not set(symbols(Law.parse(summand).expression)).isdisjoint(law.states)
-
-
-def _summands(text: str) -> list[str]:
-    """The summands of a law, without the brackets of others."""
-    return _split(text, " + ")
 
 
 @dataclass(frozen=True)
