@@ -42,7 +42,6 @@ _STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raf
 _SAME = 0.05  # of the criterion: rounds to 0.0
 _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 _CHECK = "check the value, or let it be unknown"
-_STATED = "an error of what is stated"
 _FREQUENCY = "frequency"
 _CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
 _STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
@@ -77,23 +76,23 @@ def _best_first(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda rival: rival.excess))
 
 
-# by kind of error: it in words of its place and size, what to do about it, and what it is an example of
+# by kind of error: it in words of its place and size, and what to do about it
 _ERRORS = {
-    "mass": ("the mass of {} were {} than stated", _CHECK, _STATED),
-    "coefficient": ("{} were {} than stated", _CHECK, _STATED),
-    "frequency": ("the frequency of {} were {} than stated", _CHECK, _STATED),
-    "damping": ("the damping of {} were {} than stated", _CHECK, _STATED),
-    "force gain": ("{} were {} than recorded", "check its calibration", _STATED),
-    "offset": (
-        "{} had a zero offset of {}",
-        "check the zero of the channel, or estimate its offset",
-        "a zero offset of a sensor",
-    ),
+    "mass": ("the mass of {} were {} than stated", _CHECK),
+    "coefficient": ("{} were {} than stated", _CHECK),
+    "frequency": ("the frequency of {} were {} than stated", _CHECK),
+    "damping": ("the damping of {} were {} than stated", _CHECK),
+    "force gain": ("{} were {} than recorded", "check its calibration"),
+    "offset": ("{} had a zero offset of {}", "check the zero of the channel, or estimate its offset"),
     "common offset": (
         "{} were off by {}",
         "check the zeros of the channels, or estimate their offsets and offer no constant force",
-        "a zero offset that all sensors of displacement have in common",
     ),
+}
+# what an error is an example of, if not one of what is stated
+_EXAMPLES = {
+    "offset": "a zero offset of a sensor",
+    "common offset": "a zero offset that all sensors of displacement have in common",
 }
 
 
@@ -102,7 +101,10 @@ def _error(
 ) -> Rival:
     """An error of a size in its unit, of relative `size` without one, beside which the `terms` are not needed."""
     relative = f"{100.0 * abs(size):.2g} % {'more' if size > 0.0 else 'less'}"
-    phrase, advice, example = _ERRORS[lacking.kind]
+    (phrase, advice), example = (
+        _ERRORS[lacking.kind],
+        _EXAMPLES.get(lacking.kind, "an error of what is stated"),
+    )
     error = phrase.format(lacking.where, f"{size:.3g} {lacking.unit}" if lacking.unit else relative)
     names = " and ".join(selection.quadratic.names[number] for number in terms)
     if excess < -_STRONG:

@@ -319,11 +319,6 @@ class ExactRounds(Rounds):
     def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
         return self.search.fit(structure, start, options)
 
-    def changed(self, quadratic: QuadraticModel, inside: list[int], fit: LikelihoodFit) -> list[int]:
-        """Where the model only ranks the next terms, single moves first."""
-        after = quadratic.local_search(inside) if fit.optimum.q > _TIGHT else inside
-        return quadratic.best_subset(inside) if after == inside else after
-
     def ends(self, fit: LikelihoodFit) -> bool:
         return fit.status is AnnealingStatus.INTERRUPTED
 
