@@ -44,14 +44,6 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict, admit_intervals
 
-_STATED_WRONG = (
-    "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
-    "interval is given. Check the stated value that the findings name, or let it be unknown."
-)
-_OFF_ZERO = (
-    "A zero offset of a sensor would explain the record with fewer terms than were found: no interval is given. Check the "
-    "zero of the channel that the findings name, or let its offset be estimated."
-)
 _NOT_TESTED = (
     "With random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
     "was stated."
@@ -59,10 +51,9 @@ _NOT_TESTED = (
 
 
 class _Rivals(NamedTuple):
-    """What may be there in place of terms: errors of stated values, offsets, other links, forms and origins, or nothing."""
+    """What may be there in place of terms: errors of stated values and zeros, other links, forms and origins, or nothing."""
 
     errors: tuple[Rival, ...] = ()
-    offsets: tuple[Rival, ...] = ()
     links: tuple[Rival, ...] = ()
     forms: tuple[Rival, ...] = ()
     origins: tuple[Rival, ...] = ()
@@ -73,7 +64,7 @@ class _Rivals(NamedTuple):
         yield from _remarks(self.forms)
         yield from choice
         yield from (rival.remark for rival in self.nothing)
-        yield from _remarks((*self.errors, *self.offsets))
+        yield from _remarks(self.errors)
         yield from _remarks(self.links)
         if len(self.links) > NAMED:
             yield f"{len(self.links) - NAMED} more exchanges of a link would cost as little."
@@ -81,9 +72,8 @@ class _Rivals(NamedTuple):
 
     def beside(self, estimate: Estimate) -> Estimate:
         """The estimate without intervals where an error explains more than its terms, else with those that allow for forms."""
-        for rivals, message in ((self.offsets, _OFF_ZERO), (self.errors, _STATED_WRONG)):
-            if any(rival.preferred for rival in rivals):
-                estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
+        for message in [rival.untrusted for rival in self.errors if rival.untrusted][:1]:
+            estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
         for form in self.forms:
             if form.moved is not None:
                 estimate = widened(estimate, np.outer(form.moved, form.moved))
@@ -112,8 +102,11 @@ def judged_discovery(
     rivals = _Rivals()
     if firm and not fit.random_forces:
         rivals = _Rivals(
-            errors=(*frequencies, *rival_errors(selection, estimate.structure)),
-            offsets=rival_offsets(selection, records[0].channels),
+            errors=(
+                *frequencies,
+                *rival_errors(selection, estimate.structure),
+                *rival_offsets(selection, records[0].channels),
+            ),
             links=rival_links(selection),
             forms=rival_forms(selection),
         )
@@ -188,7 +181,7 @@ def _doubts(
             f"Of the terms of damping in {' and '.join(opposed)} one gives energy that another takes: together they stand in "
             "for a form of damping that was not offered, such as v*abs(v). Offer more forms, or fewer of these.",
         )
-    if exact and any(form.preferred for form in forms):
+    if exact and any(form.moved is not None for form in forms):
         yield (
             Verdict.TERMS_MAY_BE_MISSING,
             "A form of force that was not offered explains the record better than terms that stand in for it.",

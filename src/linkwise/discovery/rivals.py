@@ -43,6 +43,14 @@ _SAME = 0.05  # of the criterion: rounds to 0.0
 _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 _CHECK = "check the value, or let it be unknown"
 _FREQUENCY = "frequency"
+_STATED_WRONG = (
+    "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
+    "interval is given. Check the stated value that the findings name, or let it be unknown."
+)
+_OFF_ZERO = (
+    "A zero offset of a sensor would explain the record with fewer terms than were found: no interval is given. Check the "
+    "zero of the channel that the findings name, or let its offset be estimated."
+)
 _CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
 _STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
 _DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
@@ -61,14 +69,14 @@ _ORIGIN = (
 class Rival:
     """What may be there in place of the `terms`, by number, at a criterion that is higher by `excess`; a sentence says it.
 
-    The records have strong evidence for one that is `preferred`. `moved` (p,) is by how much the parameters of the selection
-    would change with it.
+    Where the records have strong evidence for it, `untrusted` says why no interval is given, or `moved` (p,) by how much the
+    parameters of the selection would change with it.
     """
 
     terms: tuple[int, ...]
     excess: float
     remark: str
-    preferred: bool = False
+    untrusted: str = ""
     moved: Floats | None = None
 
 
@@ -109,7 +117,7 @@ def _error(
     names = " and ".join(selection.quadratic.names[number] for number in terms)
     if excess < -_STRONG:
         remark = f"If {error}, {names} would not be needed and the criterion would be {-excess:.3g} lower: {advice}."
-        return Rival(terms, excess, remark, preferred=True)
+        return Rival(terms, excess, remark, _OFF_ZERO if lacking.kind in _EXAMPLES else _STATED_WRONG)
     change = f"only {excess:.1f} higher" if excess > 0.0 else f"{-excess:.1f} lower"
     remark = (
         f"This record hardly distinguishes {names} from {example}: if "
@@ -348,7 +356,7 @@ def _form(
     retained = [k for k in range(p) if k not in terms]
     moved = -model.solve(range(p)).values
     moved[retained] += model.solve([*retained, number]).values[:-1]
-    return Rival(terms, excess, remark, preferred=True, moved=moved)
+    return Rival(terms, excess, remark, moved=moved)
 
 
 #: A pair, by number, whether damping is meant or stiffness, and the terms chosen of that kind there, by number.

@@ -50,12 +50,11 @@ def _inactive_terms(measured: Measured, candidates: Candidates) -> tuple[str, ..
         for record, motion in measured:
             ends = candidates.rows(entry.pair)
             d = np.subtract(*motion.displacements[ends])
-            missing = np.zeros(len(d), dtype=bool)
-            if motion.missing is not None:
-                for end in (end for end in ends if end < len(motion.missing)):
-                    missing |= motion.missing[end]
+            absent = (
+                () if motion.missing is None else motion.missing[[k for k in ends if k < len(motion.missing)]]
+            )
             force = np.broadcast_to(entry.term.law.force(d, np.gradient(d) * record.rate, {}), d.shape)
-            count += int(np.count_nonzero(force[~missing]))
+            count += int(np.count_nonzero(force[~np.any(absent, axis=0)]))
         return count
 
     laws = ((entry, entry.term.law) for entry in candidates.entries)
