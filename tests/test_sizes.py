@@ -8,14 +8,14 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_520  # lines of all files of tests
+TESTS = 34_340  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2242),
     "analysis": (4, 515),
     "cli": (20, 1929),
-    "discovery": (19, 3755),
+    "discovery": (19, 3672),
     "estimates": (6, 1331),
     "export": (8, 781),
     "expression": (6, 1069),

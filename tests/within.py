@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from present import present, some
 from problems import truth
 
 import linkwise as lw
@@ -27,6 +28,15 @@ def assert_within(fit: lw.Estimate, true: lw.Structure | Mapping[str, float], mo
     assert fit.trusted, str(fit)
     off = errors(fit, true)
     assert len(off) and np.abs(off).max() < most, off
+
+
+def assert_discovered(discovery: lw.Discovery, true: lw.Structure, most: float = 4.5) -> None:
+    """The discovery is trusted, with the true terms, each within `most` standard errors: of 4.5 once in 150 000."""
+    assert discovery.trusted, str(discovery)
+    assert lw.discovery.term_score(discovery.structure, true).exact
+    aligned = lw.discovery.align_truth(discovery.structure, true)
+    for term in some(discovery.kept):
+        assert abs(term.value - present(aligned.coefficient(term.name).value)) < most * term.standard_error
 
 
 def of(owner: str, values: Mapping[str, float]) -> dict[str, float]:

@@ -123,7 +123,7 @@ REFUSED = {
         ("--mass m1=1 --mass m2=ten", "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg"),
         ("--mass m1=1 --mass 'm2=10 nm'", "--mass m2: '10 nm' is in nm: expected a number in kg"),
         ("--mass m1=1 --mass m2=-1", 'mass "m2": the mass must be positive, got -1.0 kg'),
-        ("--structure twice.toml", 'mass "m1": the name is used 2 times; each mass needs its own'),
+        ("--structure twice.toml", 'mass "m1": the name is used 2 times; names must be unique'),
         ("--structure free.toml", 'mass "m1": the mass is unknown, and neither an applied force nor another mass sets'),
         ("--structure one.toml", "it has m1. Add --mass m2=... for it"),
         ("--structure none.toml", "none.toml: the key `mass` is missing"),

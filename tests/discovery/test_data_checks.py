@@ -168,12 +168,3 @@ def test_masses_that_move_alike_are_named(
     assert faintly in fainter
     assert loud is None or remarks(loud) == ()
     assert lw.discovery.check_discovery(quieted(clean), masses(chain)) == ()
-
-
-@pytest.mark.slow
-def test_what_was_foreseen_stands_with_the_answer(chain: lw.Structure) -> None:
-    two = lw.bnes_chain(2)
-    record = chain_record(2).with_noise(5.0, seed=1000)
-    remarks = lw.discovery.check_discovery(record, masses(two))
-    assert remarks
-    assert set(remarks) <= set(lw.discover(record, masses(two)).remarks)

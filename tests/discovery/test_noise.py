@@ -9,9 +9,10 @@ import pytest
 import scipy.linalg
 from present import present, some
 from problems import chain_record
+from random_signals import differenced
 from scipy.signal import lfilter
 from structures import row_of_masses
-from within import masses
+from within import assert_discovered, masses
 
 import linkwise as lw
 
@@ -30,10 +31,6 @@ def remembering(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     return noise
 
 
-def differenced(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    return np.asarray(np.diff(rng.normal(size=(shape[0] + 1, shape[1])), axis=0) / np.sqrt(2.0))
-
-
 def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.Record:
     """`record` with noise 30 dB below the power of each channel, which it does not state."""
     size = np.sqrt(np.mean(record.values**2, axis=0)) * 10.0**-1.5
@@ -45,13 +42,8 @@ def noisy(record: lw.Record, draw: Callable[..., np.ndarray], seed: int) -> lw.R
 def test_coloured_noise_is_told_from_missing_terms() -> None:
     chain, clean = lw.bnes_chain(2), chain_record(2, duration=3.0)
     discovery = lw.discover(noisy(clean, differenced, 7), masses(chain))
-    assert discovery.trusted and discovery.estimate.model_error == 0.0
-    assert lw.discovery.term_score(discovery.structure, chain).exact
-    assert all(term.certain for term in some(discovery.kept))
-    truth = lw.discovery.align_truth(discovery.structure, chain)
-    for term in some(discovery.kept):
-        true = present(truth.coefficient(term.name).value)
-        assert abs(term.value - true) < 4.0 * term.standard_error  # one in 16 000 normal errors is larger
+    assert_discovered(discovery, chain)
+    assert discovery.estimate.model_error == 0.0 and all(term.certain for term in discovery.kept)
 
 
 def test_the_evidence_counts_how_well_gains_are_known() -> None:
@@ -107,19 +99,9 @@ def load_cell(seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, channels, np.column_stack(noisy), interpolation={"force:m1": "held"})
 
 
-def assert_found(discovery: lw.Discovery) -> None:
-    assert discovery.trusted, discovery
-    assert lw.discovery.term_score(discovery.structure, truth()).exact
-    for parameter in some(discovery.estimate.parameters):
-        coefficient = discovery.estimate.coefficient(parameter.name)
-        true = STIFFNESS if parameter.name.endswith(".k") else DAMPING
-        # five standard errors, which chance exceeds in 6e-7 of estimates
-        assert abs(coefficient.value - true) < 5.0 * float(coefficient.standard_error or 0.0)
-
-
 def test_ambient_vibration_gives_the_structure() -> None:
     discovery = lw.discover(ambient(11), masses(truth()), terms="v, d, d**3", ambient="all")
-    assert_found(discovery)
+    assert_discovered(discovery, truth(), 5.0)
     assert [force.where for force in discovery.estimate.random_forces] == ["m1", "m2"]
     assert any("it is not tested whether terms stand in for a form" in remark for remark in discovery.remarks)
 
@@ -135,7 +117,7 @@ def test_a_discovery_with_an_ambient_force_on_one_of_two_shaken_masses_is_not_tr
 
 def test_noise_of_a_load_cell_gives_no_false_term() -> None:
     discovery = lw.discover(load_cell(12), masses(truth()), input_noise={"force:m1": 0.1})
-    assert_found(discovery)
+    assert_discovered(discovery, truth(), 5.0)
     assert [force.where for force in discovery.estimate.random_forces] == ["force:m1"]
     assert all(term.certain for term in some(discovery.kept))
 

@@ -4,29 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from present import present, some
 from problems import chain_record
 from structures import oscillator
+from within import assert_discovered
 
 import linkwise as lw
 
 MASSES = {"m1": 1.0, "m2": 0.01}
 WIDTH = 0.01  # relative deviation of a calibration
-FAR = 4.0  # standard errors, which chance exceeds once in 16 000
 LATE = 2  # samples
 
 
 def record(seed: int = 1) -> lw.Record:
     return chain_record(2, duration=0.8).with_noise(40.0, seed=seed)
-
-
-def assert_found(discovery: lw.Discovery) -> None:
-    """The chain, trusted, and each value within four standard errors."""
-    chain = lw.bnes_chain(2)
-    assert discovery.trusted and lw.discovery.term_score(discovery.structure, chain).exact
-    truth = lw.discovery.align_truth(discovery.structure, chain)
-    for term in some(discovery.kept):
-        assert abs(term.value - present(truth.coefficient(term.name).value)) < FAR * term.standard_error
 
 
 def changed(x2: np.ndarray) -> lw.Record:
@@ -38,7 +28,7 @@ def changed(x2: np.ndarray) -> lw.Record:
 def test_a_calibration_widens_what_rests_on_it() -> None:
     """beta has the dimension N/m^3: scaled by a gain g of x:m2 it changes by -2 g, so its error is 2 % at least."""
     calibrated = lw.discover(record(), MASSES, calibration={"all": WIDTH})
-    assert_found(calibrated)
+    assert_discovered(calibrated, lw.bnes_chain(2))
     beta = calibrated.estimate.coefficient("m2-m1.k3")
     assert beta.standard_error == pytest.approx(np.sqrt(2.0) * WIDTH * beta.value, rel=0.1)
     without = lw.discover(record(), MASSES).estimate.coefficient("m2-m1.k3")
@@ -48,7 +38,7 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 @pytest.mark.slow
 def test_an_admitted_error_is_found_with_the_structure() -> None:
     discovery = lw.discover(changed(1.1 * record().channel("x:m2")), MASSES, admit=["gain"])
-    assert_found(discovery)
+    assert_discovered(discovery, lw.bnes_chain(2))
     assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
 
 
@@ -66,7 +56,7 @@ def test_a_delay_that_is_named_is_found() -> None:
     late = changed(np.concatenate([np.full(LATE, x[0]), x[:-LATE]]))
     faulty = late.between(0.01, 0.8)  # without the samples that the shift has repeated
     discovery = lw.discover(faulty, MASSES, delays=["x:m2"])
-    assert_found(discovery)
+    assert_discovered(discovery, lw.bnes_chain(2))
     (sentence,) = (
         finding for finding in discovery.estimate.findings if finding.startswith("x:m2 is late by")
     )

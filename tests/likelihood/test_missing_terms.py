@@ -11,7 +11,6 @@ from present import present, some
 from problems import truth
 from random_signals import random_force
 from structures import link, named, oscillator, with_links
-from within import masses
 
 import linkwise as lw
 
@@ -215,13 +214,6 @@ def test_friction_that_a_model_error_hides_takes_trust_away(rough_chain: lw.Reco
     assert fit.diagnosis[0].term == "sign(v)" and fit.diagnosis[0].where == "nes1"
     assert fit.diagnosis[0].size == pytest.approx(FRICTION, rel=0.05)  # linearised at the fit without it
     assert "a force like sign(v) in nes1" in fit.message and "change nes1.c by" in fit.message
-
-
-@pytest.mark.usefixtures("memory_not_sought")
-def test_friction_that_was_not_offered_takes_trust_from_a_discovery(rough_chain: lw.Record) -> None:
-    discovery = lw.discover(rough_chain.with_noise(20.0, seed=1), masses(lw.bnes_chain(2)))
-    assert lw.Verdict.SYSTEMATIC_MISFIT in discovery.verdicts and not discovery.trusted
-    assert discovery.diagnosis[0].term == "sign(v)"
 
 
 def test_forces_that_no_term_explains_remain_a_model_error() -> None:

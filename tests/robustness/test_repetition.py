@@ -38,15 +38,6 @@ def test_a_record_given_twice_is_refused(record: lw.Record) -> None:
         lw.discovery.check_discovery([record, record], MASSES)
 
 
-def test_two_measurements_of_one_test_are_taken(record: lw.Record) -> None:
-    clean = chain_record(2, duration=1.0, rate=500.0)
-    single = lw.identify(record, CHAIN.unknown("nes"))
-    both = lw.identify([record, clean.with_noise(30.0, seed=2)], CHAIN.unknown("nes"))
-    assert both.samples == 2 * single.samples
-    pieces = lw.identify([record[:250], record[250:]], CHAIN.unknown("nes"))
-    assert pieces.samples == single.samples
-
-
 def test_the_same_file_with_with_is_refused(
     record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,7 +6,6 @@ terms that are selected on the same pair join the law of the first of them.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,7 +27,7 @@ from linkwise.expression import Number
 from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, CLOCKS, HARMONICS, INPUT_NOISE
 from linkwise.likelihood.random_forces import Deviations
 from linkwise.likelihood.tests.score_test import CandidateForce
-from linkwise.model.coefficient import Coefficient
+from linkwise.model.coefficient import Coefficient, check_unique
 from linkwise.model.host import Host
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, refuse_memory
@@ -147,11 +146,6 @@ class Candidates:
         ends = [(entry.term.law, *self.pairs[entry.pair].between) for entry in entries]
         return [CandidateForce(index[first], index[second], law) for law, first, second in ends]
 
-    @property
-    def always_tested(self) -> frozenset[str]:
-        """The names of the candidates on the links that were asked for."""
-        return self.on_pairs({k for k, pair in enumerate(self.pairs) if pair.name in self.asked_for})
-
     def asking_for(self, links: Collection[str]) -> Candidates:
         """The candidates with all terms of `links` tested, by their names or ends in either order, of "all" of every link.
 
@@ -172,12 +166,11 @@ class Candidates:
 
         Raises IdentificationError if a mass has no link.
         """
-        by_pair: dict[int, list[CandidateTerm]] = {}
+        by_pair: dict[int, list[CandidateTerm]] = {number: [] for number in range(len(self.pairs))}
         for entry in self.entries:
             if entry.name in chosen:
-                by_pair.setdefault(entry.pair, []).append(entry)
-        every = enumerate(self.pairs)
-        links = [link for number, pair in every for link in _links(pair, by_pair.get(number, ()))]
+                by_pair[entry.pair].append(entry)
+        links = [link for number, added in by_pair.items() for link in _links(self.pairs[number], added)]
         linked = {end for link in links for end in link.between}
         free = [mass.name for mass in self.masses if mass.name not in linked]
         if free:
@@ -209,16 +202,11 @@ class Candidates:
 
     def with_link(self, pair: int, link: Link) -> Candidates:
         """The candidates where a link, its law added to that of the first stated one, is part of a pair, by number."""
-        pairs, given = list(self.pairs), self.pairs[pair]
+        given = self.pairs[pair]
         for first in given.stated[:1]:
             link = _joined(first, link)
-        pairs[pair] = replace(given, stated=(link, *given.stated[1:]))
-        return replace(self, pairs=tuple(pairs))
-
-    @property
-    def without_signals(self) -> Candidates:
-        """The candidates whose terms are functions of the motion alone."""
-        return replace(self, terms=tuple(term for term in self.terms if not term.law.signals))
+        changed = replace(given, stated=(link, *given.stated[1:]))
+        return replace(self, pairs=(*self.pairs[:pair], changed, *self.pairs[pair + 1 :]))
 
     @cached_property
     def full_structure(self) -> Structure:
@@ -272,7 +260,7 @@ def candidates_for(
             f"beside a host the parameters of terms are not found yet: write a number in place of {parameters[0]}, as in "
             "friction(0.01)"
         )
-    _require_single_names(given)
+    check_unique(tuple(mass.name for mass in given), "mass")
     based = base or any(BASE in link.between for link in stated)
     supports = (*((BASE,) if based else ()), *((GROUND,) if grounded else ()))
     pairs = _pairs(given, stated, hosts, supports)
@@ -318,14 +306,6 @@ def _move_alike(hosts: Sequence[Host], first: str, second: str) -> bool:
     """Whether two ends are points of a host that move alike in every mode, so that nothing stretches a link between them."""
     common = (host for host in hosts if {first, second} <= set(host.points))
     return any(host.shape(first) == host.shape(second) for host in common)
-
-
-def _require_single_names(masses: Sequence[Mass]) -> None:
-    """StructureError for a mass that is listed twice."""
-    for name, count in Counter(mass.name for mass in masses).items():
-        if count > 1:
-            times = f"the name is used {count} times"
-            raise StructureError(f"{times}; each mass needs its own", f'mass "{name}"')
 
 
 def _open_terms(pair: Pair, terms: Sequence[Term]) -> list[Term]:

@@ -189,16 +189,12 @@ def _require_force_scale(records: Sequence[Record], structure: Structure, errors
 
     A test of a term is linear, in which the scale could shrink all of them to nothing at the cost of the calibration alone.
     """
-    unknown = unknown_gains(errors)
-    if unknown:
-        require_force_scale(records, structure, unknown)
-    calibrated = errors["calibration"].items()
+    unknown, calibrated = unknown_gains(errors), errors["calibration"].items()
     loose = [name for name, sigma in calibrated if name.startswith("force:") and sigma > _LOOSE]
+    require_force_scale(records, structure, unknown)
     try:
         require_force_scale(records, structure, (*unknown, *loose))
     except IdentificationError:
-        if not loose:
-            raise
         raise IdentificationError(
             f"terms cannot be decided on where a calibration as loose as that of {loose[0]} is all that tells the scale of "
             f"masses and terms: up to {100.0 * _LOOSE:g} % is supported. Discover without it, and identify the structure "

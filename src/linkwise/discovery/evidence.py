@@ -7,6 +7,7 @@ errors beside the terms kept alone are too small. `DroppedTerms` is what those t
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,17 +73,15 @@ class DroppedTerms:
         square = quadratic.h[dropped, dropped]
         scale = 1.0 / np.sqrt(np.where(square > 0.0, square, 1.0))
         left = quadratic.h[np.ix_(dropped, dropped)] - quadratic.h[np.ix_(dropped, inside)] @ follow
-        size, vectors = np.linalg.eigh(left * np.outer(scale, scale))
-        independent = size > _DEPENDENT
-        root = scale[:, None] * vectors[:, independent] / np.sqrt(size[independent])
-        values = root @ (root.T @ (quadratic.g[dropped] - follow.T @ quadratic.g[:count]))
-        moment = np.outer(values, values)
-        if quadratic.scatter is None:
-            moment += root @ root.T
-        else:
+        scaled = np.linalg.pinv(left * np.outer(scale, scale), rcond=_DEPENDENT, hermitian=True)
+        inverse = scaled * np.outer(scale, scale)
+        values = inverse @ (quadratic.g[dropped] - follow.T @ quadratic.g[:count])
+        spread = inverse
+        if quadratic.scatter is not None:
             both = np.concatenate([inside, dropped])
-            influence = root @ (root.T @ np.hstack([-follow.T, np.eye(len(dropped))]))
-            moment += influence @ quadratic.scatter[np.ix_(both, both)] @ influence.T
+            influence = inverse @ np.hstack([-follow.T, np.eye(len(dropped))])
+            spread = influence @ quadratic.scatter[np.ix_(both, both)] @ influence.T
+        moment = np.outer(values, values) + spread
         of_selected = follow @ moment @ follow.T
         return cls(
             names=tuple(quadratic.names[number] for number in dropped),
@@ -221,22 +220,18 @@ def _ambiguous_masses(selection: Selection, checks: DataChecks) -> frozenset[str
     return checks.collinear | (spread - supports)
 
 
-def path_models(selection: Selection) -> list[tuple[list[int], str]]:
-    """Models of all sizes around the selected one, each the best neighbour of the one before, with the step that leads to it.
+def path_models(selection: Selection) -> list[tuple[list[int], int]]:
+    """Models of all sizes around the selected one, each the best neighbour of the one before, with the term that differs.
 
     Up to `_LARGER` terms more, by numbers of coefficients, the smallest first.
     """
     quadratic, inside = selection.quadratic, selection.inside
-    models, current = [(inside, "")], inside
-    while len(current) > 1:
-        terms = np.flatnonzero(quadratic.penalty.pair[current] >= 0)
-        if not len(terms):
-            break
-        z = np.abs(quadratic.solve(current).z)
-        weakest = int(terms[np.argmin(z[terms])])
-        step = f"- {quadratic.names[current[weakest]]}"
-        current = [*current[:weakest], *current[weakest + 1 :]]
-        models.insert(0, (current, step))
+    models, current = [(inside, -1)], inside
+    while len(current) > 1 and np.any(is_term := quadratic.penalty.pair[current] >= 0):
+        z = np.where(is_term, np.abs(quadratic.solve(current).z), np.inf)
+        weakest = current[int(np.argmin(z))]
+        current = [number for number in current if number != weakest]
+        models.insert(0, (current, weakest))
     current = inside
     for _ in range(_LARGER):
         additions = quadratic.additions(current)
@@ -247,48 +242,40 @@ def path_models(selection: Selection) -> list[tuple[list[int], str]]:
         current = sorted([*current, strongest])
         if not quadratic.determines(current):  # but for rounding
             break
-        models.append((current, f"+ {quadratic.names[strongest]}"))
+        models.append((current, strongest))
     return models
 
 
-def path_parabolas(selection: Selection) -> BlockParabolas | None:
-    """The parabolas of blocks of the records in all terms of the `path_models`; None where there are none."""
-    if selection.fit.status is not AnnealingStatus.CONVERGED:
-        return None
-    models = (numbers for numbers, _ in path_models(selection))
-    try:
-        return block_parabolas(selection, sorted(set().union(*models) - set(selection.inside)))
-    except np.linalg.LinAlgError:
-        return None
-
-
-def selection_path(selection: Selection, parabolas: BlockParabolas | None) -> tuple[PathPoint, ...]:
-    """The `path_models`, with what `parabolas` of blocks say of how well each predicts them."""
-    quadratic, models = selection.quadratic, path_models(selection)
+def selection_path(selection: Selection) -> tuple[tuple[PathPoint, ...], BlockParabolas | None]:
+    """The `path_models`, and the parabolas of blocks of the records in all their terms, which say how well each predicts."""
+    quadratic, models, parabolas = selection.quadratic, path_models(selection), None
+    if selection.fit.status is AnnealingStatus.CONVERGED:
+        with suppress(np.linalg.LinAlgError):
+            added = set().union(*(numbers for numbers, _ in models)) - set(selection.inside)
+            parabolas = block_parabolas(selection, sorted(added))
     costs = [quadratic.cost(numbers) for numbers, _ in models]
     selected = quadratic.criterion(selection.inside)
-    number_of = {name: number for number, name in enumerate(quadratic.names)}
     path = []
-    for (numbers, step), cost in zip(models, costs, strict=True):
+    for (numbers, term), cost in zip(models, costs, strict=True):
         prediction, share = Excess(np.nan, np.nan), np.nan
         if parabolas is not None:
             prediction = parabolas.prediction(numbers)
-            term = number_of.get(step[2:], -1)
             if term in selection.unit_shares:
                 share = abs(selection.coefficients[term][0]) * selection.unit_shares[term]
+        chosen, sign = numbers == selection.inside, "+" if term in numbers else "-"
         path.append(
             PathPoint(
                 terms=int(np.sum(quadratic.penalty.pair[numbers] >= 0)),
                 cost=cost - min(costs),
                 criterion=cost + quadratic.penalty.total(numbers) - selected,
-                step=step,
-                chosen=numbers == selection.inside,
+                step="" if chosen else f"{sign} {quadratic.names[term]}",
+                chosen=chosen,
                 prediction=prediction.excess,
                 scatter=prediction.scatter,
                 share=share,
             )
         )
-    return tuple(path)
+    return tuple(path), parabolas
 
 
 def runners_up(selection: Selection) -> tuple[RunnerUp, ...]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import overdispersion
 from linkwise.likelihood.tests.score_test import determinant_slopes
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, ProgressReport
 
 _MOST_STEPS = 1000  # of all fits; a search that takes more creeps from one poor model to the next
 _TIGHT = 1e-4  # model error from which it is looked for where a fit may do without
@@ -160,7 +158,7 @@ def simplest_model(quadratic: QuadraticModel, parabolas: BlockParabolas, inside:
 
 def terms_asked_for(selection: Selection) -> bool:
     """Whether, beside the fit of a simplified `selection`, a term it lacks is beyond doubt, or all measurably predict more."""
-    needless = _needless(selection)
+    needless = [selection.quadratic.names.index(name) for name in selection.needless]
     numbers, _, z = selection.quadratic.additions(selection.inside)
     if np.any(z[np.isin(numbers, needless)] ** 2 - selection.quadratic.penalty.term > CERTAIN):
         return True
@@ -169,11 +167,6 @@ def terms_asked_for(selection: Selection) -> bool:
         return True
     larger = parabolas.prediction([*selection.inside, *needless])
     return larger.excess < -larger.scatter
-
-
-def _needless(selection: Selection) -> list[int]:
-    """The numbers of the terms that the selection was simplified by."""
-    return [number for number, name in enumerate(selection.quadratic.names) if name in selection.needless]
 
 
 @dataclass(eq=False)
@@ -200,11 +193,7 @@ class InexactRounds(Rounds):
         if self.tight is not None:
             looser = _LOOSER * self.tight
             options = replace(options, relaxation=looser, tightest=self.tight, model_error=False)
-        return replace(options, progress=partial(self._counted, options.progress))
-
-    def _counted(self, progress: Progress, report: ProgressReport, /) -> None:
-        self.steps += 1
-        progress(report)
+        return options
 
     def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
         return super().fit(structure, (start[0], None), options)
@@ -226,7 +215,7 @@ class InexactRounds(Rounds):
 
     def changed(self, quadratic: QuadraticModel, inside: list[int], fit: LikelihoodFit) -> list[int]:
         """Once no move gains, the term goes that is worth its penalty least by the scatter of its own scores."""
-        self.relaxation = fit.model_error or None
+        self.relaxation, self.steps = fit.model_error or None, self.steps + len(fit.path)
         after = inside if self.revisits else replace(quadratic, by_blocks=()).best_subset(inside)
         if after != inside:
             return after
@@ -327,7 +316,7 @@ def _held_to_the_laws(search: TermSearch, inexact: Selection) -> Selection | Non
 
     None where that does not predict measurably better, or does not do with fewer terms.
     """
-    own = search.within(search.candidates.on_links_of(inexact.chosen))
+    own = replace(search, tested=search.tested & search.candidates.on_links_of(inexact.chosen))
     tight = _HELD * inexact.fit.model_error
     first = _fit(search, inexact, inexact.fit, tight)
     if not _runs_close(first):
@@ -427,7 +416,8 @@ def choice_remarks(selection: Selection, path: Sequence[PathPoint]) -> Iterator[
         )
     if selection.needless:
         criterion, inside = selection.quadratic.criterion, selection.inside
-        change = criterion([*inside, *_needless(selection)]) - criterion(inside)
+        needless = [selection.quadratic.names.index(name) for name in selection.needless]
+        change = criterion([*inside, *needless]) - criterion(inside)
         yield (
             f"Pieces of the record that were left out are predicted as well without {' and '.join(selection.needless)}, with "
             f"which the criterion would be {abs(change):.3g} {'lower' if change < 0.0 else 'higher'}: the simplest law that "

@@ -16,7 +16,6 @@ from linkwise.discovery.evidence import (
     dropped_terms_remark,
     exchange_remarks,
     opposed_damping,
-    path_parabolas,
     runners_up,
     selection_path,
     term_evidence,
@@ -45,14 +44,6 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict, admit_intervals
 
-_STATED_WRONG = (
-    "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
-    "interval is given. Check the stated value that the findings name, or let it be unknown."
-)
-_OFF_ZERO = (
-    "A zero offset of a sensor would explain the record with fewer terms than were found: no interval is given. Check the "
-    "zero of the channel that the findings name, or let its offset be estimated."
-)
 _NOT_TESTED = (
     "With random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
     "was stated."
@@ -60,26 +51,20 @@ _NOT_TESTED = (
 
 
 class _Rivals(NamedTuple):
-    """What may be there in place of terms: errors of stated values, offsets, other links, forms and origins, or nothing."""
+    """What may be there in place of terms: errors of stated values and zeros, other links, forms and origins, or nothing."""
 
     errors: tuple[Rival, ...] = ()
-    offsets: tuple[Rival, ...] = ()
     links: tuple[Rival, ...] = ()
     forms: tuple[Rival, ...] = ()
     origins: tuple[Rival, ...] = ()
     nothing: tuple[Rival, ...] = ()
-
-    @property
-    def terms(self) -> set[int]:
-        """The terms that may be replaced, by number."""
-        return {k for rival in chain(*self) for k in rival.terms}
 
     def remarks(self, choice: Iterable[str]) -> Iterator[str]:
         """What is said of the first of each kind, beside what is said of the `choice` of terms."""
         yield from _remarks(self.forms)
         yield from choice
         yield from (rival.remark for rival in self.nothing)
-        yield from _remarks((*self.errors, *self.offsets))
+        yield from _remarks(self.errors)
         yield from _remarks(self.links)
         if len(self.links) > NAMED:
             yield f"{len(self.links) - NAMED} more exchanges of a link would cost as little."
@@ -87,9 +72,8 @@ class _Rivals(NamedTuple):
 
     def beside(self, estimate: Estimate) -> Estimate:
         """The estimate without intervals where an error explains more than its terms, else with those that allow for forms."""
-        for rivals, message in ((self.offsets, _OFF_ZERO), (self.errors, _STATED_WRONG)):
-            if any(rival.preferred for rival in rivals):
-                estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
+        for message in [rival.untrusted for rival in self.errors if rival.untrusted][:1]:
+            estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
         for form in self.forms:
             if form.moved is not None:
                 estimate = widened(estimate, np.outer(form.moved, form.moved))
@@ -114,12 +98,22 @@ def judged_discovery(
     dropped = DroppedTerms.of(selection.quadratic, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     told = admit_intervals(estimate.verdicts)
-    tested = (firm := told and selection.settled) and not fit.random_forces
-    rivals = _tested_rivals(selection, estimate, records, frequencies) if tested else _Rivals()
-    if told and candidates.hosts and not tested:
+    firm = told and selection.settled
+    rivals = _Rivals()
+    if firm and not fit.random_forces:
+        rivals = _Rivals(
+            errors=(
+                *frequencies,
+                *rival_errors(selection, estimate.structure),
+                *rival_offsets(selection, records[0].channels),
+            ),
+            links=rival_links(selection),
+            forms=rival_forms(selection),
+        )
+    elif told and candidates.hosts:
         rivals = _Rivals(links=rival_links(selection))
     estimate = rivals.beside(estimate)
-    parabolas = path_parabolas(selection)
+    path, parabolas = selection_path(selection)
     rivals = rivals._replace(
         origins=rival_origins(selection, estimate, records) if screened.integrated else (),
         nothing=terms_without_gain(selection, parabolas, estimate.model_error),
@@ -128,7 +122,6 @@ def judged_discovery(
     doubts = [*_doubts(screened, selection, estimate, rivals.forms, memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in doubts))
     trusted = admit_intervals(verdicts)
-    path = selection_path(selection, parabolas)
     # beside a model error, or where residuals hint at another term, the criterion may keep one whose interval holds zero
     absent = np.abs(estimate.values) <= NORMAL_95 * (alone if selection.is_exact else _errors(estimate))
     discovery = Discovery(
@@ -138,7 +131,10 @@ def judged_discovery(
             np.asarray(estimate.for_dropped_terms).diagonal(),
             trusted=trusted,
             checks=checks,
-            replaceable={*np.flatnonzero(absent).tolist(), *rivals.terms},
+            replaceable={
+                *np.flatnonzero(absent).tolist(),
+                *(k for rival in chain(*rivals) for k in rival.terms),
+            },
         ),
         path=path,
         runners_up=runners_up(selection),
@@ -158,18 +154,6 @@ def judged_discovery(
         untested=tuple(e.name for e in screened.candidates.entries if e.name not in screened.tested),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
-
-
-def _tested_rivals(
-    selection: Selection, estimate: Estimate, records: Sequence[Record], frequencies: Sequence[Rival]
-) -> _Rivals:
-    """The rivals of a settled selection; `frequencies` of hosts explain the records in place of links."""
-    return _Rivals(
-        errors=(*frequencies, *rival_errors(selection, estimate.structure)),
-        offsets=rival_offsets(selection, records[0].channels),
-        links=rival_links(selection),
-        forms=rival_forms(selection),
-    )
 
 
 def _remarks(rivals: Sequence[Rival]) -> tuple[str, ...]:
@@ -197,7 +181,7 @@ def _doubts(
             f"Of the terms of damping in {' and '.join(opposed)} one gives energy that another takes: together they stand in "
             "for a form of damping that was not offered, such as v*abs(v). Offer more forms, or fewer of these.",
         )
-    if exact and any(form.preferred for form in forms):
+    if exact and any(form.moved is not None for form in forms):
         yield (
             Verdict.TERMS_MAY_BE_MISSING,
             "A form of force that was not offered explains the record better than terms that stand in for it.",

@@ -11,6 +11,7 @@ without memory.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,23 +93,20 @@ class _Hypothesis:
         memory = tuple(p.name for p in structure.parameters if p.name not in plain)
         return cls(pair, law, own, chosen & known, structure, memory)
 
-    def ranked(self, records: Sequence[Record]) -> _Hypothesis:
-        """With rough starting values, or with all that smoothed forces give beside hosts; with none where there are none."""
-        try:
+    def started(self, records: Sequence[Record], limit: float | None = None) -> _Hypothesis:
+        """With rough starting values, or with all that smoothed forces give beside hosts; as it is where there are none.
+
+        With the best ones on whole records where the rough ones leave less than a `limit`.
+        """
+        if limit is not None and (self.misfit > limit or self.structure.hosts):
+            return self
+        with suppress(IdentificationError):
+            if limit is not None:
+                return replace(self, valleys=memory_starts(records, self.structure, {})[:1])
             if self.structure.hosts:
                 return replace(self, valleys=host_memory_starts(records, self.structure, {}))
             return replace(self, valleys=(rough_memory_start(records, self.structure),))
-        except IdentificationError:
-            return self
-
-    def refined(self, records: Sequence[Record], limit: float) -> _Hypothesis:
-        """With the best starting values on whole records, where the rough ones leave less than a limit."""
-        if self.misfit > limit or self.structure.hosts:
-            return self
-        try:
-            return replace(self, valleys=memory_starts(records, self.structure, {})[:1])
-        except IdentificationError:
-            return self
+        return self
 
     def fitted(self, records: Sequence[Record]) -> _Hypothesis:
         """With the fit from rough starting values, or from better ones if that ends too early to compare.
@@ -118,7 +116,7 @@ class _Hypothesis:
         rough = replace(self, fit=self._fit())
         if rough.is_exact or (rough.fit is not None and rough.fit.chi_square > _TELLING):
             return rough
-        refined = self.refined(records, np.inf)
+        refined = self.started(records, np.inf)
         return replace(refined, fit=refined._fit())
 
     def _fit(self) -> LikelihoodFit | None:
@@ -198,11 +196,11 @@ def select_memory(
         firsts = {hypothesis.pair: hypothesis for hypothesis in reversed(ranked)}  # the best law of each link
         best_links = [rest for rest in ranked if rest is firsts[rest.pair]][:_LINKS]
         some = [hypothesis for hypothesis in best_links if hypothesis.pair not in settled]
-        fits += [hypothesis.refined(records, limit).fitted(records) for hypothesis in some]
+        fits += [hypothesis.started(records, limit).fitted(records) for hypothesis in some]
         first = min(fits, key=lambda fitted: fitted.rank)
         if first.pair not in settled:
             others = [rest for rest in ranked if rest.pair == first.pair and rest.law != first.law]
-            fits += [hypothesis.refined(records, limit).fitted(records) for hypothesis in others]
+            fits += [hypothesis.started(records, limit).fitted(records) for hypothesis in others]
     best = min(fits, key=lambda fitted: fitted.rank)
     chosen = best.selected()
     if chosen is None or not chosen.is_exact:
@@ -233,7 +231,7 @@ def _ranked(
     except IdentificationError:  # a mass without a link
         return []
     with one_blas_thread():
-        ranked = [hypothesis.ranked(records) for hypothesis in every]
+        ranked = [hypothesis.started(records) for hypothesis in every]
     started = (hypothesis for hypothesis in ranked if np.isfinite(hypothesis.misfit))
     return sorted(started, key=lambda hypothesis: hypothesis.misfit)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import inf, isfinite, isnan, nan
@@ -313,7 +313,7 @@ class Discovery(JudgedView):
         return Grade.worst((self.estimate.grade, *search))
 
     def __str__(self) -> str:
-        return discovery_text(self)
+        return "\n\n".join("\n".join(lines) for lines in _blocks(self))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data: that of the estimate, and the evidence.
@@ -355,23 +355,19 @@ def _as_dict(term: TermEvidence) -> dict[str, Any]:
 Rows = list[tuple[str, ...]]
 
 
-def discovery_text(discovery: Discovery) -> str:
-    """The whole result as text."""
-    return "\n\n".join("\n".join(lines) for lines in _blocks(discovery))
-
-
 def _blocks(discovery: Discovery) -> Iterator[Iterable[str]]:
     """The lines of each part of the text."""
     first, *sentences = headline(discovery)
     yield [first, *map(paragraph, sentences)]
     links = links_by_certainty(discovery)
-    modes = [coefficient for mode in discovery.estimate.modes for coefficient in mode.coefficients]
-    masses = [*mass_rows(discovery), *_unknown_rows(modes)]
+    modes = (coefficient for mode in discovery.estimate.modes for coefficient in mode.coefficients)
+    masses = unknown_rows([*discovery.estimate.masses, *modes])
     terms = [row for link in links for row in term_rows(discovery, link)]
     table = iter(align_columns([TERM_HEAD, *masses, *terms]))
     lines = [next(table), *(next(table) for _ in masses)]
     for link in links[:_LINKS]:
-        lines.append(link_title(discovery, link))
+        title = f"{link.link.name}{doubt_mark(discovery, link)}, {link.kind}: {link.link.law.text}"
+        lines.append(title)
         lines += [next(table) for _ in link.coefficients]
     if len(links) > _LINKS:
         lines.append(f"... and {len(links) - _LINKS} less certain links; the result folder lists all")
@@ -420,13 +416,11 @@ def certainty_sentence(discovery: Discovery) -> str:
     """How many decisions are not certain, in a sentence."""
     if not admit_intervals(discovery.verdicts):
         return "No decision is certain."
-    selected = sum(term.kept for term in discovery.doubtful)
-    dropped = len(discovery.doubtful) - selected
     if not discovery.doubtful:
         return "Every decision is certain."
-    counts = {"the terms kept": selected, "those dropped": dropped}
-    parts = [f"{count} of {terms}" for terms, count in counts.items() if count]
-    return f"In doubt: {' and '.join(parts)}."
+    selected = sum(term.kept for term in discovery.doubtful)
+    counts = {"the terms kept": selected, "those dropped": len(discovery.doubtful) - selected}
+    return f"In doubt: {' and '.join(f'{count} of {terms}' for terms, count in counts.items() if count)}."
 
 
 def links_by_certainty(discovery: Discovery) -> list[LinkEstimate]:
@@ -440,17 +434,7 @@ def doubt_mark(discovery: Discovery, link: LinkEstimate) -> str:
     return "" if certain or not admit_intervals(discovery.verdicts) else " (in doubt)"
 
 
-def link_title(discovery: Discovery, link: LinkEstimate) -> str:
-    """Name, kind and law of a link."""
-    return f"{link.link.name}{doubt_mark(discovery, link)}, {link.kind}: {link.link.law.text}"
-
-
-def mass_rows(discovery: Discovery) -> Rows:
-    """A row for every mass that was unknown."""
-    return _unknown_rows(discovery.estimate.masses)
-
-
-def _unknown_rows(coefficients: Sequence[CoefficientEstimate]) -> Rows:
+def unknown_rows(coefficients: Sequence[CoefficientEstimate]) -> Rows:
     """A row for every mass, or frequency and damping of a mode, that was not known exactly."""
     return [
         (each.name.removesuffix(".mass"), *_term_row(each, None, marked=False)[1:4], "", each.unit)
@@ -522,8 +506,7 @@ def doubtful_rows(discovery: Discovery) -> Rows:
 
 def runner_up_changes(discovery: Discovery) -> list[str]:
     """What the runners-up change, best first, with the functions of terms that no printed law has."""
-    functions = _functions_of_dropped(discovery)
-    return [_with_functions(model.change, functions) for model in discovery.runners_up]
+    return [_with_functions(model.change, discovery) for model in discovery.runners_up]
 
 
 def runner_up_rows(discovery: Discovery) -> Rows:
@@ -540,23 +523,17 @@ def path_rows(discovery: Discovery) -> Rows:
     rows: Rows = [PATH_HEAD]
     if all(isnan(point.prediction) for point in near):
         return rows
-    functions = _functions_of_dropped(discovery)
     for point in near:
         share = format_percent(point.share) if isfinite(point.share) else ""
-        step = _with_functions(point.step, functions)
         figures = rough(point.criterion), rough(point.prediction), rough(point.scatter), share
-        judged = ("selected", "", "", "", "") if point.chosen else (step, *figures)
-        rows.append((str(point.terms), *judged))
+        step = _with_functions(point.step, discovery)
+        rows.append((str(point.terms), *(("selected", *[""] * 4) if point.chosen else (step, *figures))))
     return rows
 
 
-def _functions_of_dropped(discovery: Discovery) -> dict[str, str]:
-    """The functions of d and v of terms that no printed law has, by name."""
-    return {term.name: term.term for term in discovery.terms if not term.kept}
-
-
-def _with_functions(change: str, functions: Mapping[str, str]) -> str:
-    """A change of a model in words, with the functions of the terms that it names."""
+def _with_functions(change: str, discovery: Discovery) -> str:
+    """A change of a model in words, with the functions of the terms that it names and no printed law has."""
+    functions = {term.name: term.term for term in discovery.terms if not term.kept}
     return " ".join(f"{word} ({functions[word]})" if word in functions else word for word in change.split())
 
 
@@ -594,6 +571,8 @@ def memory_sentence(evidence: MemoryEvidence) -> str:
 
 def memory_rows(memory: Sequence[MemoryEvidence]) -> Rows:
     """By how much the criterion rises without memory, with it in another link, and with another law."""
-    margins = [(law.over_none, law.over_links, law.over_laws) for law in memory]
-    shown = [[rough(value, "none tried") for value in over] for over in margins]
-    return [MEMORY_HEAD, *((law.link, law.law, *over) for law, over in zip(memory, shown, strict=True))]
+    rows: Rows = [MEMORY_HEAD]
+    for law in memory:
+        margins = (law.over_none, law.over_links, law.over_laws)
+        rows.append((law.link, law.law, *(rough(value, "none tried") for value in margins)))
+    return rows

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, compress
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -25,10 +25,7 @@ from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.tests.columns import Added, TestedColumns, errors_of_stated_values
-from linkwise.likelihood.tests.score_test import (
-    Hypothesis,
-    local_quadratic,
-)
+from linkwise.likelihood.tests.score_test import Hypothesis, LocalQuadratic, local_quadratic
 from linkwise.model.coefficient import Name
 from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
@@ -44,13 +41,19 @@ _STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raf
 _SAME = 0.05  # of the criterion: rounds to 0.0
 _DROPPED_BESIDE = 2  # more links that an error may make needless with a term
 _CHECK = "check the value, or let it be unknown"
-_STATED = "an error of what is stated"
 _FREQUENCY = "frequency"
+_STATED_WRONG = (
+    "The laws explain the record to within its noise, and an error of what was stated would do so with fewer terms: no "
+    "interval is given. Check the stated value that the findings name, or let it be unknown."
+)
+_OFF_ZERO = (
+    "A zero offset of a sensor would explain the record with fewer terms than were found: no interval is given. Check the "
+    "zero of the channel that the findings name, or let its offset be estimated."
+)
 _CEILING, _STEPS = 1.5, 40  # chi-square and steps at which a fit ends that does not explain the records
 _STIFFNESS = ("d", "d*abs(d)", "d**3", "d**5", "d**2", "d**4")
 _DAMPING = ("v", "sign(v)", "sign(v)*sqrt(abs(v))", "v*abs(v)", "v**3", "v*abs(d)", "v*d**2")
 _SATURATING = (0.2, 0.7)  # times the root mean square rate of a link: where tanh turns
-_VERY_STRONG = 10.0  # of the criterion: "very strong" evidence for the form (Kass and Raftery 1995)
 _MOST_LINKS = 40
 _MOST_OF_A_KIND = 4  # of one kind on a link, of which all subsets are tried
 _MOST_TERMS = 150  # of a selection: exchanges of links in larger ones take longer than their fit
@@ -65,62 +68,55 @@ _ORIGIN = (
 class Rival:
     """What may be there in place of the `terms`, by number, at a criterion that is higher by `excess`; a sentence says it.
 
-    The records have strong evidence for one that is `preferred`. `moved` (p,) is by how much the parameters of the selection
-    would change with it.
+    Where the records have strong evidence for it, `untrusted` says why no interval is given, or `moved` (p,) by how much the
+    parameters of the selection would change with it.
     """
 
     terms: tuple[int, ...]
     excess: float
     remark: str
-    preferred: bool = False
+    untrusted: str = ""
     moved: Floats | None = None
 
 
-def _best_of_terms(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
-    """For each set of terms the best rival, the best of all first."""
-    best: dict[tuple[int, ...], Rival] = {}
-    for rival in sorted(rivals, key=lambda rival: rival.excess):
-        best.setdefault(rival.terms, rival)
-    return tuple(best.values())
+def _best_first(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+    return tuple(sorted(rivals, key=lambda rival: rival.excess))
 
 
-# by kind of error: it in words of its place and size, what to do about it, and what it is an example of
+# by kind of error: it in words of its place and size, and what to do about it
 _ERRORS = {
-    "mass": ("the mass of {} were {} than stated", _CHECK, _STATED),
-    "coefficient": ("{} were {} than stated", _CHECK, _STATED),
-    "frequency": ("the frequency of {} were {} than stated", _CHECK, _STATED),
-    "damping": ("the damping of {} were {} than stated", _CHECK, _STATED),
-    "force gain": ("{} were {} than recorded", "check its calibration", _STATED),
-    "offset": (
-        "{} had a zero offset of {}",
-        "check the zero of the channel, or estimate its offset",
-        "a zero offset of a sensor",
-    ),
+    "mass": ("the mass of {} were {} than stated", _CHECK),
+    "coefficient": ("{} were {} than stated", _CHECK),
+    "frequency": ("the frequency of {} were {} than stated", _CHECK),
+    "damping": ("the damping of {} were {} than stated", _CHECK),
+    "force gain": ("{} were {} than recorded", "check its calibration"),
+    "offset": ("{} had a zero offset of {}", "check the zero of the channel, or estimate its offset"),
     "common offset": (
         "{} were off by {}",
         "check the zeros of the channels, or estimate their offsets and offer no constant force",
-        "a zero offset that all sensors of displacement have in common",
     ),
+}
+# what an error is an example of, if not one of what is stated
+_EXAMPLES = {
+    "offset": "a zero offset of a sensor",
+    "common offset": "a zero offset that all sensors of displacement have in common",
 }
 
 
 def _error(
-    selection: Selection,
-    kind: str,
-    where: str,
-    size: float,
-    terms: tuple[int, ...],
-    excess: float,
-    unit: str = "",
+    selection: Selection, lacking: Hypothesis, size: float, terms: tuple[int, ...], excess: float
 ) -> Rival:
-    """An error of relative `size`, or of a size in a `unit`, beside which the `terms` are not needed."""
-    amount = f"{size:.3g} {unit}" if unit else f"{100.0 * abs(size):.2g} % {'more' if size > 0.0 else 'less'}"
-    phrase, advice, example = _ERRORS[kind]
-    error = phrase.format(where, amount)
+    """An error of a size in its unit, of relative `size` without one, beside which the `terms` are not needed."""
+    relative = f"{100.0 * abs(size):.2g} % {'more' if size > 0.0 else 'less'}"
+    (phrase, advice), example = (
+        _ERRORS[lacking.kind],
+        _EXAMPLES.get(lacking.kind, "an error of what is stated"),
+    )
+    error = phrase.format(lacking.where, f"{size:.3g} {lacking.unit}" if lacking.unit else relative)
     names = " and ".join(selection.quadratic.names[number] for number in terms)
     if excess < -_STRONG:
         remark = f"If {error}, {names} would not be needed and the criterion would be {-excess:.3g} lower: {advice}."
-        return Rival(terms, excess, remark, preferred=True)
+        return Rival(terms, excess, remark, _OFF_ZERO if lacking.kind in _EXAMPLES else _STATED_WRONG)
     change = f"only {excess:.1f} higher" if excess > 0.0 else f"{-excess:.1f} lower"
     remark = (
         f"This record hardly distinguishes {names} from {example}: if "
@@ -139,24 +135,42 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[Rival, ..
 
     `identified` is the structure of the selection with the values of its fit.
     """
-    structure, p = selection.structure, len(selection.inside)
-    unknown = {mass.name for mass in structure.masses if not mass.mass.known}
+    unknown = {mass.name for mass in selection.structure.masses if not mass.mass.known}
     try:
-        hypotheses, local = errors_of_stated_values(selection.fit.optimum, structure, identified)
-        names = [hypothesis.where for hypothesis in hypotheses]
-        model = selection.quadratic_beside(local, [-1] * len(names), names)
-        largest = [_LARGEST_DAMPING if error.kind == "damping" else _LARGEST for error in hypotheses]
-        screened = _may_be_replaced(model, p, np.array(largest))
+        errors, local = errors_of_stated_values(selection.fit.optimum, selection.structure, identified)
+        stated = [error.kind in _ERRORS and error.where not in unknown for error in errors]
+        largest = [_LARGEST_DAMPING if error.kind == "damping" else _LARGEST for error in errors]
+        return _in_place_of_terms(selection, errors, local, np.where(stated, largest, 0.0), selection.inside)
     except np.linalg.LinAlgError:
         return ()
-    return _best_of_terms(
-        _error(selection, error.kind, error.where, size, terms, excess)
-        for number, error in enumerate(hypotheses)
-        if error.kind in _ERRORS and error.where not in unknown
-        for term in np.flatnonzero(screened[:, number]).tolist()
-        for size, terms, excess in _without_term(model, p, p + number, term)
+
+
+def _in_place_of_terms(
+    selection: Selection,
+    errors: Sequence[Hypothesis],
+    local: LocalQuadratic,
+    largest: Floats,
+    terms: Sequence[int],
+) -> tuple[Rival, ...]:
+    """For each set of terms, one of `terms` among them, the best of the errors that replace it, the best set first.
+
+    The columns of the errors follow those of the selection in `local`; their sizes are below `largest` (e,).
+    """
+    p = len(selection.inside)
+    model = selection.quadratic_beside(local, [-1] * len(errors), [error.where for error in errors])
+    screened = _may_be_replaced(model, p, largest)
+    rivals = (
+        _error(selection, error, size, replaced, excess)
+        for number, error in enumerate(errors)
+        for term in terms
+        if screened[term, number]
+        for size, replaced, excess in _without_term(model, p, p + number, term)
         if abs(size) < largest[number]
     )
+    best: dict[tuple[int, ...], Rival] = {}
+    for rival in _best_first(rivals):
+        best.setdefault(rival.terms, rival)
+    return tuple(best.values())
 
 
 def _may_be_replaced(model: QuadraticModel, p: int, largest: Floats) -> Bools:
@@ -214,34 +228,30 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
     p = len(selection.inside)
     constants = [k for k, entry in selection.entries.items() if k < p and entry.term.is_constant]
     shown = [name for name in channels if not name.is_input]
-    tested = [number for number, name in enumerate(shown) if name not in selection.fit.offsets]
-    if not (constants and tested):
+    errors = {
+        Hypothesis("offset", name, unit=unit_in(selection.structure, name)): [number]
+        for number, name in enumerate(shown)
+        if name not in selection.fit.offsets
+    }
+    if not (constants and errors):
         return ()
-    errors: list[tuple[str, str, list[int]]] = [("offset", shown[number], [number]) for number in tested]
-    units = [unit_in(selection.structure, where) for _, where, _ in errors]
-    displacements = [shown[number].kind == "x" for number in tested]
-    if sum(displacements) > 1 and len(set(compress(units, displacements))) == 1:
-        errors.append(("common offset", "all displacements", [*compress(tested, displacements)]))
-        units += [*compress(units, displacements)][:1]
+    displacements = {
+        numbers[0]: error.unit for error, numbers in errors.items() if error.where.startswith("x:")
+    }
+    if len(displacements) > 1 and len(units := {*displacements.values()}) == 1:
+        errors[Hypothesis("common offset", "all displacements", unit=units.pop())] = [*displacements]
     optimum = selection.fit.optimum
     try:
         with one_blas_thread():
             ones = np.ones_like(optimum.misfit.residuals[:, 0])
             columns = TestedColumns.of(
-                Added(Hypothesis(kind, where), samples=[(number, ones) for number in numbers])
-                for kind, where, numbers in errors
+                Added(error, samples=[(number, ones) for number in numbers])
+                for error, numbers in errors.items()
             )
             local = columns.local_quadratic(optimum)
-        names = [f"{kind} of {where}" for kind, where, _ in errors]
-        model = selection.quadratic_beside(local, [-1] * len(names), names)
+        return _in_place_of_terms(selection, [*errors], local, np.full(len(errors), np.inf), constants)
     except np.linalg.LinAlgError:
         return ()
-    return _best_of_terms(
-        _error(selection, kind, where, size, terms, excess, units[column])
-        for term in constants
-        for column, (kind, where, _) in enumerate(errors)
-        for size, terms, excess in _without_term(model, p, p + column, term)
-    )
 
 
 def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, ...]:
@@ -286,7 +296,8 @@ def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, 
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
     changes = {name: float(fit.values[place[name]]) - values[name] for name in modes}
     most = max(modes, key=lambda name: abs(changes[name]) / deviations[place[name]])
-    return (_error(selection, _FREQUENCY, most.owner, changes[most] / values[most], replaced, excess),)
+    error = Hypothesis(_FREQUENCY, most.owner)
+    return (_error(selection, error, changes[most] / values[most], replaced, excess),)
 
 
 def rival_forms(selection: Selection) -> tuple[Rival, ...]:
@@ -298,31 +309,31 @@ def rival_forms(selection: Selection) -> tuple[Rival, ...]:
     It is better, or, of stiffness, explains the records about as well in place of nonlinear terms. A form that would only join
     the terms, however much it gains, says nothing of whether they stand in for another one.
     """
-    p, candidates = len(selection.inside), selection.candidates
-    places = [*_places(selection)][:_MOST_LINKS]
-    rates = link_rates(selection) if places else {}
-    tested = [(place, form) for place in places for form in _forms(selection, place, rates[place.link])]
+    p, pairs = len(selection.inside), selection.candidates.pairs
+    tested = [(place, form) for place in _places(selection) for form in _forms(selection, *place[:2])]
     if not tested:
         return ()
-    entries = [CandidateTerm(form.text, place.pair, form, form) for place, form in tested]
+    entries = [CandidateTerm(form.text, pair, form, form) for (pair, _, _), form in tested]
     try:
-        local = local_quadratic(selection.fit.optimum, candidates.forces(entries, selection.structure))
-        pairs, names = [entry.pair for entry in entries], [entry.name for entry in entries]
-        model = selection.quadratic_beside(local, pairs, names)
+        forces = selection.candidates.forces(entries, selection.structure)
+        local = local_quadratic(selection.fit.optimum, forces)
+        names = [entry.name for entry in entries]
+        model = selection.quadratic_beside(local, [entry.pair for entry in entries], names)
     except np.linalg.LinAlgError:
         return ()
     linear = {k for k, entry in selection.entries.items() if entry.term.text == "d"}
     best: dict[_Place, Rival] = {}
     for number, (place, form) in enumerate(tested, start=p):
-        excesses = _excesses(model, p, place, number)
+        pair, damping, chosen = place
+        excesses = _excesses(model, p, chosen, number, must_damp=damping)
         terms = min(excesses, key=lambda dropped: excesses[dropped], default=())
-        if not (terms and excesses[terms] < -_VERY_STRONG):
-            curved = () if place.damping else [d for d in excesses if d and linear.isdisjoint(d)]
+        if not (terms and excesses[terms] < -CERTAIN):
+            curved = () if damping else [d for d in excesses if d and linear.isdisjoint(d)]
             terms = min(curved, key=lambda dropped: excesses[dropped], default=())
         excess = excesses.get(terms, 0.0)
-        if terms and excess < _VERY_STRONG and (place not in best or excess < best[place].excess):
-            best[place] = _form(model, p, place.link, form, number, terms, excess)
-    return tuple(sorted(best.values(), key=lambda rival: rival.excess))
+        if terms and excess < CERTAIN and (place not in best or excess < best[place].excess):
+            best[place] = _form(model, p, pairs[pair].name, form, number, terms, excess)
+    return _best_first(best.values())
 
 
 def _form(
@@ -330,7 +341,7 @@ def _form(
 ) -> Rival:
     """A form on a link, by number in a model, beside which the `terms` are not needed."""
     names = " and ".join(model.names[k] for k in terms)
-    if excess >= -_VERY_STRONG:
+    if excess >= -CERTAIN:
         remark = (
             f"A force like {form.text} in {link}, which was not offered, explains the record as well as {names} (the "
             f"criterion changes by {excess:+.2g}). A wider range of motion, or less noise, would distinguish them."
@@ -343,30 +354,21 @@ def _form(
     retained = [k for k in range(p) if k not in terms]
     moved = -model.solve(range(p)).values
     moved[retained] += model.solve([*retained, number]).values[:-1]
-    return Rival(terms, excess, remark, preferred=True, moved=moved)
+    return Rival(terms, excess, remark, moved=moved)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """The terms `chosen` of one kind on a link, by number: of stiffness, or of damping."""
-
-    link: str
-    pair: int
-    damping: bool
-    chosen: tuple[int, ...]
+#: A pair, by number, whether damping is meant or stiffness, and the terms chosen of that kind there, by number.
+_Place = tuple[int, bool, tuple[int, ...]]
 
 
-def _places(selection: Selection) -> Iterator[_Place]:
-    by_kind: dict[tuple[int, bool], list[int]] = {}
+def _places(selection: Selection) -> list[_Place]:
+    chosen: dict[tuple[int, bool], tuple[int, ...]] = {}
     for number, entry in selection.entries.items():
-        if number >= len(selection.inside) or entry.offered.parameters:
-            continue
-        if entry.term.elastic or entry.term.is_damping:
-            by_kind.setdefault((entry.pair, entry.term.is_damping), []).append(number)
-    for (number, damping), chosen in by_kind.items():
-        pair = selection.candidates.pairs[number]
-        if not pair.stated and len(chosen) <= _MOST_OF_A_KIND:
-            yield _Place(pair.name, number, damping, tuple(chosen))
+        place, open_ = (entry.pair, entry.term.is_damping), entry.offered.parameters
+        if number < len(selection.inside) and not open_ and (entry.term.elastic or place[1]):
+            chosen[place] = (*chosen.get(place, ()), number)
+    few = [(*place, terms) for place, terms in chosen.items() if len(terms) <= _MOST_OF_A_KIND]
+    return [place for place in few if not selection.candidates.pairs[place[0]].stated][:_MOST_LINKS]
 
 
 def link_rates(selection: Selection) -> dict[str, float]:
@@ -374,26 +376,28 @@ def link_rates(selection: Selection) -> dict[str, float]:
     return {name: float(np.sqrt(np.mean(v**2))) for name, (_, v) in selection.link_motions().items()}
 
 
-def _forms(selection: Selection, place: _Place, rate: float) -> Iterator[Term]:
-    """Forms of a kind that were not offered on a pair, whose rate has this root mean square."""
-    entries = (entry for entry in selection.candidates.entries if entry.pair == place.pair)
-    offered = {entry.term.text.replace(" ", "") for entry in entries}
-    texts = _DAMPING if place.damping else _STIFFNESS
-    if place.damping and rate > 0.0:
-        texts = (*texts, *(f"tanh(v/{part * rate:.2g})" for part in _SATURATING))
-    return (Term(text, "form") for text in texts if text not in offered)
+def _forms(selection: Selection, pair: int, damping: bool) -> Iterator[Term]:
+    """Forms of a kind that were not offered on a pair, by number."""
+    offered = {
+        entry.term.text.replace(" ", "") for entry in selection.candidates.entries if entry.pair == pair
+    }
+    texts = _DAMPING if damping else _STIFFNESS
+    rate = link_rates(selection)[selection.candidates.pairs[pair].name] if damping else 0.0
+    saturating = [f"tanh(v/{part * rate:.2g})" for part in _SATURATING] if rate > 0.0 else []
+    return (Term(text, "form") for text in (*texts, *saturating) if text not in offered)
 
 
-def _excesses(model: QuadraticModel, p: int, place: _Place, form: int) -> dict[tuple[int, ...], float]:
+def _excesses(
+    model: QuadraticModel, p: int, chosen: tuple[int, ...], form: int, *, must_damp: bool
+) -> dict[tuple[int, ...], float]:
     """By how much the criterion is higher with a form, for all choices of terms that give way to it."""
     excesses: dict[tuple[int, ...], float] = {}
     try:
         selected = model.criterion(range(p))
-        for count in range(len(place.chosen) + 1):
-            for dropped in combinations(place.chosen, count):
-                inside = [*(number for number in range(p) if number not in dropped), form]
-                if not place.damping or model.solve(inside).values[-1] > 0.0:
-                    excesses[dropped] = model.criterion(inside) - selected
+        for dropped in chain.from_iterable(combinations(chosen, count) for count in range(len(chosen) + 1)):
+            inside = [*(number for number in range(p) if number not in dropped), form]
+            if not must_damp or model.solve(inside).values[-1] > 0.0:
+                excesses[dropped] = model.criterion(inside) - selected
     except np.linalg.LinAlgError:
         return {}
     return excesses
@@ -439,7 +443,7 @@ def rival_links(selection: Selection) -> tuple[Rival, ...]:
                     "measure points, in which both differ."
                 )
                 exchanges.append(Rival(tuple(own), excess, remark))
-    return tuple(sorted(exchanges, key=lambda exchange: exchange.excess))
+    return _best_first(exchanges)
 
 
 def rival_origins(selection: Selection, estimate: Estimate, records: Sequence[Record]) -> tuple[Rival, ...]:

@@ -117,15 +117,14 @@ def term_score(discovered: Structure, truth: Structure) -> TermScore:
     ('nes1.beta',)
     """
     ours, theirs = _compared(discovered, truth)
-    same = np.array([[_factor(term, true) is not None for true in theirs] for term in ours])
-    same = same.reshape(len(ours), len(theirs))
-    found, right = np.any(same, axis=0).tolist(), np.any(same, axis=1).tolist()
+    right = [term.name for term in ours if any(_factor(term, true) is not None for true in theirs)]
+    missing = [true.name for true in theirs if all(_factor(term, true) is None for term in ours)]
     return TermScore(
-        right=tuple(term.name for term, is_right in zip(ours, right, strict=True) if is_right),
-        missing=tuple(term.name for term, is_found in zip(theirs, found, strict=True) if not is_found),
-        extra=tuple(term.name for term, is_right in zip(ours, right, strict=True) if not is_right),
-        missing_links=_links_elsewhere(truth, {term.ends for term in ours}),
-        extra_links=_links_elsewhere(discovered, {term.ends for term in theirs}),
+        right=tuple(right),
+        missing=tuple(missing),
+        extra=tuple(term.name for term in ours if term.name not in right),
+        missing_links=_links_elsewhere(truth, ours),
+        extra_links=_links_elsewhere(discovered, theirs),
     )
 
 
@@ -237,10 +236,15 @@ def _factor(ours: _ComparedTerm, theirs: _ComparedTerm) -> float | None:
     return factor if factor != 0.0 and error <= tolerance * float(np.abs(theirs.samples).max()) else None
 
 
-def _links_elsewhere(structure: Structure, ends: set[frozenset[str]]) -> tuple[str, ...]:
-    """The names of the links that are between none of the pairs in `ends`; modes are none."""
-    mechanical = (link for link in structure.links if link.name not in structure.modes)
-    return tuple(link.name for link in mechanical if frozenset(link.between) not in ends)
+def _mechanical(structure: Structure) -> list[Link]:
+    """The links that are no modes."""
+    return [link for link in structure.links if link.name not in structure.modes]
+
+
+def _links_elsewhere(structure: Structure, terms: list[_ComparedTerm]) -> tuple[str, ...]:
+    """The names of the links between whose ends there is none of some terms."""
+    ends = {term.ends for term in terms}
+    return tuple(link.name for link in _mechanical(structure) if frozenset(link.between) not in ends)
 
 
 def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTerm], list[_ComparedTerm]]:
@@ -256,9 +260,8 @@ def _compared(discovered: Structure, truth: Structure) -> tuple[list[_ComparedTe
             f"{', '.join(truth.mass_names)}"
         )
     orientation = {frozenset(link.between): link.between for link in discovered.links}
-
-    def terms(structure: Structure) -> list[_ComparedTerm]:
-        mechanical = (link for link in structure.links if link.name not in structure.modes)
-        return [term for link in mechanical for term in _terms(link, orientation) if term.value != 0.0]
-
-    return terms(discovered), terms(truth)
+    ours, theirs = (
+        [term for link in _mechanical(structure) for term in _terms(link, orientation) if term.value != 0.0]
+        for structure in (discovered, truth)
+    )
+    return ours, theirs

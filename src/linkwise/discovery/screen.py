@@ -136,11 +136,6 @@ class WeakRegression:
                 continue
         return None
 
-    def added(self, limit: float) -> list[int]:
-        """The coefficients of a forward selection, by number; none but those that are no candidates if these are dependent."""
-        found = self.least_biased(lambda quadratic: quadratic.forward_selection(self.always, limit))
-        return sorted(self.always) if found is None else found[1]
-
     def significant(self, limit: float) -> list[int]:
         """The coefficients with |z| above `limit` after backward elimination, by number.
 
@@ -327,7 +322,11 @@ def _significant_at(
     with most of them. It does not count then.
     """
     regression = WeakRegression.of(measured, candidates, structure, (number,))
-    added, left = regression.added(_FIRST_LIMIT), regression.significant(_FIRST_LIMIT)
+    found = regression.least_biased(
+        lambda quadratic: quadratic.forward_selection(regression.always, _FIRST_LIMIT)
+    )
+    added = regression.always if found is None else found[1]
+    left = regression.significant(_FIRST_LIMIT)
     chosen = {*added, *(left if len(left) <= _MOST_LEFT * len(added) + _FEW else ())}
     return {regression.names[k] for k in chosen} & candidates.by_name.keys()
 

@@ -50,12 +50,11 @@ def _inactive_terms(measured: Measured, candidates: Candidates) -> tuple[str, ..
         for record, motion in measured:
             ends = candidates.rows(entry.pair)
             d = np.subtract(*motion.displacements[ends])
-            missing = np.zeros(len(d), dtype=bool)
-            if motion.missing is not None:
-                for end in (end for end in ends if end < len(motion.missing)):
-                    missing |= motion.missing[end]
+            absent = (
+                () if motion.missing is None else motion.missing[[k for k in ends if k < len(motion.missing)]]
+            )
             force = np.broadcast_to(entry.term.law.force(d, np.gradient(d) * record.rate, {}), d.shape)
-            count += int(np.count_nonzero(force[~missing]))
+            count += int(np.count_nonzero(force[~np.any(absent, axis=0)]))
         return count
 
     laws = ((entry, entry.term.law) for entry in candidates.entries)
@@ -230,7 +229,8 @@ class ScreenedRecords:
         cls, records: Sequence[Record], candidates: Candidates, progress: Progress
     ) -> ScreenedRecords:
         """The screen without hosts, of records at one rate."""
-        whole, candidates = candidates, candidates.without_signals
+        whole = candidates
+        candidates = replace(whole, terms=tuple(term for term in whole.terms if not term.law.signals))
         displaced = [with_displacements(record, candidates.masses) for record in records]
         integrated = any(ours is not given for ours, given in zip(displaced, records, strict=True))
         measured = [read_densely(record, candidates.full_structure) for record in displaced]
@@ -239,7 +239,9 @@ class ScreenedRecords:
         inactive = _inactive_terms(measured, candidates)
         candidates = replace(candidates, inactive=frozenset(inactive))
         first, tested = screen(measured, candidates, progress)
-        tested |= candidates.always_tested
+        tested |= candidates.on_pairs(
+            {k for k, p in enumerate(candidates.pairs) if p.name in candidates.asked_for}
+        )
         if integrated:
             tree = tree_of_forces(records, candidates) or most_significant_tree(measured, candidates)
             first = tree or first

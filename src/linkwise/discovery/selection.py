@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -71,11 +72,6 @@ class Selection:
         return dict(zip(numbers, zip(values, z, strict=True), strict=True))
 
     @property
-    def converged(self) -> bool:
-        """Whether the fit converged at a q for which the local quadratic model is exact."""
-        return _converged(self.fit)
-
-    @property
     def interrupted(self) -> bool:
         """Whether the user stopped the fit."""
         return self.fit.status is AnnealingStatus.INTERRUPTED
@@ -113,9 +109,8 @@ class Selection:
 
     def criterion(self, noise: Floats) -> float:
         """Cost with a `noise` (C,) plus penalty; infinite if the fit did not converge."""
-        if not self.converged:
-            return np.inf
-        return cost_of(self.fit, noise) + self.quadratic.penalty.total(self.inside)
+        total = cost_of(self.fit, noise) + self.quadratic.penalty.total(self.inside)
+        return total if _converged(self.fit) else np.inf
 
     @cached_property
     @np.errstate(over="ignore", invalid="ignore")  # a term may be infinite somewhere
@@ -163,7 +158,7 @@ def best_of(selections: Sequence[Selection]) -> Selection:
     All are compared at the same noise, the least that any of them found: residuals are no less than noise, whatever the laws.
     Where none converged at a tight q, it is the first that converged at all, else the first.
     """
-    converged = [selection for selection in selections if selection.converged]
+    converged = [selection for selection in selections if _converged(selection.fit)]
     if converged:
         noise = np.min([selection.noise for selection in converged], axis=0)
         return min(converged, key=lambda selection: selection.criterion(noise))
@@ -172,6 +167,7 @@ def best_of(selections: Sequence[Selection]) -> Selection:
 
 
 def _converged(fit: LikelihoodFit) -> bool:
+    """Whether a fit converged at a q for which the local quadratic model is exact."""
     tight = fit.optimum.q <= _TIGHT or bool(fit.random_forces)  # beside which the flow is tight enough
     return fit.status is AnnealingStatus.CONVERGED and tight
 
@@ -199,10 +195,6 @@ class TermSearch:
     progress: Progress
     sensors: LikelihoodOptions
     restarts: bool = False
-
-    def within(self, names: Collection[str]) -> TermSearch:
-        """The same search among the candidates `names` only."""
-        return replace(self, tested=self.tested & frozenset(names))
 
     def starting_at(self, structure: Structure, values: Floats, spread: Floats | None = None) -> TermSearch:
         """The search that starts from values (p,) and deviations (p,) of `structure`; other parameters have their own."""
@@ -237,19 +229,6 @@ class TermSearch:
         """The candidates tested beside the `chosen` ones."""
         return [entry for entry in self.candidates.entries if entry.name in self.tested - chosen]
 
-    @cached_property
-    def samples(self) -> int:
-        """The number of samples of all records."""
-        return sum(int(np.isfinite(record.select(record.responses).values).sum()) for record in self.records)
-
-    def local_model(self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]) -> QuadraticModel:
-        """The criterion about the fit in its parameters and, after them, the other candidates tested."""
-        added = self.added(chosen)
-        local = local_quadratic(fit.optimum, self.candidates.forces(added, structure))
-        names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
-        penalty = Penalty.of(self.candidates, names, self.samples)
-        return QuadraticModel(names, local.curvature, local.slope, penalty, local.scatter)
-
 
 @dataclass(eq=False)
 class Rounds:
@@ -271,8 +250,14 @@ class Rounds:
         return likelihood_fit(self.search.records, structure, theta, spread=spread, options=options)
 
     def model(self, fit: LikelihoodFit, structure: Structure, chosen: frozenset[str]) -> QuadraticModel:
-        """The criterion about the fit."""
-        return self.search.local_model(fit, structure, chosen)
+        """The criterion about the fit in its parameters and, after them, the other candidates tested."""
+        added, candidates = self.search.added(chosen), self.search.candidates
+        local = local_quadratic(fit.optimum, candidates.forces(added, structure))
+        names = (*(p.name for p in structure.parameters), *(entry.name for entry in added))
+        shown = (record.select(record.responses).values for record in self.search.records)
+        samples = sum(int(np.isfinite(values).sum()) for values in shown)
+        penalty = Penalty.of(candidates, names, samples)
+        return QuadraticModel(names, local.curvature, local.slope, penalty, local.scatter)
 
     def changed(self, quadratic: QuadraticModel, inside: list[int], fit: LikelihoodFit) -> list[int]:
         """The subset that the criterion prefers, by number."""
@@ -331,20 +316,15 @@ class ExactRounds(Rounds):
     def fit(self, structure: Structure, start: Start, options: LikelihoodOptions) -> LikelihoodFit:
         return self.search.fit(structure, start, options)
 
-    def changed(self, quadratic: QuadraticModel, inside: list[int], fit: LikelihoodFit) -> list[int]:
-        """Where the model only ranks the next terms, single moves first."""
-        after = quadratic.local_search(inside) if fit.optimum.q > _TIGHT else inside
-        return quadratic.best_subset(inside) if after == inside else after
-
     def ends(self, fit: LikelihoodFit) -> bool:
         return fit.status is AnnealingStatus.INTERRUPTED
 
-    def best(self, chosen: frozenset[str], number: int = 1, known: LikelihoodFit | None = None) -> Selection:
+    def best(self, chosen: frozenset[str], known: LikelihoodFit | None = None) -> Selection:
         """The subset that no candidate tested improves, else the best visited.
 
         The motion may run away from where a round led, or the fit to where the record says nothing of a parameter.
         """
-        selections, error = self.select(chosen, number, known=known)
+        selections, error = self.select(chosen, known=known)
         if not selections:
             if isinstance(error, IdentificationError):
                 raise error
@@ -358,37 +338,19 @@ class ExactRounds(Rounds):
 def select_structure(search: TermSearch, chosen: Collection[str]) -> Selection:
     """The subset, searched from `chosen`, that no candidate tested improves.
 
-    If it has links that `chosen` had not, the best subset on the links of `chosen` alone is searched as well, and the better
-    of both is taken: terms on false links may substitute for a term that the local model did not show. If the rounds run out,
-    or the search returns to a subset that it had left, `settled` is False and the result the best subset visited. Beside hosts
-    the search begins with the stated links alone where these leave only noise: a screen without displacements may take others
-    for them.
+    If the rounds run out, or the search returns to a subset that it had left, `settled` is False and the result the best
+    subset visited. Beside hosts the search begins with the stated links alone where these leave only noise: a screen without
+    displacements may take others for them.
     """
-    rounds = ExactRounds(search)
-    stated = _fit_of_stated_links(rounds)
-    if stated is not None and (leaves_only_noise(stated) or stated.status is AnnealingStatus.INTERRUPTED):
+    rounds, candidates, stated = ExactRounds(search), search.candidates, None
+    if candidates.hosts and any(pair.stated for pair in candidates.pairs):
+        # a mass may be without a link, or the motion run away
+        with suppress(IdentificationError, np.linalg.LinAlgError):
+            structure = candidates.structure(())
+            stated = rounds.fit(structure, search.start(structure), rounds.options(1, None))
+    if stated and (leaves_only_noise(stated) or stated.status is AnnealingStatus.INTERRUPTED):
         return rounds.best(frozenset(), known=stated)
-    first = rounds.best(frozenset(chosen))
-    own = search.candidates.on_links_of(chosen)
-    if first.interrupted or first.chosen <= own:
-        return first
-    second = ExactRounds(search.within(own)).best(own & search.tested, first.rounds + 1)
-    if second.interrupted or best_of([first, second]) is first:
-        return replace(first, rounds=second.rounds)
-    return replace(second, quadratic=search.local_model(second.fit, second.structure, second.chosen))
-
-
-def _fit_of_stated_links(rounds: ExactRounds) -> LikelihoodFit | None:
-    """The fit of the stated links of a structure with hosts; None where there are none, or they cannot be fitted alone."""
-    candidates = rounds.search.candidates
-    if not (candidates.hosts and any(pair.stated for pair in candidates.pairs)):
-        return None
-    try:
-        structure = candidates.structure(())
-        return rounds.fit(structure, rounds.search.start(structure), rounds.options(1, None))
-    # a mass without a link, or laws with which the motion runs away
-    except (IdentificationError, np.linalg.LinAlgError):
-        return None
+    return rounds.best(frozenset(chosen))
 
 
 def starts_of(

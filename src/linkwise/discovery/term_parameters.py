@@ -7,7 +7,7 @@ one value after another.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,7 +125,8 @@ def _freed(search: TermSearch, selection: Selection) -> tuple[TermSearch, Select
     """
     tried: set[str] = set()
     while left := (_open_terms(search.candidates) & selection.chosen) - search.candidates.free - tried:
-        strongest = _strongest(selection, left)
+        z = {entry.name: abs(selection.coefficients[k][1]) for k, entry in selection.entries.items()}
+        strongest = max(sorted(left), key=z.__getitem__)
         tried.add(strongest)
         deviations = np.sqrt(np.maximum(selection.fit.covariance.diagonal(), 0.0))
         free = search.candidates.free | {strongest}
@@ -137,21 +138,11 @@ def _freed(search: TermSearch, selection: Selection) -> tuple[TermSearch, Select
                 continue
             if fitted.interrupted:
                 return freed, fitted
-            if _explains_as_much(fitted, selection):
+            exact = fitted.is_exact and fitted.fit.chi_square < selection.fit.chi_square + _ROUNDING
+            if exact or _is_better(fitted, selection):
                 search, selection = freed, fitted
                 break
     return search, selection
-
-
-def _explains_as_much(trial: Selection, selection: Selection) -> bool:
-    exact = trial.is_exact and trial.fit.chi_square < selection.fit.chi_square + _ROUNDING
-    return exact or _is_better(trial, selection)
-
-
-def _strongest(selection: Selection, names: Collection[str]) -> str:
-    """Of some candidates that were chosen the one with the largest z score."""
-    number = {name: k for k, name in enumerate(selection.quadratic.names)}
-    return max(sorted(names), key=lambda name: abs(selection.coefficients[number[name]][1]))
 
 
 def _freed_at_once(search: TermSearch, chosen: frozenset[str]) -> tuple[TermSearch, Selection]:

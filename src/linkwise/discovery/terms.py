@@ -31,6 +31,7 @@ _SAMPLES = 200  # points (d, v) at which terms are compared: more than any list 
 _LARGEST = 1e100  # points at which a term, such as an exponential, is larger are not compared
 _DEPENDENT = 1e-9  # of a term's norm: a residual below it is rounding
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+_VALUE = re.compile(r"\b[dv]_\w")  # in the terms of a family
 _POWER = re.compile(r"([dv])\*\*(\d+)")
 _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc"}
 
@@ -39,16 +40,15 @@ _COEFFICIENTS = {"v": "c", "d": "k", "v*abs(v)": "c2", "1": "f0", "sign(v)": "fc
 class TermFamily:
     """What a name in a list of terms stands for.
 
-    `terms` is the list; {} in it is the number given in brackets. `argument` says what that number is, and `symbol` stands for
-    it in a list of all families. `opened` is the list without a number: a name stands for a value that the discovery finds.
-    `meaning` is for those who do not read it in the terms.
+    `terms` is the list, in which names such as v_f stand for values that the discovery finds, or for the number that is given
+    in brackets. `argument` says what that is, and `symbol` stands for it in a list of all families. `meaning` is for those who
+    do not read it in the terms.
     """
 
     terms: str
     meaning: str = ""
     argument: str = ""
     symbol: str = ""
-    opened: str = ""
 
 
 FAMILIES: Registry[TermFamily] = Registry(
@@ -60,32 +60,28 @@ FAMILIES: Registry[TermFamily] = Registry(
         "quintic": TermFamily("v, d, d**2, d**3, d**4, d**5"),
         "quadratic-damping": TermFamily("v*abs(v)"),
         "friction": TermFamily(
-            "tanh(v/{})",
+            "tanh(v/v_f)",
             "dry friction that saturates at S m/s",
             argument="the rate in m/s at which it saturates",
             symbol="S",
-            opened="tanh(v/v_f)",
         ),
         "stribeck": TermFamily(
-            "exp(-(v/{})**2)*sign(v)",
+            "exp(-(v/v_s)**2)*sign(v)",
             "friction that falls with the rate over S m/s",
             argument="the rate in m/s beyond which the added friction vanishes",
             symbol="S",
-            opened="exp(-(v/v_s)**2)*sign(v)",
         ),
         "contact": TermFamily(  # both signs, since the user does not choose which end comes first
-            "max(d - {}, 0), min(d + {}, 0)",
+            "max(d - d_c, 0), min(d + d_t, 0)",
             "one-sided stops at G m, either way",
             argument="the elongation in m, of either sign, at which it closes",
             symbol="G",
-            opened="max(d - d_c, 0), min(d + d_t, 0)",
         ),
         "gap": TermFamily(
-            "max(d - {}, 0) + min(d + {}, 0)",
+            "max(d - d_g, 0) + min(d + d_g, 0)",
             "a stop at G m on either side",
             argument="the elongation in m at which either side closes",
             symbol="G",
-            opened="max(d - d_g, 0) + min(d + d_g, 0)",
         ),
     },
     IdentificationError,
@@ -98,7 +94,7 @@ def listed_families() -> list[str]:
     heads = [f"{name}({family.symbol})" if family.symbol else name for name, family in FAMILIES.items()]
     width = max(map(len, heads))
     return [
-        f"{head:{width}s}  {family.terms.replace('{}', family.symbol)}{family.meaning and f', {family.meaning}'}"
+        f"{head:{width}s}  {_VALUE.sub(family.symbol, family.terms)}{family.meaning and f', {family.meaning}'}"
         for head, family in zip(heads, FAMILIES.values(), strict=True)
     ]
 
@@ -113,17 +109,15 @@ def family_terms(text: str) -> str | None:
     if name not in FAMILIES:
         return None
     family = FAMILIES[name]
-    if family.opened and not bracket:
-        return family.opened
-    if not family.argument:
-        if bracket:
-            raise IdentificationError(f"the family {name} takes no argument; got {text!r}")
+    if not bracket:
         return family.terms
+    if not family.argument:
+        raise IdentificationError(f"the family {name} takes no argument; got {text!r}")
     if not rest.endswith(")") or not _is_positive(number):
         raise IdentificationError(
             f"the family {name} takes {family.argument}, a positive number in brackets, as in {name}(0.01); got {text!r}"
         )
-    return family.terms.format(*[number] * family.terms.count("{}"))
+    return _VALUE.sub(number, family.terms)
 
 
 def _is_positive(text: str) -> bool:
@@ -163,7 +157,8 @@ def names_memory(text: str) -> bool:
 def plain_terms(name: str) -> list[str]:
     """The functions of d and v beside the states in a named law: "d" and "v" of "bouc-wen"."""
     law = named_law(name)
-    matches = (_TERM.fullmatch(summand) for summand in _summands(law.law) if not _remembers(summand, law))
+    summands = _split(law.law, " + ")
+    matches = (_TERM.fullmatch(summand) for summand in summands if not _remembers(summand, law))
     return [match[1] for match in matches if match is not None]
 
 
@@ -173,7 +168,7 @@ def link_with_memory(name: str, between: tuple[str, str], law: str, reserved: Co
     Coefficients are unknown, and have other names where theirs are `reserved`.
     """
     named = named_law(law)
-    text = " + ".join(summand for summand in _summands(named.law) if _remembers(summand, named))
+    text = " + ".join(summand for summand in _split(named.law, " + ") if _remembers(summand, named))
     state = next(iter(named.states))
     coefficients = Law.parse(text, named.states).coefficients
     renamed = {old: f"{old}_{state}" for old in coefficients if old in reserved}
@@ -194,11 +189,6 @@ def _with_names(text: str, names: Mapping[str, str]) -> str:
 
 def _remembers(summand: str, law: NamedLaw) -> bool:
     return not set(symbols(Law.parse(summand).expression)).isdisjoint(law.states)
-
-
-def _summands(text: str) -> list[str]:
-    """The summands of a law, without the brackets of others."""
-    return _split(text, " + ")
 
 
 @dataclass(frozen=True)

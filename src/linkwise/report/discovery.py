@@ -23,12 +23,12 @@ from linkwise.discovery.result import (
     doubtful_title,
     headline,
     links_by_certainty,
-    mass_rows,
     memory_rows,
     memory_sentence,
     path_rows,
     runner_up_rows,
     term_rows,
+    unknown_rows,
 )
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.estimates.estimate import Estimate
@@ -155,7 +155,7 @@ def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]
 
 def _rows(discovery: Discovery) -> list[tuple[str, ...]]:
     """A row for every mass that was unknown and every term; the first of a link names the link."""
-    rows = [("", "", "mass", *row) for row in mass_rows(discovery)]
+    rows = [("", "", "mass", *row) for row in unknown_rows(discovery.estimate.masses)]
     for link in links_by_certainty(discovery):
         title = (f"{link.link.name}{doubt_mark(discovery, link)}", " – ".join(link.link.between), link.kind)
         for number, row in enumerate(term_rows(discovery, link)):
