@@ -8,7 +8,7 @@ from linkwise.discovery.result import Discovery
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
-from linkwise.identification.force_error import nmse
+from linkwise.identification.identify import nmse
 from linkwise.model.structure import Link, Structure
 from linkwise.records.record import Record
 

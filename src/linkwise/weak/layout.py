@@ -34,8 +34,7 @@ from linkwise.expression import (
 )
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import Link
-from linkwise.model.structure import Structure
-from linkwise.model.topology import Weights
+from linkwise.model.structure import Structure, Weights
 from linkwise.weak.displacements import MeasuredDisplacements
 from linkwise.weak.weak_form import (
     PHI,
