@@ -128,15 +128,39 @@ def _rivals(first: Cause, second: Cause) -> bool:
     return second.kind in kinds and second.gain > first.gain - _DISTINCT
 
 
+Answered = Callable[[Structure, LikelihoodOptions, Sequence[Record]], Estimate]
+
+
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A structure, options and records with what was `added` to those stated, and the answer to them."""
+    """A structure, options and records with what was `added` to those stated, the `answer` to them, and what gives it."""
 
+    answered: Answered
     structure: Structure
     options: LikelihoodOptions
     records: Sequence[Record]
-    added: tuple[Cause, ...]
     answer: Estimate
+    added: tuple[Cause, ...] = ()
+
+    def beside(
+        self,
+        *causes: Cause,
+        structure: Structure | None = None,
+        options: LikelihoodOptions | None = None,
+        records: Sequence[Record] | None = None,
+    ) -> _Model | None:
+        """The model in which `causes` are taken into one of these; None where they are not told from what is there."""
+        asked = structure or self.structure, options or self.options, records or self.records
+        try:
+            answer = self.answered(*asked)
+        except (IdentificationError, np.linalg.LinAlgError):
+            return None
+        return _Model(self.answered, *asked, answer, (*self.added, *causes))
+
+    @property
+    def reported(self) -> Estimate:
+        """Its answer, with the sizes of what was added as they were found."""
+        return replace(self.answer, added=_as_found(self.added, self.answer))
 
     @property
     def is_explained(self) -> bool:
@@ -167,9 +191,6 @@ class _Model:
         return (self.answer.chi_square_per_sample or 0.0) * self.answer.samples
 
 
-Answered = Callable[[Structure, LikelihoodOptions, Sequence[Record]], Estimate]
-
-
 def explained_answer(
     stated: Estimate,
     answered: Answered,
@@ -181,35 +202,71 @@ def explained_answer(
 
     The latter two where they leave nothing but noise. `answered` gives the answer to a structure by some options from records.
     """
-    first = last = _Model(structure, options, records, (), stated)
+    first = _Model(answered, structure, options, records, stated)
     if first.is_explained:
         return stated
-    for beside_record in (_beside_alerts, _beside_channel):
-        if not last.is_explained and (beside := beside_record(answered, first)) is not None:
-            last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
-    if not last.is_explained and stated.fit_verdicts[0] is Verdict.NOT_CONVERGED:
+    settled = stated.fit_verdicts[0] is not Verdict.NOT_CONVERGED
+    for rung in LADDER:
+        found = rung(first) if settled or rung in (_by_alerts, _by_channel) else None
+        if found is not None and found.is_explained:
+            break
+        if found is not None and found.is_nearly_explained and stated.grade is Grade.REFUSED:
+            return found.reported
+    else:
         return stated
-    if not last.is_explained and (slipped := _beside_slip(answered, first)) is not None:
-        rival = explained(first, partial(_beside_error, answered, first), 1 if _is_clock(first) else 0)
-        last = rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
-    if last.is_explained and any(cause.kind == "swapped" for cause in last.added):
-        rival = explained(
-            first, partial(_beside_cause, answered), 1
-        )  # a term may stand for masses that are alike
-        last = first if rival.is_explained else last
-    if not last.is_explained:
-        last = explained(first, partial(_beside_error, answered, first), _ERRORS)
-    if last.is_nearly_explained and stated.grade is Grade.REFUSED:
-        return replace(last.answer, added=_as_found(last.added, last.answer))
-    if not last.is_explained:
-        bar = part(options.progress, 1.0, 1.0)  # the search itself is done
-        first = replace(first, options=replace(options, progress=bar, steps=_STEPS))
-        last = explained(first, partial(_beside_cause, answered), _TERMS)
-    if not last.is_explained:
-        return stated
-    answer = replace(last.answer, added=_as_found(last.added, last.answer))
-    as_stated = all(cause.is_instrument and cause.kind not in (*FREED, "force gain") for cause in last.added)
+    answer = found.reported
+    as_stated = all(
+        cause.is_instrument and cause.kind not in (*FREED, "force gain") for cause in answer.added
+    )
     return answer if as_stated else replace(stated, alternative=answer)
+
+
+def _by_alerts(first: _Model) -> _Model | None:
+    """Clipped samples, spikes and hums that the records show by themselves, and errors of sensors and inputs beside them."""
+    beside = _beside_alerts(first)
+    return None if beside is None else _with_errors(beside)
+
+
+def _by_channel(first: _Model) -> _Model | None:
+    """Another sign, unit, place or reference of a channel, or a high pass, and errors of sensors and inputs beside it."""
+    beside = _beside_channel(first)
+    last = None if beside is None else _with_errors(beside)
+    if last is not None and last.is_explained and any(cause.kind == "swapped" for cause in last.added):
+        rival = explained(first, _beside_cause, 1)  # a term may stand for masses that are alike
+        return None if rival.is_explained else last
+    return last
+
+
+def _by_slip(first: _Model) -> _Model | None:
+    """Samples that one channel lost or doubled, or the clock that looks like them where that leaves less."""
+    slipped = _beside_slip(first)
+    if slipped is None or not any(cause.kind == CLOCK for cause in first.answer.diagnosis[:1]):
+        return slipped
+    rival = _with_errors(first, most=1)
+    return rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
+
+
+def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
+    """Noise of inputs, and errors of sensors and inputs that the diagnosis names first, one after another."""
+    return explained(first, partial(_beside_error, first), most)
+
+
+def _by_causes(first: _Model) -> _Model | None:
+    """Terms and links that laws lack, masses and scales of which one is off: a second answer."""
+    bar = part(first.options.progress, 1.0, 1.0)  # the search itself is done
+    return explained(
+        replace(first, options=replace(first.options, progress=bar, steps=_STEPS)), _beside_cause, _TERMS
+    )
+
+
+LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
+    _by_alerts,
+    _by_channel,
+    _by_slip,
+    _with_errors,
+    _by_causes,
+)
+"""What is tried in turn where laws as stated leave more than noise; of a search that does not converge the first two."""
 
 
 def beside_exchange(
@@ -245,8 +302,8 @@ def beside_exchange(
         raise refusal
     exchanged = [corrected(record, error) for record in records]
     try:
-        beside = _Model(structure, options, exchanged, (error,), answered(structure, options, exchanged))
-        last = explained(beside, partial(_beside_error, answered, beside), _ERRORS)
+        answer = answered(structure, options, exchanged)
+        last = _with_errors(_Model(answered, structure, options, exchanged, answer, (error,)))
     except IdentificationError:
         last = None
     if last is None or not last.is_explained:
@@ -254,10 +311,10 @@ def beside_exchange(
             f"{refusal}; without {error.description} the equations of motion leave far less of the record, and more is off "
             "beside it: mend that first"
         ) from refusal
-    return replace(last.answer, added=_as_found(last.added, last.answer))
+    return last.reported
 
 
-def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
+def _beside_channel(model: _Model) -> _Model | None:
     """The model with a high pass that is all that is off, or from records with another sign, unit or place of a channel; None
     where none explains by far most.
     """
@@ -266,35 +323,26 @@ def _beside_channel(answered: Answered, model: _Model) -> _Model | None:
     if error is None:
         return None
     if error.kind in EXCHANGES:
-        exchanged = [corrected(record, error) for record in model.records]
-        return _refitted(
-            answered, replace(model, records=exchanged), model.structure, model.options, (error,)
-        )
-    beside = with_error(model.options, error, model.records[0])
-    passed = None if beside is None else _refitted(answered, model, model.structure, beside, (error,))
+        return model.beside(error, records=[corrected(record, error) for record in model.records])
+    options = with_error(model.options, error, model.records[0])
+    passed = None if options is None else model.beside(error, options=options)
     return passed if passed is not None and (passed.is_explained or passed.is_nearly_explained) else None
 
 
-def _is_clock(model: _Model) -> bool:
-    return any(cause.kind == CLOCK for cause in model.answer.diagnosis[:1])
-
-
-def _beside_slip(answered: Answered, model: _Model) -> _Model | None:
+def _beside_slip(model: _Model) -> _Model | None:
     """The model from the record without the samples that a channel lost or doubled; None where that leaves more than noise."""
     if len(model.records) > 1 or not model.answer.diagnosis:
         return None
     names = (parameter.name for parameter in model.answer.parameters)
     values = dict(zip(names, model.answer.values.tolist(), strict=True))
     for cause, record in slips(model.records[0], model.structure, values):
-        beside = _refitted(
-            answered, replace(model, records=[record]), model.structure, model.options, (cause,)
-        )
+        beside = model.beside(cause, records=[record])
         if beside is not None and beside.is_explained:
             return beside
     return None
 
 
-def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
+def _beside_alerts(model: _Model) -> _Model | None:
     """The model without what its records show by themselves: readings at an end of a range are bounds, spikes are missing, and
     hums of sensors unknown; None where they show nothing of that.
     """
@@ -314,10 +362,10 @@ def _beside_alerts(answered: Answered, model: _Model) -> _Model | None:
     if not causes:
         return None
     options = replace(model.options, hums={**model.options.hums, **lines})
-    return _refitted(answered, replace(model, records=records), model.structure, options, tuple(causes))
+    return model.beside(*causes, options=options, records=records)
 
 
-def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | None:
+def _beside_error(first: _Model, model: _Model) -> _Model | None:
     """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first."""
     if model.is_explained:
         return None
@@ -326,10 +374,10 @@ def _beside_error(answered: Answered, first: _Model, model: _Model) -> _Model | 
     rung = (_first_error(model.options, records, model.answer) if hidden else None) or (
         _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
     )
-    return None if rung is None else _refitted(answered, model, model.structure, *rung)
+    return None if rung is None else model.beside(*rung[1], options=rung[0])
 
 
-def _beside_scale(answered: Answered, model: _Model) -> _Model | None:
+def _beside_scale(model: _Model) -> _Model | None:
     """The model with all masses, and gains of the forces, known to within what one of them is off by; None where more is left.
 
     Laws with unknown coefficients determine ratios of masses and forces, and not which of them is off; nor, where a gain of a
@@ -362,17 +410,17 @@ def _beside_scale(answered: Answered, model: _Model) -> _Model | None:
         replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), known_within=most)
         for key in open_
     )
-    scaled = _refitted(answered, model, replace(structure, masses=tuple(masses)), options, added)
+    scaled = model.beside(*added, structure=replace(structure, masses=tuple(masses)), options=options)
     return scaled if scaled is not None and scaled.is_explained else None
 
 
-def _beside_cause(answered: Answered, model: _Model) -> _Model | None:
+def _beside_cause(model: _Model) -> _Model | None:
     """The model with the first of the terms and links that the diagnosis of its answer names, or next to it any other cause.
 
     Of those that are as likely, and an error that a term hardly exceeds, the one that explains most; None where another one
     explains as much. That the records contradict stated values alone is said of the answer.
     """
-    if (scaled := _beside_scale(answered, model)) is not None:
+    if (scaled := _beside_scale(model)) is not None:
         return scaled
     causes = () if model.is_explained else model.answer.diagnosis
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
@@ -381,7 +429,7 @@ def _beside_cause(answered: Answered, model: _Model) -> _Model | None:
     if tried and not (model.added or causes[0].is_instrument):
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
         tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]
-    fits = (_with(cause, answered, model) for cause in tried)
+    fits = (_with(cause, model) for cause in tried)
     likeliest = sorted(
         (richer for richer in fits if richer is not None),
         key=lambda richer: (not richer.is_explained, richer.misfit),
@@ -402,26 +450,11 @@ def _can_be_added(cause: Cause) -> bool:
     return cause.kind in FREED or (is_admissible(cause) and not cause.kind.endswith(("delay", CLOCK)))
 
 
-def _with(cause: Cause, answered: Answered, model: _Model) -> _Model | None:
-    structure, options = model.structure, model.options
+def _with(cause: Cause, model: _Model) -> _Model | None:
     if not is_admissible(cause):
-        return _refitted(answered, model, with_cause(structure, cause), options, (cause,))
-    wider = with_error(options, cause, model.records[0])
-    return None if wider is None else _refitted(answered, model, structure, wider, (cause,))
-
-
-def _refitted(
-    answered: Answered,
-    model: _Model,
-    structure: Structure,
-    options: LikelihoodOptions,
-    causes: tuple[Cause, ...],
-) -> _Model | None:
-    try:
-        answer = answered(structure, options, model.records)
-    except (IdentificationError, np.linalg.LinAlgError):  # what was added is not told from what is there
-        return None
-    return _Model(structure, options, model.records, (*model.added, *causes), answer)
+        return model.beside(cause, structure=with_cause(model.structure, cause))
+    options = with_error(model.options, cause, model.records[0])
+    return None if options is None else model.beside(cause, options=options)
 
 
 _Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]
