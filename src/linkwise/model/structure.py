@@ -325,7 +325,7 @@ class Structure(NotebookView):
             raise StructureError('a structure needs at least one mass, host, or link from "base" to "ground"')
         check_unique((*self.points, *self.mass_names), "mass")
         check_unique(tuple(link.name for link in self.links), "link")
-        check_ends(self.mass_names, self.places, self.links)
+        self._check_ends()
         for link in self.links:
             for name, unit in link.law.signal_units:
                 if unit != self.signals[name]:
@@ -341,6 +341,9 @@ class Structure(NotebookView):
             masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
             vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
+
+    def _check_ends(self) -> None:
+        check_ends(self.mass_names, self.places, self.links)
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:
