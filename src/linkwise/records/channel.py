@@ -330,7 +330,6 @@ class ClippedSamples:
 
 _ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec|m?grad|m?gon)|(radian|degree)")
 _MOMENT = re.compile(r"N\s*[*·⋅ ]?\s*[mcd]?m$|(lbf|ozf|kgf|newton)[ *·]|[ *·](lbf|ozf|kgf)$")
-_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 
 
 def is_angular(unit: str, kind: str) -> bool:
@@ -350,11 +349,6 @@ def si_unit(unit: str, kind: str) -> str:
     if kind == "signal":
         return str(unit_dimension(unit))
     return KINDS[kind].angular_unit if is_angular(unit, kind) else KINDS[kind].unit
-
-
-def unit_behind(quantity: str) -> str:
-    """The unit of a quantity, such as "deg" of "0.3 deg"; empty where there is none."""
-    return _NUMBER.sub("", quantity, count=1).strip()
 
 
 @dataclass(frozen=True)
