@@ -88,21 +88,6 @@ class NamedLaw:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     wider: str = ""
 
-    def coefficient(self, name: str) -> Coefficient:
-        """The coefficient of that name as an unknown within its bounds.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Coefficient
-            The unknown.
-        """
-        return self.within_bounds(name, Coefficient.unknown())
-
     def within_bounds(self, name: str, given: Coefficient) -> Coefficient:
         """An unknown as it is given, within the bounds of the law where it has none of its own.
 
@@ -164,7 +149,7 @@ class NamedLaw:
         ['Fs']
         """
         law = Law.parse(self.law, self.states)
-        given = {key: self.coefficient(key) for key in law.coefficients}
+        given = {key: self.within_bounds(key, Coefficient.unknown()) for key in law.coefficients}
         given |= {
             key: self.within_bounds(key, as_coefficient(coefficient, f'link "{name}", coefficient {key}'))
             for key, coefficient in (coefficients or {}).items()

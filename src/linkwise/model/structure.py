@@ -334,11 +334,11 @@ class Structure(NotebookView):
                     )
                     raise StructureError(message, f'link "{link.name}"')
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
-        slots = self._slots
-        pairs = {name: (slots[name], slots[leader]) for name, leader in resolve_sharing(slots).items()}
-        if pairs:
-            resolved = {n: own.coefficient.following(lead.coefficient) for n, (own, lead) in pairs.items()}
-            masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
+        if self._leaders:
+            given = {name: slot.coefficient for name, slot in self._slots.items()}
+            pairs = {name: (given[name], given[leader]) for name, leader in self._leaders.items()}
+            resolved = {name: replace(leader, same_as=own.same_as) for name, (own, leader) in pairs.items()}
+            masses, links = replace_coefficients(self.masses, self.links, self._slots, resolved)
             vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
 
