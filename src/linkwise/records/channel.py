@@ -578,12 +578,12 @@ class SensorUncertainty:
     def __bool__(self) -> bool:
         return bool(self.gain or self.offset or self.delay)
 
-    def described(self, channel: str, of_state: str = "") -> str:
+    def described(self, channel: Channel | str, of_state: str = "") -> str:
         """Say what is known of the sensor of a channel.
 
         Parameters
         ----------
-        channel : str
+        channel : Channel or str
             The channel, or ``"common"``.
         of_state : str, optional
             The unit that a file stated of the channel, of a state of a link; the SI unit of a rotation.
@@ -599,8 +599,9 @@ class SensorUncertainty:
             if isinf(sigma):
                 known.append(f"its {name} is unknown")
             elif sigma:
-                plain = {"gain": f"{100.0 * sigma:.3g} %", "delay": f"{sigma:.3g} s"}.get(name)
-                size = plain or size_in_unit(sigma, Channel.parse(channel), of_state, digits=3)
+                size = {"gain": f"{100.0 * sigma:.3g} %", "delay": f"{sigma:.3g} s"}.get(name, f"{sigma:.3g}")
+                if name == "offset" and isinstance(channel, Channel):
+                    size = size_in_unit(sigma, channel, of_state, digits=3)
                 known.append(f"its {name} is known to {size}")
         return f"{'The gain that all sensors share' if channel == COMMON else channel}: {', '.join(known)}."
 

@@ -263,7 +263,9 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
     noise, runs, uncertainty = dict(record.noise), dict(record.interpolation), dict(record.uncertainty)
     units = {**record.units, **_units_stated(record, stated, file)}
     late: dict[str, float] = {}
-    for name, statement in stated.items():
+    channels: dict[str, Channel] = {channel: channel for channel in record.channels}
+    for given, statement in stated.items():
+        name = channels.get(given, given)
         if name == COMMON:
             _require_gain_around_one(statement, file)
         known = statement.uncertainty
