@@ -1,12 +1,9 @@
-"""Results as text and in notebooks: formatted numbers, aligned columns, and the single dispatch by which results describe
-themselves.
-"""
+"""Results as text and in notebooks: formatted numbers, aligned columns, and how results describe themselves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
-from functools import singledispatch
 from html import escape
 from math import floor, isfinite, log10
 from textwrap import fill
@@ -156,10 +153,15 @@ _GOOD, _BAD, _NEUTRAL = "#1a7f37", "#b42318", "#57606a"
 
 
 class NotebookView:
-    """A result that a notebook shows as HTML rather than as its `repr`."""
+    """A result that a notebook shows as HTML rather than as its `repr`.
+
+    >>> import linkwise as lw
+    >>> "2 masses, 2 links" in lw.bnes_chain(2)._repr_html_()
+    True
+    """
 
     def _repr_html_(self) -> str:
-        return as_html(self)
+        return text_html(str(self))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {str(self).partition(chr(10))[0]}>"
@@ -173,6 +175,9 @@ class JudgedView(NotebookView):
         @property
         def verdicts(self) -> tuple[Verdict, ...]:
             """What can be said of the answer, the most important first."""
+
+    def _repr_html_(self) -> str:
+        return text_html(str(self), self.trusted)
 
     @property
     def trusted(self) -> bool:
@@ -190,25 +195,10 @@ class JudgedView(NotebookView):
         return {"verdicts": verdicts, "trusted": self.trusted, "grade": self.grade.value}
 
 
-@singledispatch
-def as_html(result: object) -> str:
-    """`result` as a self-contained `div` of HTML, which needs neither scripts nor style sheets and escapes every character
-    of the text. A package registers another renderer beside a type whose printed text is not enough.
-
-    >>> import linkwise as lw
-    >>> "2 masses, 2 links" in lw.bnes_chain(2)._repr_html_()
-    True
-    """
-    return text_html(str(result))
-
-
-@as_html.register
-def _judged(result: JudgedView) -> str:
-    return text_html(str(result), result.trusted)
-
-
 def text_html(text: str, trusted: bool | None = None) -> str:
-    """`text` with its first line as the heading: green where it can be trusted, red where not, grey without a claim."""
+    """`text` as a self-contained `div` of HTML, which needs neither scripts nor style sheets and escapes every character, with
+    its first line as the heading: green where it can be trusted, red where not, grey without a claim.
+    """
     colour = _NEUTRAL if trusted is None else _GOOD if trusted else _BAD
     first, _, rest = text.partition("\n")
     body = f'<pre style="margin: 0.4em 0 0 0">{escape(rest)}</pre>' if rest else ""

@@ -165,26 +165,21 @@ def _own_folder(path: Path, mark: str) -> Iterator[Path]:
 
 def _refuse_others(path: Path, mark: str) -> None:
     """Raise OutputError for a file, and for a folder that holds anything but a result marked by `mark`."""
-    problem = None
     with suppress(FileNotFoundError):  # another process replaces it
-        problem = _problem(path, mark)
-    if problem is not None:
-        raise OutputError(problem)
-
-
-def _problem(path: Path, mark: str) -> str | None:
-    """Why no result marked by `mark` may take the place of `path`; None if one may."""
-    hidden = set(_hidden(path.resolve(), path, "partial"))
-    if not path.exists() or (path.is_dir() and set(path.iterdir()) <= hidden):
-        return None
-    if _written(path, mark) is None:
+        hidden = set(_hidden(path.resolve(), path, "partial"))
+        if not path.exists() or (path.is_dir() and set(path.iterdir()) <= hidden):
+            return
+        if _written(path, mark) is not None:
+            return
         marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)
         other_mark = next((name for name in marks if _written(path, name) is not None), None)
         problem = f"is not a result of linkwise (no valid {mark})"
         if other_mark:
             problem = f"holds the result of another command ({other_mark})"
-        return f"{path}: already exists and {problem}; it was not changed. Choose another folder, or remove this one"
-    return None
+        message = (
+            f"already exists and {problem}; it was not changed. Choose another folder, or remove this one"
+        )
+        raise OutputError(f"{path}: {message}")
 
 
 def _hidden(place: Path, folder: Path, kind: str) -> list[Path]:

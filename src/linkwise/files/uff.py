@@ -111,20 +111,18 @@ def read_table(path: Path) -> Table:
     if unreadable:
         damaged = f"data set {', '.join(unreadable)}"
         raise RecordError(f"the type of {damaged} cannot be read; the file is damaged", path)
-    sets = file.read_sets()
-    sets = [data for data in (sets if isinstance(sets, list) else [sets]) if data.get("type") == 58]
-    if not any(data["func_type"] == _TIME_RESPONSE for data in sets):
-        functions = [data for data in sets if data["func_type"] == _RESPONSE_FUNCTION]
-        if functions:
-            return _of_response_functions(functions, path)
+    read = file.read_sets()
+    sets = [data for data in (read if isinstance(read, list) else [read]) if data.get("type") == 58]
+    responses = [data for data in sets if data["func_type"] == _TIME_RESPONSE]
+    functions = [data for data in sets if data["func_type"] == _RESPONSE_FUNCTION]
+    if functions and not responses:
+        return _of_response_functions(functions, path)
+    if not responses:
+        raise RecordError("contains no time response (data set 58, function type 1)", path)
     others = [_column(data).header for data in sets if data["func_type"] != _TIME_RESPONSE]
     notes = (f"Data sets that are not time responses were ignored: {', '.join(others)}.",) if others else ()
-    sets = [data for data in sets if data["func_type"] == _TIME_RESPONSE]
-    if not sets:
-        raise RecordError("contains no time response (data set 58, function type 1)", path)
-    columns = tuple(_column(data) for data in sets)
-    first = sets[0]
-    for data, column in zip(sets, columns, strict=True):
+    first, columns = responses[0], tuple(map(_column, responses))
+    for data, column in zip(responses, columns, strict=True):
         if len(data["data"]) != data["num_pts"]:
             message = f"has {len(data['data'])} samples of {data['num_pts']} that the file states; the file is damaged"
             raise RecordError(message, path, channel=column.header)
@@ -163,7 +161,8 @@ def _of_response_functions(sets: list[dict[str, Any]], path: Path) -> Table:
         name = f"{_KINDS[data['ordinate_spec_data_type']]}:{place}"
         if name in responses:
             raise RecordError(f"holds two response functions of {name}; keep one of them", path)
-        responses[name] = _sign(data) * data["data"]
+        opposed = data["rsp_dir"] * data["ref_dir"] < 0  # response and force along axes of opposite senses
+        responses[name] = -data["data"] if opposed else data["data"]
         units[name], of_force = _units(data)
         if units.setdefault(force, of_force) != of_force:
             raise RecordError(f"holds response functions per {units[force]} and per {of_force}", path)
@@ -191,11 +190,6 @@ def _point(data: dict[str, Any], end: str) -> str:
     entity = str(data[f"{end}_ent_name"]).strip()
     direction = _DIRECTIONS[abs(int(data[f"{end}_dir"]))]
     return entity if entity not in _NONE else f"{data[f'{end}_node']}{direction}"
-
-
-def _sign(data: dict[str, Any]) -> float:
-    """-1 where response and force point in opposite senses of their axes."""
-    return -1.0 if data["rsp_dir"] * data["ref_dir"] < 0 else 1.0
 
 
 def _column(data: dict[str, Any]) -> Column:

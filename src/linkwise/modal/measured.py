@@ -176,9 +176,12 @@ def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> N
 
 
 def _host_named(name: str | None, places: Sequence[str]) -> str:
-    """The `name`, which that before the dot of a place must not contradict; without one, that which all places share."""
+    """The `name`, which that before the dot of a place must not contradict; without one, that which all places share, else
+    "host".
+    """
     if name is None:
-        return _shared_host(places)
+        names = {place.partition(".")[0] if "." in place else "" for place in places}
+        return names.pop() or "host" if len(names) == 1 else "host"
     for place in places:
         host, dot, _ = place.partition(".")
         if dot and host != name:
@@ -187,10 +190,3 @@ def _host_named(name: str | None, places: Sequence[str]) -> str:
                 f'records; leave the name out, or name the channels "{name}.POINT"'
             )
     return name
-
-
-def _shared_host(places: Sequence[str]) -> str:
-    """The part before the dot that all places share, else "host"."""
-    names = {place.partition(".")[0] if "." in place else "" for place in places}
-    [first, *others] = names
-    return first if first and not others else "host"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import msgspec
@@ -246,21 +246,6 @@ class Coefficient:
         parts = [] if self.value is None else [repr(self.value)]
         parts += [f"{name}={value!r}" for name, value in stated if math.isfinite(value)]
         return f"Coefficient.unknown({', '.join(parts)})"
-
-    def following(self, leader: Coefficient) -> Coefficient:
-        """This shared coefficient with the fields of the coefficient it is equal to.
-
-        Parameters
-        ----------
-        leader : Coefficient
-            The coefficient it is equal to.
-
-        Returns
-        -------
-        Coefficient
-            The coefficient, still shared.
-        """
-        return replace(leader, same_as=self.same_as)
 
     def freed(self) -> Coefficient:
         """This coefficient as an unknown without value, start or prior; bounds and sharing are kept.

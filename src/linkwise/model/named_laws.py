@@ -88,21 +88,6 @@ class NamedLaw:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     wider: str = ""
 
-    def coefficient(self, name: str) -> Coefficient:
-        """The coefficient of that name as an unknown within its bounds.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Coefficient
-            The unknown.
-        """
-        return self.within_bounds(name, Coefficient.unknown())
-
     def within_bounds(self, name: str, given: Coefficient) -> Coefficient:
         """An unknown as it is given, within the bounds of the law where it has none of its own.
 
@@ -164,7 +149,7 @@ class NamedLaw:
         ['Fs']
         """
         law = Law.parse(self.law, self.states)
-        given = {key: self.coefficient(key) for key in law.coefficients}
+        given = {key: self.within_bounds(key, Coefficient.unknown()) for key in law.coefficients}
         given |= {
             key: self.within_bounds(key, as_coefficient(coefficient, f'link "{name}", coefficient {key}'))
             for key, coefficient in (coefficients or {}).items()
@@ -249,15 +234,15 @@ def _iwan(sliders: int) -> tuple[str, dict[str, LinkState]]:
         share = f"({upper}**(chi + 1) - {lower}**(chi + 1))" if j > 1 else f"{upper}**(chi + 1)"
         moment = f"({upper}**(chi + 2) - {lower}**(chi + 2))" if j > 1 else f"{upper}**(chi + 2)"
         slip = f"{largest}*(chi + 1)/(chi + 2)*{moment}/{share}"
-        states[f"u{j}"] = LinkState(_stick_slip("v", f"u{j}", slip))
+        states[f"u{j}"] = LinkState(_stick_slip(f"u{j}", slip))
         force.append(f"{share}*u{j}")
-    states["ub"] = LinkState(_stick_slip("v", "ub", largest))
+    states["ub"] = LinkState(_stick_slip("ub", largest))
     return (f"KT/(1 + beta)*({' + '.join(force)} + beta*ub)", states)
 
 
-def _stick_slip(sticking: str, state: str, largest: str) -> str:
-    """A rate that is `sticking` until the state reaches its largest size, and 0 while it would exceed it."""
-    return f"{sticking}*(1 - 0.25*(1 + sign(abs({state}) - {largest}))*(1 + sign({state}*v)))"
+def _stick_slip(state: str, largest: str) -> str:
+    """A rate that is v until the state reaches its largest size, and 0 while it would exceed it."""
+    return f"v*(1 - 0.25*(1 + sign(abs({state}) - {largest}))*(1 + sign({state}*v)))"
 
 
 def _fractional(branches: int) -> tuple[str, dict[str, LinkState]]:

@@ -325,7 +325,7 @@ class Structure(NotebookView):
             raise StructureError('a structure needs at least one mass, host, or link from "base" to "ground"')
         check_unique((*self.points, *self.mass_names), "mass")
         check_unique(tuple(link.name for link in self.links), "link")
-        check_ends(self.mass_names, self.places, self.links)
+        self._check_ends()
         for link in self.links:
             for name, unit in link.law.signal_units:
                 if unit != self.signals[name]:
@@ -334,13 +334,16 @@ class Structure(NotebookView):
                     )
                     raise StructureError(message, f'link "{link.name}"')
         object.__setattr__(self, "links", in_units_of_ends(self.links, self.rotations))
-        slots = self._slots
-        pairs = {name: (slots[name], slots[leader]) for name, leader in resolve_sharing(slots).items()}
-        if pairs:
-            resolved = {n: own.coefficient.following(lead.coefficient) for n, (own, lead) in pairs.items()}
-            masses, links = replace_coefficients(self.masses, self.links, slots, resolved)
+        if self._leaders:
+            given = {name: slot.coefficient for name, slot in self._slots.items()}
+            pairs = {name: (given[name], given[leader]) for name, leader in self._leaders.items()}
+            resolved = {name: replace(leader, same_as=own.same_as) for name, (own, leader) in pairs.items()}
+            masses, links = replace_coefficients(self.masses, self.links, self._slots, resolved)
             vars(self).update(masses=masses, links=links)
             del self.__dict__["_slots"]  # cached from the coefficients before their sharing was resolved
+
+    def _check_ends(self) -> None:
+        check_ends(self.mass_names, self.places, self.links)
 
     @cached_property
     def _slots(self) -> dict[str, CoefficientSlot]:

@@ -92,12 +92,13 @@ def link_of(
         if isinstance(error, StructureError) and error.where:
             raise
         raise StructureError(f"invalid law: {error}", where) from None
-    coefficients = {name: named.coefficient(name) for name in law.coefficients} if named else {}
+    coefficients = dict.fromkeys(law.coefficients if named else (), Coefficient.unknown())
     for name, given in entry.coefficients.items():
-        place = f"{path}.coefficients.{name}"
-        coefficient = coefficient_of(given, units.get(name, ""), source, place)
-        with located(f"{source}, {place}"):
-            coefficients[name] = named.within_bounds(name, coefficient) if named else coefficient
+        coefficients[name] = coefficient_of(given, units.get(name, ""), source, f"{path}.coefficients.{name}")
+    if named is not None:
+        for name, coefficient in coefficients.items():
+            with located(f"{source}, {path}.coefficients.{name}"):
+                coefficients[name] = named.within_bounds(name, coefficient)
     for name, state in states.items():
         given = entry.states.get(name)
         initial = given.get("initial", 0.0) if isinstance(given, dict) else 0.0

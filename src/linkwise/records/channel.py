@@ -330,7 +330,6 @@ class ClippedSamples:
 
 _ANGLE = re.compile(r"(?<![a-z])([munµμ]?rad|deg|°|rev|turn|rpm|arcmin|arcsec|m?grad|m?gon)|(radian|degree)")
 _MOMENT = re.compile(r"N\s*[*·⋅ ]?\s*[mcd]?m$|(lbf|ozf|kgf|newton)[ *·]|[ *·](lbf|ozf|kgf)$")
-_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 
 
 def is_angular(unit: str, kind: str) -> bool:
@@ -350,11 +349,6 @@ def si_unit(unit: str, kind: str) -> str:
     if kind == "signal":
         return str(unit_dimension(unit))
     return KINDS[kind].angular_unit if is_angular(unit, kind) else KINDS[kind].unit
-
-
-def unit_behind(quantity: str) -> str:
-    """The unit of a quantity, such as "deg" of "0.3 deg"; empty where there is none."""
-    return _NUMBER.sub("", quantity, count=1).strip()
 
 
 @dataclass(frozen=True)
@@ -584,12 +578,12 @@ class SensorUncertainty:
     def __bool__(self) -> bool:
         return bool(self.gain or self.offset or self.delay)
 
-    def described(self, channel: str, of_state: str = "") -> str:
+    def described(self, channel: Channel | str, of_state: str = "") -> str:
         """Say what is known of the sensor of a channel.
 
         Parameters
         ----------
-        channel : str
+        channel : Channel or str
             The channel, or ``"common"``.
         of_state : str, optional
             The unit that a file stated of the channel, of a state of a link; the SI unit of a rotation.
@@ -605,8 +599,9 @@ class SensorUncertainty:
             if isinf(sigma):
                 known.append(f"its {name} is unknown")
             elif sigma:
-                plain = {"gain": f"{100.0 * sigma:.3g} %", "delay": f"{sigma:.3g} s"}.get(name)
-                size = plain or size_in_unit(sigma, Channel.parse(channel), of_state, digits=3)
+                size = {"gain": f"{100.0 * sigma:.3g} %", "delay": f"{sigma:.3g} s"}.get(name, f"{sigma:.3g}")
+                if name == "offset" and isinstance(channel, Channel):
+                    size = size_in_unit(sigma, channel, of_state, digits=3)
                 known.append(f"its {name} is known to {size}")
         return f"{'The gain that all sensors share' if channel == COMMON else channel}: {', '.join(known)}."
 

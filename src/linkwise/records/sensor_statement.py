@@ -19,7 +19,6 @@ from linkwise.records.channel import (
     require_channel,
     si_unit,
     size_in_unit,
-    unit_behind,
 )
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
@@ -28,6 +27,7 @@ from linkwise.units import to_si
 _NO_CALIBRATION = 0.2  # relative: a number from here on was meant as a percentage
 _IN_UNIT = ("offset", "noise")  # which are in the unit of the channel
 KEYS = ("calibration", "gain", "offset", "delay", "noise", "interpolation")
+_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
 _WITHIN = re.compile(r"\s*(?:\+-|\+/-|±)\s*")
 _EXAMPLES = {"gain": "1.02", "offset": "0.3 {unit}", "delay": "2 ms"}
 _IF_IT_TURNS = {kind.unit: kind.angular_unit for kind in KINDS.values()}
@@ -171,11 +171,11 @@ def _units(given: object, sensor: Channel | None) -> list[str]:
         return []
     texts = given.values() if isinstance(given, Mapping) else (given,)
     parts = (part for text in texts if isinstance(text, str) for part in _WITHIN.split(text))
-    units = [unit_behind(part) for part in parts if part.strip() != "unknown"]
+    units = [_NUMBER.sub("", part, count=1).strip() for part in parts if part.strip() != "unknown"]
     return [si_unit(unit, sensor.kind) for unit in units if unit]
 
 
-def known_within(text: str, dimension: str, kind: str) -> StatedError:
+def _known_within(text: str, dimension: str, kind: str) -> StatedError:
     """Read "0.3 mm", "0.3 mm +- 0.1 mm", "+- 0.1 mm" or "unknown" as an error of this kind; "1 %" of a gain is "+- 1 %".
 
     Raises LinkwiseError for anything else.
@@ -185,23 +185,19 @@ def known_within(text: str, dimension: str, kind: str) -> StatedError:
     parts = _WITHIN.split(text.strip())
     is_tolerance = len(parts) == 1 and not dimension and text.strip().endswith("%")
     parts = [""] * is_tolerance + parts
-    if len(parts) > 2 or not parts[-1] or (is_tolerance and not _si(text, "") < _NO_CALIBRATION):
-        raise _unreadable(text, dimension, kind)
     try:
+        if len(parts) > 2 or not parts[-1] or (is_tolerance and not _si(text, "") < _NO_CALIBRATION):
+            raise LinkwiseError(f"{text!r} cannot be read")
         value = _PLAIN[kind] if len(parts) == 2 and not parts[0] else _si(parts[0], dimension)
         return StatedError(value, _deviation(parts[1], dimension, value) if len(parts) == 2 else 0.0)
     except LinkwiseError as error:
-        raise _unreadable(text, dimension, kind, str(error)) from error
-
-
-def _unreadable(text: str, dimension: str, kind: str, reason: str = "") -> LinkwiseError:
-    example = _EXAMPLES[kind].format(unit=dimension)
-    within = f"{example} +- {'1 %' if kind == 'gain' else example}"
-    angular = _IF_IT_TURNS.get(dimension, "")
-    return LinkwiseError(
-        f"{reason.rstrip('.') or f'{text!r} cannot be read'}; write '{example}' for a known {kind}, '{within}' for one "
-        f"that is known to within a standard deviation, or 'unknown'{angular and f'; of what turns, in {angular}'}"
-    )
+        example = _EXAMPLES[kind].format(unit=dimension)
+        within = f"{example} +- {'1 %' if kind == 'gain' else example}"
+        angular = _IF_IT_TURNS.get(dimension, "")
+        raise LinkwiseError(
+            f"{str(error).rstrip('.')}; write '{example}' for a known {kind}, '{within}' for one that is known to within a "
+            f"standard deviation, or 'unknown'{angular and f'; of what turns, in {angular}'}"
+        ) from error
 
 
 def _si(given: object, dimension: str) -> float:
@@ -252,7 +248,7 @@ def _stated(key: str, given: object, dimension: str) -> StatedError:
         start = _si(given["start"], dimension) if "start" in given else _PLAIN[key]
         return StatedError(start, _deviation(given["sigma"], dimension, start))
     if isinstance(given, str):
-        return known_within(given, dimension, key)
+        return _known_within(given, dimension, key)
     return StatedError(_si(given, dimension))
 
 
@@ -267,7 +263,9 @@ def with_statements(record: Record, stated: Mapping[str, SensorStatement], file:
     noise, runs, uncertainty = dict(record.noise), dict(record.interpolation), dict(record.uncertainty)
     units = {**record.units, **_units_stated(record, stated, file)}
     late: dict[str, float] = {}
-    for name, statement in stated.items():
+    channels: dict[str, Channel] = {channel: channel for channel in record.channels}
+    for given, statement in stated.items():
+        name = channels.get(given, given)
         if name == COMMON:
             _require_gain_around_one(statement, file)
         known = statement.uncertainty

@@ -23,9 +23,8 @@ _THRESHOLD = 5.0  # standard deviations of the noise, which none of a million sa
 _PEAK = 20.0  # standard deviations that a hit reaches at least: lower pulses may be outliers
 _QUIET = 0.5  # of a record, at least, in which there is no hit
 _FEWEST = 40  # samples without a hit, from which the noise is known to within a ninth
-_FLANK = (
-    0.25  # of the width of a pulse, by which it begins before and ends behind its samples above the level
-)
+# of the width of a pulse, by which it begins before and ends behind its samples above the level
+_FLANK = 0.25
 _LAGS = 10  # of the autocorrelation by which noise is judged to be white
 _CHANCE = 1e-4  # of what is white
 
