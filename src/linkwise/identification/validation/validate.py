@@ -52,7 +52,7 @@ from linkwise.likelihood.rigs.problem import (
     minimise,
     rig_forces,
 )
-from linkwise.model.structure import BASE, Structure
+from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import COMMON, SensorUncertainty
 from linkwise.records.channel_units import in_units_of, unit_in
@@ -343,9 +343,6 @@ def _in_motion(
     structure = given.structure
     frame = framed(scored, structure)
     used = frame.record
-    if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
-        message = "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
-        raise RecordError(message)
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
