@@ -531,14 +531,12 @@ def _correlated(link: LinkEstimate) -> Iterator[str]:
         return
     scale = np.sqrt(np.maximum(link.covariance.diagonal(), np.finfo(float).tiny))
     correlation = link.covariance / np.outer(scale, scale)
-    for i, first in enumerate(link.free):
-        for j, second in enumerate(link.free[:i]):
-            if abs(correlation[i, j]) > _COLLINEAR:
-                yield (
-                    f"{link.link.name}: {second} and {first} are strongly correlated ({correlation[i, j]:+.4f}); the "
-                    "record determines a combination of them far better than each. A wider range of motion "
-                    "separates them."
-                )
+    for i, j in np.argwhere(np.tril(np.abs(correlation) > _COLLINEAR, -1)).tolist():
+        yield (
+            f"{link.link.name}: {link.free[j]} and {link.free[i]} are strongly correlated ({correlation[i, j]:+.4f}); the "
+            "record determines a combination of them far better than each. A wider range of motion "
+            "separates them."
+        )
 
 
 def _insignificant(link: LinkEstimate) -> Iterator[str]:
