@@ -282,7 +282,8 @@ class Limit(JudgedView):
             f"{self.verdicts[0].value}\n"
             f"{len(self.record)} samples each of {listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
         )
-        noise: Rows = [("noise", "deviation"), *((name, _noise_text(self, name)) for name in self.noise)]
+        sizes = {name: f"{sigma:.3g} {unit_in(self.structure, name)}" for name, sigma in self.noise.items()}
+        noise: Rows = [("noise", "deviation"), *((name, size.strip()) for name, size in sizes.items())]
         title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
         forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in self.links]
         tables: list[Rows] = [
@@ -370,10 +371,6 @@ def _segments(limit: Limit) -> str:
         f"in segments of {limit.segment:g} s with free starts;\na fit that links segments, as identify does, comes out "
         "better, in chaotic motion several times."
     )
-
-
-def _noise_text(limit: Limit, name: str) -> str:
-    return f"{limit.noise[name]:.3g} {unit_in(limit.structure, name)}".strip()
 
 
 def _coefficient_row(coefficient: CoefficientEstimate) -> tuple[str, ...]:

@@ -346,7 +346,8 @@ def _in_motion(
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
-    predictor = _predictor(used, given, sigma, law_error)
+    free, values, covariance = given.uncertain
+    predictor = WindowPredictor(used, free, values, covariance_root(covariance), sigma, law_error)
     prediction = predict(predictor, samples, progress)
     ahead, variance = one_step(predictor, samples)
     prediction = replace(prediction, predicted=prediction.predicted + frame.shown)
@@ -406,11 +407,6 @@ def _burn_samples(record: Record, burn: float | None) -> int:
         if not present[samples:].any():
             raise RecordError("has no sample after the burn", channel=name)
     return samples
-
-
-def _predictor(record: Record, given: ValidatedAnswer, sigma: Floats, law_error: float) -> WindowPredictor:
-    free, values, covariance = given.uncertain
-    return WindowPredictor(record, free, values, covariance_root(covariance), sigma, law_error)
 
 
 def _like(record: Record, values: Floats, label: str) -> Record:
