@@ -96,9 +96,12 @@ def barrier(link: Link, lo: float | None = None, hi: float | None = None) -> flo
     0.0025
     """
     escape = lowest_escape(link, lo, hi)
-    if escape is None:
-        return None
-    low, high = link.potential(np.array(escape))
+    return None if escape is None else escape_energy(escape, link)
+
+
+def escape_energy(ends: tuple[float, float], link: Link) -> float:
+    """Energy in J from a well to a maximum; their displacement has no effect to first order."""
+    low, high = link.potential(np.array(ends))
     return float(high - low)
 
 

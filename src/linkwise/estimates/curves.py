@@ -196,13 +196,9 @@ class ForceLoop:
     def _rises(self) -> list[int]:
         low, high = float(np.nanmin(self.d)), float(np.nanmax(self.d))
         middle, band = 0.5 * (low + high), 0.05 * (high - low)
-        rises, armed = [], False
-        for number, value in enumerate(self.d.tolist()):
-            if value < middle - band:
-                armed = True
-            elif armed and value >= middle:
-                rises.append(number)
-                armed = False
+        side = np.where(self.d < middle - band, -1, np.where(self.d >= middle, 1, 0))
+        told = np.flatnonzero(side)
+        rises: list[int] = told[1:][np.diff(side[told]) > 0].tolist()
         return rises
 
 

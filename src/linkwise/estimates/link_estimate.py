@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.analysis.potential_wells import law_kind, lowest_escape, wells
+from linkwise.analysis.potential_wells import escape_energy, law_kind, lowest_escape, wells
 from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView, align_columns, format_error, format_value
 from linkwise.errors import StructureError
@@ -233,7 +233,7 @@ class LinkEstimate(NotebookView):
     def barrier(self) -> DerivedQuantity | None:
         """Energy in J to leave the deepest well; None with fewer than two wells."""
         ends = self._searched(lowest_escape)
-        of = partial(_energy_difference, ends or (0.0, 0.0))
+        of = partial(escape_energy, ends or (0.0, 0.0))
         return self._derived("barrier", "J", of(self.link), of) if ends else None
 
     @cached_property
@@ -283,12 +283,6 @@ def _frequency_near(position: float, mass: float, link: Link) -> float:
     """Frequency in Hz of small oscillations of a mass in kg in the well near `position`."""
     stiffness = float(link.stiffness(_well_near(position, link)))
     return float(np.sqrt(stiffness / mass) / (2.0 * np.pi)) if stiffness > 0.0 else np.nan
-
-
-def _energy_difference(ends: tuple[float, float], link: Link) -> float:
-    """Energy in J from a well to a maximum; their displacement has no effect to first order."""
-    low, high = link.potential(np.array(ends))
-    return float(high - low)
 
 
 def moving_mass(structure: Structure, index: int) -> float:
@@ -531,14 +525,12 @@ def _correlated(link: LinkEstimate) -> Iterator[str]:
         return
     scale = np.sqrt(np.maximum(link.covariance.diagonal(), np.finfo(float).tiny))
     correlation = link.covariance / np.outer(scale, scale)
-    for i, first in enumerate(link.free):
-        for j, second in enumerate(link.free[:i]):
-            if abs(correlation[i, j]) > _COLLINEAR:
-                yield (
-                    f"{link.link.name}: {second} and {first} are strongly correlated ({correlation[i, j]:+.4f}); the "
-                    "record determines a combination of them far better than each. A wider range of motion "
-                    "separates them."
-                )
+    for i, j in np.argwhere(np.tril(np.abs(correlation) > _COLLINEAR, -1)).tolist():
+        yield (
+            f"{link.link.name}: {link.free[j]} and {link.free[i]} are strongly correlated ({correlation[i, j]:+.4f}); the "
+            "record determines a combination of them far better than each. A wider range of motion "
+            "separates them."
+        )
 
 
 def _insignificant(link: LinkEstimate) -> Iterator[str]:

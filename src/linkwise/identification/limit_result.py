@@ -282,21 +282,21 @@ class Limit(JudgedView):
             f"{self.verdicts[0].value}\n"
             f"{len(self.record)} samples each of {listed(list(self.noise))} at {self.record.rate:g} Hz, {_segments(self)}"
         )
-        noise: Rows = [("noise", "deviation"), *((name, _noise_text(self, name)) for name in self.noise)]
+        sizes = {name: f"{sigma:.3g} {unit_in(self.structure, name)}" for name, sigma in self.noise.items()}
+        noise: Rows = [("noise", "deviation"), *((name, size.strip()) for name, size in sizes.items())]
         title = ("coefficient", "value", "std. error", "relative", "detectable", "unit")
         forces = [(link.name, _percent(link.nmse), _detectable(link), "") for link in self.links]
-        blocks = [
-            head,
-            _table(noise),
-            _table([title, *(_coefficient_row(coefficient) for coefficient in self.coefficients)]),
-            _table([("force of", "expected NMSE", "detectable", ""), *forces]),
+        tables: list[Rows] = [
+            noise,
+            [title, *(_coefficient_row(coefficient) for coefficient in self.coefficients)],
+            [("force of", "expected NMSE", "detectable", ""), *forces],
         ]
         wells = [row for link in self.links for row in _well_rows(link)]
-        if wells:
-            blocks.append(_table([("", "value", "95 % interval", "unit"), *wells]))
-        if self.findings:
-            blocks.append("\n".join(f"! {finding}" for finding in self.findings))
-        return "\n\n".join(blocks)
+        tables += [[("", "value", "95 % interval", "unit"), *wells]] if wells else []
+        findings = [f"! {finding}" for finding in self.findings]
+        return "\n\n".join(
+            "\n".join(block) for block in ([head], *map(align_columns, tables), findings) if block
+        )
 
     def _link(self, index: int) -> LinkLimit:
         link, (d, v) = self.structure.links[index], true_motion(self.record, index)
@@ -362,8 +362,6 @@ def _as_dict(coefficient: CoefficientEstimate) -> dict[str, Any]:
 
 Rows = list[tuple[str, ...]]
 
-_MOST_ROWS = 40  # of a table that are printed
-
 
 def _segments(limit: Limit) -> str:
     """What a free start of each segment leaves of the record, in words."""
@@ -373,19 +371,6 @@ def _segments(limit: Limit) -> str:
         f"in segments of {limit.segment:g} s with free starts;\na fit that links segments, as identify does, comes out "
         "better, in chaotic motion several times."
     )
-
-
-def _table(rows: Rows) -> str:
-    """A title and rows in aligned columns; of a long table the first rows and the number of the others."""
-    lines = align_columns(rows)
-    left_out = len(lines) - 1 - _MOST_ROWS
-    if left_out > 0:
-        lines = [*lines[: 1 + _MOST_ROWS], f"  ... and {left_out} more"]
-    return "\n".join(lines)
-
-
-def _noise_text(limit: Limit, name: str) -> str:
-    return f"{limit.noise[name]:.3g} {unit_in(limit.structure, name)}".strip()
 
 
 def _coefficient_row(coefficient: CoefficientEstimate) -> tuple[str, ...]:

@@ -136,13 +136,9 @@ def _quiet_blocks(values: Floats) -> int:
         return 0
     blocks = values[: size * _REST_BLOCKS].reshape(_REST_BLOCKS, size)
     level = blocks.std(axis=1)
-    least = greatest = level[0]
-    count = 0
-    for signal in level:
-        least, greatest = min(least, signal), max(greatest, signal)
-        if greatest > _STEADY * least or greatest > QUIET * values.std():
-            break
-        count += 1
+    least, greatest = np.minimum.accumulate(level), np.maximum.accumulate(level)
+    moves = (greatest > _STEADY * least) | (greatest > QUIET * values.std())
+    count = int(np.argmax(moves)) if moves.any() else _REST_BLOCKS
     return count * size if count >= _FEWEST_REST_BLOCKS and count * size >= _SHORTEST else 0
 
 

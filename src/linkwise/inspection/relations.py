@@ -196,7 +196,7 @@ def _is_line(values: Floats, slope: float) -> bool:
     return bool(_block_means(left).std() < _SCATTER * left.std() * (_BLOCKS / len(values)) ** 0.5)
 
 
-_NEAR, _FAR = 0.3, 0.3  # of the mass: how far the one is from it, and the others from none
+_ALIKE, _IDLE = 0.3, 0.3  # of the mass: how far the one is from it, and the others from none
 _ERROR = 0.1  # of the mass
 _LONGEST = 64  # samples on either side
 _HARD = 0.3  # of the largest force: where it outweighs that of the links
@@ -230,8 +230,8 @@ def driven_mass(record: Record, force: str, masses: Mapping[str, float]) -> str 
     while half <= min(_LONGEST, len(record) // 8):
         found = {name: _share(record, force, responses[name][0], masses[name], half) for name in masses}
         if all(error < _ERROR for _, error in found.values()):
-            driven = [name for name, (share, _) in found.items() if abs(share - 1.0) < _NEAR]
-            idle = [name for name, (share, _) in found.items() if abs(share) < _FAR]
+            driven = [name for name, (share, _) in found.items() if abs(share - 1.0) < _ALIKE]
+            idle = [name for name, (share, _) in found.items() if abs(share) < _IDLE]
             return driven[0] if len(driven) == 1 and len(driven) + len(idle) == len(found) else None
         half *= 2
     return None

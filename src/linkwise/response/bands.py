@@ -1,9 +1,8 @@
 """Bands of amplitudes: the steady motions of draws from the posterior at the frequencies of a branch.
 
-Each draw starts from the motion of the identified structure, moved as at the point before, and is corrected with the
-Jacobian of the identified structure (the chord method), or by Newton's method where it has moved too far. Where a fold
-has moved, a draw has no motion at a frequency and is left out there. Stable motion alone has bands, at some points of a
-branch, and between them by interpolation of its parts of the amplitude.
+Each draw starts from the motion of the identified structure, moved as at the point before. Where a fold has moved, a draw
+has no motion at a frequency and is left out there. Stable motion alone has bands, at some points of a branch, and between
+them by interpolation of its parts of the amplitude.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
 
 from linkwise.arrays import Floats
 from linkwise.estimates.uncertainty import Posterior
@@ -26,8 +24,6 @@ from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes
 _COVERED = 0.95
 _SAMPLES = 64  # of a turn
 _STATIONS, _FEWEST, _MOST = 120, 6, 40  # points of all branches at which draws are made, and of each
-_CORRECTIONS = 8
-_CONVERGED = 1e-5  # of the size of the motion
 _FAR = 0.1  # of the size of the motion: nearer, it may be one whose period does not double yet
 _LEAST = 0.5  # of the draws must have a motion
 
@@ -66,8 +62,7 @@ def _with_band(
         np.concatenate([stable[np.linspace(0, len(stable) - 1, stations).round().astype(int)], peaks])
     )
     points = [curve.points[number][0] for number in at.tolist()]
-    factors = [lu_factor(point.jacobian[:, :-1]) for point in points]
-    values = np.array([_drawn(curve.equations.of(one), points, factors, rows) for one in drawn])
+    values = np.array([_drawn(curve.equations.of(one), points, rows) for one in drawn])
     values /= branch.amplitude[at]
     enough = np.isfinite(values).mean(axis=0) >= _LEAST
     values[:, ~enough] = 1.0
@@ -81,21 +76,14 @@ def _with_band(
     return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
 
 
-def _drawn(
-    equations: PeriodicEquations,
-    points: Sequence[Point],
-    factors: Sequence[tuple[Floats, Floats]],
-    rows: Floats,
-) -> Floats:
+def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
     """(P, C) the amplitudes of one draw at points of a curve, NaN where it has no motion near."""
     values = np.full((len(points), len(rows)), np.nan)
     moved = np.zeros(len(points[0].unknowns) - 1)
-    for number, (point, factor) in enumerate(zip(points, factors, strict=True)):
+    for number, point in enumerate(points):
         unknowns = point.unknowns.copy()
         unknowns[:-1] += moved
-        solved = _by_chords(equations, point, factor, unknowns)
-        if solved is None:
-            solved = _on_same_side(equations, point, unknowns)
+        solved = _on_same_side(equations, point, unknowns)
         if solved is not None:
             motion = equations.motion(solved, _SAMPLES)
             values[number] = amplitudes(motion, rows, equations.turns)[0]
@@ -103,26 +91,8 @@ def _drawn(
     return values
 
 
-def _by_chords(
-    equations: PeriodicEquations, point: Point, factor: tuple[Floats, Floats], unknowns: Floats
-) -> Floats | None:
-    """The solution near unknowns by the chord method, with the factors of the Jacobian at a point; None where it fails."""
-    unknowns, last = unknowns.copy(), np.inf
-    for _ in range(_CORRECTIONS):
-        missing, _ = equations.missing(unknowns, _SAMPLES)
-        step = lu_solve(factor, missing, check_finite=False)
-        size = float(np.abs(step / point.sizes[:-1]).max())
-        if size < _CONVERGED:
-            return unknowns
-        if not size < last:
-            return None
-        unknowns[:-1] -= step
-        last = size
-    return None
-
-
 def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
-    """The same by Newton's method, if the solution is on the same side of all folds and not far off with a shorter period."""
+    """The solution near unknowns, if it is on the same side of all folds as a point and not far off with a shorter period."""
     found = solve(equations, unknowns)
     if found is None:
         return None

@@ -189,10 +189,6 @@ class HarmonicBalance(PeriodicEquations):
         motion = np.hstack(self._moved(unknowns, basis, slopes))
         return np.concatenate([motion, motion[:1]])
 
-    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
-        """What the balance lacks, and the motion."""
-        return self(unknowns)[0], self.motion(unknowns, samples)
-
     def at_rest(self, x: Floats, omega: float) -> Floats:
         """The unknowns of rest at displacements (n,) in m."""
         coefficients = np.zeros((len(x) + self._states, 2 * self.harmonics + 1))

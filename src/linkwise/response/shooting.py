@@ -87,10 +87,6 @@ class PeriodicEquations(ABC):
         """(turns*samples + 1, N) the motion over a period, its end included."""
 
     @abstractmethod
-    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
-        """The residual (n,), and the motion."""
-
-    @abstractmethod
     def multipliers(self, point: Point) -> NDArray[np.complex128]:
         """The Floquet multipliers (N,) of a motion."""
 
@@ -146,11 +142,6 @@ class Shooting(PeriodicEquations):
         self.integrator.set_parameters(self.parameters)
         phases: Floats = np.linspace(0.0, self.period, self.turns * samples + 1)
         return self.integrator.motion(unknowns[:-1], float(unknowns[-1]), phases)
-
-    def missing(self, unknowns: Floats, samples: int) -> tuple[Floats, Floats]:
-        """What is missing to a return (N,), and the motion."""
-        motion = self.motion(unknowns, samples)
-        return motion[-1] - motion[0], motion
 
     def multipliers(self, point: Point) -> NDArray[np.complex128]:
         """The Floquet multipliers (N,) of a motion."""

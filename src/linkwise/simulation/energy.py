@@ -14,7 +14,7 @@ of order 11, for which they are exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,54 +36,34 @@ class LinkForces:
     excitation: Excitation
 
     @cached_property
-    def _groups(self) -> list[tuple[Law, Indices, dict[str, Floats]]]:
-        """For each law the numbers (m,) of its links, and the values (m,) of each coefficient."""
-        values = [link.values for link in self.structure.links]
-        return [
-            (law, numbers, {name: np.array([values[k][name] for k in numbers]) for name in law.coefficients})
-            for law, numbers in self.structure.topology.by_law
-        ]
-
-    @cached_property
     def _columns(self) -> dict[tuple[int, str], int]:
         """Column of each state of a link in the states (M, S)."""
         return {key: column for column, key in enumerate(self.structure.topology.states)}
 
-    def _inside(self, law: Law, numbers: Indices, time: Floats, states: Floats) -> dict[str, Floats]:
-        """The states (M, m) by name of links that have one law, and its signals (M, 1)."""
-        inside = {name: self.excitation.signals[name].value(time)[:, None] for name in law.signals}
-        for name in law.states:
-            inside[name] = states[:, [self._columns[k, name] for k in numbers.tolist()]]
-        return inside
+    def _inside(self, number: int, time: Floats, states: Floats) -> dict[str, Floats]:
+        """The states (M,) by name of a link, and the signals (M,) of its law."""
+        law = self.structure.links[number].law
+        signals = {name: self.excitation.signals[name].value(time) for name in law.signals}
+        return signals | {name: states[:, self._columns[number, name]] for name in law.states}
 
     def links(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Force (M, L) of every link in N at displacements and velocities (M, n) and states (M, S)."""
-        d, v = self.elongations(time, x, v)
+        d, rate = self.elongations(time, x, v)
         force = np.empty(d.shape)
-        for law, numbers, values in self._groups:
-            inside = self._inside(law, numbers, time, states)
-            force[:, numbers] = law.force(d[:, numbers], v[:, numbers], {**values, **inside})
+        for k, link in enumerate(self.structure.links):
+            force[:, k] = link.force(d[:, k], rate[:, k], self._inside(k, time, states))
         return force
 
     def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
-        needed = any("d" in program.inputs for _, program, _, _ in self._dissipation)
-        d, rate = self.elongations(time, x, v) if needed else (None, self._rates(time, v))
-        power = np.empty(rate.shape)
-        for law, program, numbers, values in self._dissipation:
-            motion = {"v": rate[:, numbers], **({} if d is None else {"d": d[:, numbers]})}
-            motion |= self._inside(law, numbers, time, states)
-            power[:, numbers] = program(*({**motion, **values}[name] for name in program.inputs))[0]
+        d, rate = self.elongations(time, x, v)
+        power = np.empty(d.shape)
+        for k, link in enumerate(self.structure.links):
+            program = _dissipation(link.law)
+            named: dict[str, Floats | float] = {"d": d[:, k], "v": rate[:, k], **link.values}
+            named |= self._inside(k, time, states)
+            power[:, k] = program(*(named[name] for name in program.inputs))[0]
         return power
-
-    @cached_property
-    def _dissipation(self) -> list[tuple[Law, Program, Indices, dict[str, Floats]]]:
-        """As `_groups`, with the program of the dissipated power."""
-        groups = []
-        for law, numbers, values in self._groups:
-            power = dissipated_power(law.expression, (*law.states, *law.signals))
-            groups.append((law, Program([power], symbols(power)), numbers, values))
-        return groups
 
     def _rates(self, time: Floats, v: Floats) -> Floats:
         base = self.excitation.base
@@ -105,6 +85,13 @@ class LinkForces:
         links = self.links(time, x, v, states)
         net = self.applied(time) - (self.structure.incidence @ links.T).T
         return np.ascontiguousarray(net / self.structure.mass_values)
+
+
+@lru_cache(maxsize=128)
+def _dissipation(law: Law) -> Program:
+    """The program of the power that a law dissipates."""
+    power = dissipated_power(law.expression, (*law.states, *law.signals))
+    return Program([power], symbols(power))
 
 
 _EQUAL = 1e-13  # of the run: panel ends closer than that are equal up to rounding

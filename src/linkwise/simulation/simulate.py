@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import groupby
 from types import NoneType
 from typing import TypedDict, Unpack
 
@@ -147,11 +146,11 @@ def simulate(
     }
     arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(moved, drive, motion, channels)}
     values = np.empty((len(grid), len(channels)))
-    for kind, group in groupby(range(len(channels)), lambda column: _moving_kind(channels[column])):
-        columns = list(group)
-        if kind:
-            rows = np.array([structure.topology.row(channels[column].place) for column in columns])
-            np.matmul(arrays[kind], rows.T, out=values[:, columns[0] : columns[-1] + 1])
+    for kind in MOTIONS:
+        shown = {n: c for n, c in enumerate(channels) if c.kind == kind and not c.is_input}
+        if shown:
+            rows = np.array([structure.topology.row(channel.place) for channel in shown.values()])
+            values[:, list(shown)] = arrays[kind] @ rows.T
     for column, channel in enumerate(channels):
         order = channel.order if channel.is_motion else 0
         if channel.is_input:
@@ -180,11 +179,6 @@ def simulate(
         source=f"simulation of {structure.name}",
     )
     return in_units_of(record, structure)
-
-
-def _moving_kind(channel: Channel) -> str:
-    """The kind of a channel of a mass or a point that moves; "" of others."""
-    return channel.kind if channel.is_motion and not channel.is_input else ""
 
 
 def _derived(

@@ -5,7 +5,7 @@ and one column per coefficient of a link (its physics-informed basis, Eq. 6).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import combinations_with_replacement
 from math import comb
@@ -378,22 +378,15 @@ def _chosen(states: States, masses: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _require_room(library: Monomials, masses: int) -> None:
-    """Raise IdentificationError, saying what would fit, for a library whose fit would not."""
+    """Raise IdentificationError for a library whose fit would not go into memory."""
     needed, free = fit_bytes(len(library)), available_memory()
     if needed <= free:
         return
-    fitting = []
-    changes = {f"mixing={mixing}": replace(library, mixing=mixing) for mixing in (2, 1)}
-    for change, reduced in {**changes, "order=2": replace(library, order=2)}.items():
-        columns = len(reduced)
-        if columns < len(library) and fit_bytes(columns) <= free:
-            fitting.append(f"{change} ({columns} columns, {_gigabytes(fit_bytes(columns))})")
     raise IdentificationError(
         f"the monomials up to order {library.order} in the {len(library.variables)} states of {masses} masses are "
         f"{len(library)} columns; their Gram matrix alone takes {_gigabytes(8 * len(library) ** 2)}, a fit "
-        f"{_gigabytes(needed)}, and {_gigabytes(free)} are free. Smaller are "
-        f"{', '.join([*fitting, 'columns_of=... (a mass and its neighbours)'])}, "
-        "and the columns of the links (link_columns)"
+        f"{_gigabytes(needed)}, and {_gigabytes(free)} are free. Smaller are those of a lower order, with mixing=2 or "
+        "mixing=1, or with columns_of=... (a mass and its neighbours), and the columns of the links (link_columns)"
     )
 
 

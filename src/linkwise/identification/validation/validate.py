@@ -52,7 +52,7 @@ from linkwise.likelihood.rigs.problem import (
     minimise,
     rig_forces,
 )
-from linkwise.model.structure import BASE, Structure
+from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.channel import COMMON, SensorUncertainty
 from linkwise.records.channel_units import in_units_of, unit_in
@@ -343,13 +343,11 @@ def _in_motion(
     structure = given.structure
     frame = framed(scored, structure)
     used = frame.record
-    if np.any(structure.base_incidence) and f"x:{BASE}" not in used.channels:
-        message = "a link ends at the base, whose motion the record lacks: give x:base, v:base or a:base"
-        raise RecordError(message)
     samples = _burn_samples(used, burn)
     noise = sensor_noise(used)
     sigma = np.array([noise[name] for name in used.responses])
-    predictor = _predictor(used, given, sigma, law_error)
+    free, values, covariance = given.uncertain
+    predictor = WindowPredictor(used, free, values, covariance_root(covariance), sigma, law_error)
     prediction = predict(predictor, samples, progress)
     ahead, variance = one_step(predictor, samples)
     prediction = replace(prediction, predicted=prediction.predicted + frame.shown)
@@ -409,11 +407,6 @@ def _burn_samples(record: Record, burn: float | None) -> int:
         if not present[samples:].any():
             raise RecordError("has no sample after the burn", channel=name)
     return samples
-
-
-def _predictor(record: Record, given: ValidatedAnswer, sigma: Floats, law_error: float) -> WindowPredictor:
-    free, values, covariance = given.uncertain
-    return WindowPredictor(record, free, values, covariance_root(covariance), sigma, law_error)
 
 
 def _like(record: Record, values: Floats, label: str) -> Record:

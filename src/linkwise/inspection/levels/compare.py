@@ -115,11 +115,6 @@ class LevelComparison(JudgedView):
         return np.asarray(self.frequencies / self.frequencies[0] - 1.0)
 
     @property
-    def damping_changes(self) -> Floats:
-        """(R, n) changes of the damping from that at the lowest level, relative."""
-        return np.asarray(self.damping / self.damping[0] - 1.0)
-
-    @property
     def lost(self) -> Bools:
         """(R, n) whether a mode could not be followed to a level, where what explains its record is no mode."""
         return np.asarray(self.damping <= _UNDAMPED)

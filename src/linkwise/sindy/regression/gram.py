@@ -93,13 +93,11 @@ class AnchoredSums:
     def restricted(self, retained: Indices, change: Floats, target: int) -> AnchoredSums:
         """Sums of k columns and one target, about an anchor that `change` (p,) takes to zero in the other columns."""
         moved = dsymv(1.0, self.matrix, change, lower=1)
-        slope = self.slope[:, target]
-        squares = max(float(self.squares[target] + change @ (moved - 2 * slope)), 0.0)
         return AnchoredSums(
             self.rows,
             self.matrix[np.ix_(retained, retained)].T,  # symmetric, and so in Fortran order
-            (slope - moved)[retained, None],
-            np.array([squares]),
+            (self.slope[:, target] - moved)[retained, None],
+            np.array([self.squares_at(change, target)]),
             self.norms[target : target + 1],
         )
 
@@ -336,8 +334,6 @@ class _Eliminated(NamedTuple):
         return np.asarray(solved @ self.rows)
 
 
-_SMALL = 8  # a support below one in eight columns is first solved without the anchor
-_CANCELLING = 3e-5  # residual, as a share of its target, below which ||b||^2 - c'A'b has lost too many digits
 _STATIONARY = 1e-13  # slope, as a share of the target, at which a solution needs no refinement
 _REFINEMENTS = 3
 
@@ -358,8 +354,6 @@ class Solution:
         Difference of the scaled coefficients from the anchor.
     _eliminated : _Eliminated or None
         The other columns, where these are fewer and were eliminated from the inverse.
-    known_squares : float or None
-        Sum of squared residuals, where it came with the solution.
     """
 
     gram: Gram
@@ -367,7 +361,6 @@ class Solution:
     support: Bools
     change: Floats
     _eliminated: _Eliminated | None
-    known_squares: float | None = None
 
     @cached_property
     def scaled(self) -> Floats:
@@ -377,8 +370,7 @@ class Solution:
     @cached_property
     def squares(self) -> float:
         """Sum of squared residuals."""
-        known = self.known_squares
-        return self.gram.sums.squares_at(self.change, self.target) if known is None else known
+        return self.gram.sums.squares_at(self.change, self.target)
 
     def on(self, support: Bools) -> Solution:
         """Least squares on those columns of the support that are in `support` (p,), too."""
@@ -388,26 +380,12 @@ class Solution:
             return self
         if self._eliminated and np.count_nonzero(gram.alive) < 2 * retained.size:
             return self._without(support, self._eliminated.with_(dropped, gram.inverse))
-        if 0 < retained.size < len(support) / _SMALL:
-            direct = self._directly(support, retained)
-            if direct.squares > (_CANCELLING * gram.norms[self.target]) ** 2:
-                return direct
         change = np.where(support, 0.0, -gram.anchor[:, self.target])
         if retained.size:
             slope = gram.sums.slope[:, self.target] - dsymv(1.0, gram.matrix, change, lower=1)
             factor = _ridged(gram.matrix[np.ix_(retained, retained)].T)
             change[retained] = cho_solve(factor, slope[retained], check_finite=False)
         return Solution(gram, self.target, support, change, None)
-
-    def _directly(self, support: Bools, retained: Indices) -> Solution:
-        """The solution without the anchor: cheaper for few columns, and as accurate where the residual is not tiny."""
-        gram, moments = self.gram, self.gram.moments[retained, self.target]
-        factor = _ridged(gram.matrix[np.ix_(retained, retained)].T)
-        solved = cho_solve(factor, moments, check_finite=False)
-        change = -gram.anchor[:, self.target]
-        change[retained] += solved
-        squares = float(gram.norms[self.target] ** 2 - solved @ moments)
-        return Solution(gram, self.target, support, change, None, squares)
 
     def _without(self, support: Bools, eliminated: _Eliminated) -> Solution:
         """The solution without the eliminated columns, at the cost of their number. The inverse has lost digits, so it is

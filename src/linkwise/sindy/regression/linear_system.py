@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol, final
 
 import numpy as np
-from scipy.linalg.blas import dgemm, dsyrk
+from scipy.linalg.blas import dgemm
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
@@ -68,34 +68,22 @@ class GramSums(Protocol):
 
 @final
 class RowSums:
-    """A'A of any rows: one symmetric rank-k update a block."""
+    """A'A of any rows."""
 
     def __init__(self, columns: int) -> None:
         self._sum = np.zeros((columns, columns), order="F")
 
     def add(self, rows: Floats) -> None:
-        # syrk reads Fortran order; a block in C order is the transpose of one
-        turned = rows.flags.c_contiguous
-        read, options = rows.T if turned else rows, {"trans": not turned, "lower": 1, "overwrite_c": 1}
-        self._sum = dsyrk(1.0, read, beta=1.0, c=self._sum, **options)
+        self._sum += product(rows, rows, transposed=True)
 
     def matrix(self) -> Floats:
-        mirror(self._sum)
         return self._sum
 
 
-_TILE = 128
-
-
 def mirror(matrix: Floats) -> None:
-    """Copy the lower triangle of a square matrix (p, p) to its upper one in place, in tiles that fit in the cache."""
-    edges = range(0, len(matrix), _TILE)
-    for row in edges:
-        for column in range(0, row, _TILE):
-            tile = matrix[row : row + _TILE, column : column + _TILE]
-            matrix[column : column + _TILE, row : row + _TILE] = tile.T
-        corner = matrix[row : row + _TILE, row : row + _TILE]
-        corner[...] = np.tril(corner) + np.tril(corner, -1).T
+    """Copy the lower triangle of a square matrix (p, p) to its upper one in place."""
+    for row in range(len(matrix)):
+        matrix[row, row + 1 :] = matrix[row + 1 :, row]
 
 
 def product(rows: Floats, right: Floats, *, transposed: bool = False) -> Floats:

@@ -488,7 +488,7 @@ class L1(Regressor):
             scaled, setting = _at(gram, target, self.penalty), self.penalty
         solution = gram.solution(target).on(scaled != 0)
         if not self.debias:
-            solution = replace(solution, change=scaled - gram.anchor[:, target], known_squares=None)
+            solution = replace(solution, change=scaled - gram.anchor[:, target])
         return solution, setting, path
 
 
