@@ -289,8 +289,8 @@ class _Runner:
             own, batch = potentials.of_runs(group), [schedules[run] for run in group]
             runs, ended = batch_runs(batch, own, self.powers, one_by_one=self.one_by_one)
             completed[group] = ended
-            if ended.any():
-                collect(runs if ended.all() else runs.of_runs(np.flatnonzero(ended)), group[ended])
+            if runs is not None:
+                collect(runs, group[ended])
             return len(group)
 
         done = 0

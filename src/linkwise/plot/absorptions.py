@@ -18,7 +18,6 @@ from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import LinkwiseError
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -209,8 +208,6 @@ def map(
 
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity."""
-    if not names:
-        raise LinkwiseError("names must hold at least one quantity, got none")
     rows = -(-len(names) // 2)
     with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):
