@@ -14,7 +14,7 @@ TESTS = 34_480  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2228),
     "analysis": (4, 522),
-    "cli": (20, 1930),
+    "cli": (20, 1877),
     "discovery": (19, 3760),
     "estimates": (7, 1323),
     "export": (8, 781),
