@@ -12,9 +12,9 @@ TESTS = 34_480  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2228),
+    "absorption": (10, 2229),
     "analysis": (4, 522),
-    "cli": (20, 1877),
+    "cli": (20, 1875),
     "discovery": (19, 3760),
     "estimates": (7, 1323),
     "export": (8, 781),
@@ -26,7 +26,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (7, 888),
     "model": (20, 3217),
     "paper": (3, 368),
-    "plot": (13, 1910),
+    "plot": (12, 1907),
     "records": (8, 1390),
     "report": (10, 1098),
     "response": (12, 1755),  # continuation, shooting, search of branches, harmonic balance, backbones, basins

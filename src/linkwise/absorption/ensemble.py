@@ -81,9 +81,12 @@ class AbsorptionQuantity:
         str
             Such as "0.31 s".
         """
-        if self.name.startswith("crossings"):
-            return f"{value:.4g}"
-        return f"{value:.4g} {self.unit}" if self.unit else f"{100.0 * value:.3g} %"
+        return f"{100.0 * value:.3g} %" if self.is_part else f"{value:.4g} {self.unit}".rstrip()
+
+    @property
+    def is_part(self) -> bool:
+        """Whether it is a part of 1, which is read in %."""
+        return not self.unit and not self.name.startswith("crossings")
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,14 @@ from linkwise.absorption.map import AbsorptionMap, map_headline, map_rows
 from linkwise.absorption.result import crossing_rows, energy_rows, harvest_rows, headline, mass_rows, primary
 from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION, DESIGN
-from linkwise.plot.absorptions import crossings_figure, decay_figure, energy_figure, map_figure
-from linkwise.plot.design import designs_figure, trade_off
+from linkwise.plot.absorptions import (
+    crossings_figure,
+    decay_figure,
+    designs_figure,
+    energy_figure,
+    map_figure,
+    trade_off,
+)
 from linkwise.plot.responses import response_figure
 from linkwise.plot.style import single
 from linkwise.report.page import Build, Head, ResultFolder, Section, csv_table, sectioned, sections_of
