@@ -11,11 +11,11 @@ from linkwise.study.runner import run_study as run_study
 from linkwise.study.store import read_rows as read_rows
 from linkwise.study.store import stored_study as stored_study
 from linkwise.study.subject import Subject as Subject
-from linkwise.study.summary import SuccessMap as SuccessMap
-from linkwise.study.summary import success_maps as success_maps
 from linkwise.study.summary import Cell as Cell
 from linkwise.study.summary import StudySummary as StudySummary
+from linkwise.study.summary import SuccessMap as SuccessMap
 from linkwise.study.summary import export_study as export_study
 from linkwise.study.summary import study_summary as study_summary
+from linkwise.study.summary import success_maps as success_maps
 
 __all__: list[str]
