@@ -12,7 +12,7 @@ TESTS = 34_480  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2229),
+    "absorption": (10, 2224),
     "analysis": (4, 522),
     "cli": (20, 1875),
     "discovery": (19, 3760),
