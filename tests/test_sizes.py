@@ -12,9 +12,9 @@ TESTS = 34_340  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2242),
+    "absorption": (10, 2223),
     "analysis": (4, 515),
-    "cli": (20, 1929),
+    "cli": (20, 1871),
     "discovery": (19, 3672),
     "estimates": (6, 1322),
     "export": (8, 781),
@@ -26,15 +26,15 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 867),
     "model": (16, 2896),
     "paper": (3, 368),
-    "plot": (13, 1921),
+    "plot": (12, 1907),
     "records": (7, 1366),
-    "report": (10, 1098),
+    "report": (10, 955),
     "response": (11, 1692),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 917),
     "signals": (6, 887),
     "simulation": (9, 1686),
     "sindy": (9, 1090),
-    "study": (10, 1517),
+    "study": (10, 1508),
     "weak": (11, 1874),
 }
 

@@ -20,7 +20,7 @@ from reach_rows import reach_maps
 from structures import beam_of_one_mode
 
 import linkwise as lw
-from linkwise.plot import design, discoveries
+from linkwise.plot import absorptions, discoveries
 from linkwise.plot.links import force_comparison_figure, force_figure
 from linkwise.plot.records import histories_figure
 
@@ -38,7 +38,7 @@ FIGURES = {  # of pages
     for name, draw in inspect.getmembers(import_module(f"linkwise.plot.{path.stem}"), inspect.isfunction)
     if name.endswith("_figure")
 }
-UNLISTED = {"runners_up": discoveries, "trade_off": design}  # pictures of pages alone
+UNLISTED = {"runners_up": discoveries, "trade_off": absorptions}  # pictures of pages alone
 WITHOUT_LEGEND = {"prediction_profile", "runners_up", "spectrogram", "success_map"}
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics
 

@@ -18,7 +18,6 @@ from structures import host
 import linkwise as lw
 from linkwise.plot import save
 from linkwise.plot.absorptions import crossings_figure, decay_figure
-from linkwise.plot.estimates import residuals_figure
 from linkwise.plot.links import force_figure
 from linkwise.plot.records import histories_figure
 from linkwise.plot.style import WELL, envelope, scattered
@@ -107,7 +106,7 @@ def test_what_is_not_there_is_refused(with_a_gap: lw.Estimate) -> None:
         lw.plot.residuals(with_a_gap, "x:m1", "d of nes2")
     weak = lw.identify(with_a_gap.more_records[0], CHAIN.unknown("all"), method="weak")
     with pytest.raises(lw.RecordError, match="maximum likelihood alone"):
-        residuals_figure(weak)
+        lw.plot.residuals(weak, "x:m1")
 
 
 SHAPES = {"tip": (1.0, -1.0), "joint": (0.62, 0.3)}

@@ -16,7 +16,6 @@ from linkwise.absorption.comparison import Comparison
 from linkwise.absorption.motion import (
     Decay,
     Potentials,
-    Runs,
     Vibration,
     batch_runs,
     comparable,
@@ -81,9 +80,12 @@ class AbsorptionQuantity:
         str
             Such as "0.31 s".
         """
-        if self.name.startswith("crossings"):
-            return f"{value:.4g}"
-        return f"{value:.4g} {self.unit}" if self.unit else f"{100.0 * value:.3g} %"
+        return f"{100.0 * value:.3g} %" if self.is_part else f"{value:.4g} {self.unit}".rstrip()
+
+    @property
+    def is_part(self) -> bool:
+        """Whether it is a part of 1, which is read in %."""
+        return not self.unit and not self.name.startswith("crossings")
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +145,10 @@ def quantities_of(comparison: Comparison) -> tuple[AbsorptionQuantity, ...]:
 
 
 def quantity_values(
-    comparison: Comparison,
-    runs: Runs,
-    vibration: Vibration,
-    potentials: Potentials,
-    baseline: BaselineQuantities,
+    comparison: Comparison, vibration: Vibration, potentials: Potentials, baseline: BaselineQuantities
 ) -> dict[str, Floats]:
     """The values (W,) of every quantity in W runs, by name."""
+    runs = vibration.runs
     settled = vibration.decay.settled(baseline.level)
     x_base = comparison.options.excitation.base_at(runs.time[-1:])
     remaining = (potentials.kinetic(runs.v[-1:]) + potentials.stored(runs.x[-1:], x_base))[0]
@@ -185,16 +184,16 @@ def quantity_values(
     values |= {f"share:{name}": share for name, share in shares.items()}
     values |= {f"crossings:{name}": count for name, count in crossings.items()}
     values |= {"peak": vibration.decay.peak.max(axis=0), "rms": root_sum_square(vibration.rms)}
-    values |= _strokes(comparison, runs, vibration)
+    values |= _strokes(comparison, vibration)
     for link, given in (comparison.options.harvesters or {}).items():
         energy = runs.delivered[link] if isinstance(given, str) else shares[f"{link}{SUFFIX}"] * total
         values[f"power:{link}"] = energy / runs.time[-1]
     return values
 
 
-def _strokes(comparison: Comparison, runs: Runs, vibration: Vibration) -> dict[str, Floats]:
+def _strokes(comparison: Comparison, vibration: Vibration) -> dict[str, Floats]:
     """The largest elongation (W,) of each sink."""
-    base, structures = comparison.options.excitation.base, vibration.structures
+    base, structures, runs = comparison.options.excitation.base, vibration.structures, vibration.runs
     x, v = (None, None) if base is None else (base.value(runs.time), base.derivative(runs.time))
     names = [link.name for link in comparison.structure.links]
     links = [names.index(sink.link) for sink in comparison.sinks]
@@ -266,31 +265,36 @@ class Ensemble:
         return self.values[:, [quantity.name for quantity in self.quantities].index(name)]
 
 
+Collect = Callable[[Vibration, Potentials, Indices], None]
+"""Takes what completed runs did, with their numbers."""
+
+
 @dataclass(frozen=True)
 class _Runner:
-    """How runs are made: on `workers` threads, in batches or `one_by_one`, with reports on `activity`."""
+    """How runs are made: on `workers` threads, in batches or `one_by_one`, with reports on `activity`; and their masses."""
 
+    primaries: Sequence[str]
     workers: int
     one_by_one: bool
     progress: Progress
     activity: str
     powers: Mapping[str, Expression] = field(default_factory=dict)
 
-    def run(
-        self,
-        schedules: Sequence[RunSchedule],
-        potentials: Potentials,
-        collect: Callable[[Runs, Indices], None],
-    ) -> Bools:
-        """Run all schedules, `collect` the completed runs with their numbers, and return which were completed."""
+    def run(self, schedules: Sequence[RunSchedule], positions: Sequence[Floats], collect: Collect) -> Bools:
+        """Run all schedules, whose masses rest at `positions`, and return which were completed."""
         completed, numbers = np.zeros(len(schedules), dtype=bool), np.arange(len(schedules))
+        potentials = Potentials.of([schedule.structure for schedule in schedules])
 
         def task(group: Indices) -> int:
-            own, batch = potentials.of_runs(group), [schedules[run] for run in group]
+            batch = [schedules[run] for run in group]
+            own = potentials.of_runs(group)
             runs, ended = batch_runs(batch, own, self.powers, one_by_one=self.one_by_one)
             completed[group] = ended
-            if ended.any():
-                collect(runs if ended.all() else runs.of_runs(np.flatnonzero(ended)), group[ended])
+            if runs is not None:
+                kept = group[ended]
+                structures = [schedules[run].structure for run in kept]
+                rests = [positions[run] for run in kept]
+                collect(Vibration(runs, structures, self.primaries, rests), potentials.of_runs(kept), kept)
             return len(group)
 
         done = 0
@@ -320,21 +324,22 @@ def run_ensemble(
     """
     if workers is not None and workers < 1:
         raise SimulationError(f"workers must be at least 1, got {workers}")
-    workers = workers or processors()
+    first, workers = comparisons[0], workers or processors()
     baselines, baseline_of = _distinct([comparison.baseline for comparison in comparisons])
     owners = [int(np.argmax(baseline_of == number)) for number in range(len(baselines))]
     structures, structure_of = _distinct([comparison.resting_structure for comparison in comparisons])
-    distinct_positions = rest_positions(structures, comparisons[0].primaries)
+    distinct_positions = rest_positions(structures, first.primaries)
     positions = [distinct_positions[number] for number in structure_of]
     share = len(baselines) / (len(baselines) + len(comparisons))
     with one_blas_thread():
         baseline = _baseline(
             [comparisons[run] for run in owners],
             [positions[run] for run in owners],
-            _Runner(workers, one_by_one, part(progress, 0.0, share), "without sinks"),
+            _Runner(first.primaries, workers, one_by_one, part(progress, 0.0, share), "without sinks"),
         )
         activity = f"{len(comparisons)} runs with sinks"
-        runner = _Runner(workers, one_by_one, part(progress, share, 1.0), activity, comparisons[0].powers)
+        rest = part(progress, share, 1.0)
+        runner = _Runner(first.primaries, workers, one_by_one, rest, activity, first.powers)
         return _with_sinks(comparisons, positions, baseline.of_runs(baseline_of), envelopes, runner)
 
 
@@ -350,19 +355,17 @@ def _baseline(
 ) -> BaselineQuantities:
     """The vibration without sinks."""
     schedules = [comparison.baseline_schedule for comparison in comparisons]
-    potentials = Potentials.of([schedule.structure for schedule in schedules])
     first = comparisons[0]
     values = np.full((4, len(first.primaries), len(comparisons)), np.nan)
     energy = np.full((len(first.structure.hosts), len(comparisons)), np.nan)
 
-    def collect(runs: Runs, numbers: Indices) -> None:
-        structures = [schedules[run].structure for run in numbers]
-        vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
+    def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
+        runs = vibration.runs
         level = first.options.settle * vibration.decay.peak
         values[:, :, numbers] = [vibration.decay.peak, vibration.rms, level, vibration.decay.settled(level)]
-        energy[:, numbers] = mean_host_energies(structures, runs.x, runs.v)
+        energy[:, numbers] = mean_host_energies(vibration.structures, runs.x, runs.v)
 
-    runner.run(schedules, potentials, collect)
+    runner.run(schedules, positions, collect)
     peak, rms, level, settled = values
     return BaselineQuantities(peak, rms, level, settled, energy)
 
@@ -377,20 +380,16 @@ def _with_sinks(
     """The runs with sinks, and all quantities."""
     first = comparisons[0]
     schedules = [comparison.schedule for comparison in comparisons]
-    potentials = Potentials.of([comparison.structure for comparison in comparisons])
     quantities = quantities_of(first)
     values = np.full((len(comparisons), len(quantities)), np.nan)
     shape = len(first.times), len(first.primaries), len(comparisons)
     all_envelopes = np.full(shape, np.nan, np.float32) if envelopes else None
 
-    def collect(runs: Runs, numbers: Indices) -> None:
-        structures = [schedules[run].structure for run in numbers]
-        vibration = Vibration(runs, structures, first.primaries, [positions[run] for run in numbers])
-        own, without = potentials.of_runs(numbers), baseline.of_runs(numbers)
-        by_name = quantity_values(first, runs, vibration, own, without)
+    def collect(vibration: Vibration, potentials: Potentials, numbers: Indices) -> None:
+        by_name = quantity_values(first, vibration, potentials, baseline.of_runs(numbers))
         values[numbers] = np.stack([by_name[quantity.name] for quantity in quantities], axis=1)
         if all_envelopes is not None:
             all_envelopes[:, :, numbers] = vibration.decay.envelope
 
-    completed = runner.run(schedules, potentials, collect)
+    completed = runner.run(schedules, positions, collect)
     return Ensemble(quantities, values, completed, all_envelopes)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -333,17 +333,17 @@ class Runs:
     crossings: tuple[tuple[Floats, ...], ...]
     delivered: Mapping[str, Floats] = field(default_factory=dict)
 
-    def of_runs(self, runs: Indices) -> Runs:
-        """Some of the runs."""
-        return Runs(
-            self.time,
-            self.x[..., runs],
-            self.v[..., runs],
-            self.dissipated[..., runs],
-            self.supplied[..., runs],
-            tuple(self.crossings[run] for run in runs),
-            {link: energy[runs] for link, energy in self.delivered.items()},
-        )
+
+_BY_RUN = ("x", "v", "dissipated", "supplied")  # arrays of `Runs` whose last axis is that of the runs
+
+
+def _joined(runs: Sequence[Runs]) -> Runs:
+    """Several runs as one object."""
+    first = runs[0]
+    arrays = {name: np.concatenate([getattr(own, name) for own in runs], axis=-1) for name in _BY_RUN}
+    crossings = tuple(of_run for own in runs for of_run in own.crossings)
+    delivered = {link: np.concatenate([own.delivered[link] for own in runs]) for link in first.delivered}
+    return Runs(time=first.time, crossings=crossings, delivered=delivered, **arrays)
 
 
 def single_run(motion: SimulatedMotion, tops: list[Floats], powers: Mapping[str, Expression]) -> Runs:
@@ -371,8 +371,8 @@ def batch_runs(
     powers: Mapping[str, Expression],
     *,
     one_by_one: bool = False,
-) -> tuple[Runs, Bools]:
-    """Runs of schedules that differ in numbers only, and (W,) which of them came to their end.
+) -> tuple[Runs | None, Bools]:
+    """Of schedules that differ in numbers only, the runs that came to their end, None without any, and (W,) which did.
 
     `potentials` are those of their structures, `powers` those that their links deliver, in W. The runs are made side by side
     in double precision, or `one_by_one`, as they are if a law is not smooth or has memory, or shapes of hosts differ.
@@ -389,38 +389,26 @@ def batch_runs(
     stored = potentials.stored(start[:, :size], base_at(np.zeros(1)))
     energy = potentials.kinetic(start[:, size:]) + stored + potentials.floor
     d = elongations(potentials.structures, batch.x, base_at(schedule.times))
-    crossed = []
-    for run, of_run in enumerate(batch.crossings):
-        columns = zip(of_run, d[:, run].T, potentials.tops(run), strict=True)
+    kept, crossed = np.flatnonzero(batch.completed), []
+    for run in kept.tolist():
+        columns = zip(batch.crossings[run], d[:, run].T, potentials.tops(run), strict=True)
         apart = ((distinct(times, schedule.end), own, tops) for times, own, tops in columns)
         crossed.append(tuple(after_onset(times, batch.time, own, tops) for times, own, tops in apart))
-    runs = Runs(batch.time, batch.x, batch.v, batch.dissipated, batch.work + energy, tuple(crossed))
-    return runs, batch.completed
+    arrays = {"x": batch.x, "v": batch.v, "dissipated": batch.dissipated, "supplied": batch.work + energy}
+    own: dict[str, Any] = {name: array[..., kept] for name, array in arrays.items()}
+    return Runs(batch.time, **own, crossings=tuple(crossed)) if len(kept) else None, batch.completed
 
 
 def _one_by_one(
     schedules: Sequence[RunSchedule], potentials: Potentials, powers: Mapping[str, Expression]
-) -> tuple[Runs, Bools]:
-    samples, structure = len(schedules[0].times), schedules[0].structure
-    size, links, count = structure.size, len(structure.links), len(schedules)
-    x, v = np.full((samples, size, count), np.nan), np.full((samples, size, count), np.nan)
-    dissipated, supplied = np.full((samples, links, count), np.nan), np.full((samples, count), np.nan)
-    delivered = {link: np.full(count, np.nan) for link in powers}
-    crossed: list[tuple[Floats, ...]] = []
-    completed = np.ones(count, dtype=bool)
+) -> tuple[Runs | None, Bools]:
+    runs, completed = [], np.ones(len(schedules), dtype=bool)
     for number, schedule in enumerate(schedules):
         try:
-            run = single_run(SimulatedMotion.of(schedule), potentials.tops(number), powers)
+            runs.append(single_run(SimulatedMotion.of(schedule), potentials.tops(number), powers))
         except SimulationError:
             completed[number] = False
-            crossed.append(tuple(np.empty(0) for _ in range(links)))
-            continue
-        x[..., number], v[..., number] = run.x[..., 0], run.v[..., 0]
-        dissipated[..., number], supplied[:, number] = run.dissipated[..., 0], run.supplied[:, 0]
-        crossed += run.crossings
-        for link, energy in run.delivered.items():
-            delivered[link][number] = energy[0]
-    return Runs(schedules[0].times, x, v, dissipated, supplied, tuple(crossed), delivered), completed
+    return _joined(runs) if runs else None, completed
 
 
 #: Indices of intervals between samples, axis by axis.

@@ -150,22 +150,21 @@ class ReadingOptions:
         own = lw.files.RecordMapping(channels, self._sensors(), **stated)
         return own if self.mapping is None else own.over(lw.files.read_mapping(self.mapping))
 
-    def masses_beside(self, structure: lw.Structure) -> tuple[str, ...]:
+    def masses_beside(self, structure: lw.Structure) -> list[str]:
         """Sentences on masses that the mapping file states and the structure has otherwise or not; the structure counts."""
-        masses = self.record_mapping().masses
-        known = {name: mass for name, mass in masses.items() if mass != "unknown"}
-        stated = {name: lw.Mass(name, *rotations.mass_in_si(mass)) for name, mass in known.items()}
-        without = "which the structure does not have; it is not used"
-        unknown = (name for name in masses if name not in structure.mass_names)
-        foreign = tuple(f"The mapping file states a mass {name}, {without}." for name in unknown)
-        return foreign + tuple(
-            f"{own.name} weighs {stated[own.name].mass.value} {stated[own.name].mass_unit} in the mapping file and "
-            f"{own.mass.value} {own.mass_unit} in the structure, which counts."
-            for own in structure.masses
-            if own.name in stated
-            and own.mass.known
-            and (own.mass.value, own.unit) != (stated[own.name].mass.value, stated[own.name].unit)
-        )
+        sentences = []
+        for name, mass in self.record_mapping().masses.items():
+            if name not in structure.mass_names:
+                without = "which the structure does not have; it is not used"
+                sentences.append(f"The mapping file states a mass {name}, {without}.")
+            elif mass != "unknown":
+                own, stated = structure.mass(name), lw.Mass(name, *rotations.mass_in_si(mass))
+                if own.mass.known and (own.mass.value, own.unit) != (stated.mass.value, stated.unit):
+                    sentences.append(
+                        f"{name} weighs {stated.mass.value} {stated.mass_unit} in the mapping file and {own.mass.value} "
+                        f"{own.mass_unit} in the structure, which counts."
+                    )
+        return sentences
 
     def fitted_errors(self) -> dict[str, dict[str, Any]]:
         """Sizes by channel of the errors of sensors that a fit alone knows, by field of `MaximumLikelihood`."""

@@ -374,7 +374,6 @@ def _refuse_overwriting(*paths: Path) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import jinja2
 
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
@@ -120,25 +121,18 @@ def show(file: Path, options: ShownOptions) -> None:
         text = to_json({**tomllib.loads(lw.model.format_structure(subject)), "equilibria": rests})
         click.echo(text)
         return
-    click.echo(f"{subject.name or file.stem}: {subject.contents}")
-    for subject_host in subject.hosts:
-        for line in _host_lines(subject_host, subject):
-            click.echo(line)
-    for mass in subject.masses:
-        if mass.name in subject.modes:
-            continue
-        click.echo(f"  {mass.name:10} {_shown(mass.mass)} {mass.mass_unit}")
-    for link in subject.links:
-        if link.name in subject.modes:
-            continue
-        numbers = ", ".join(
-            f"{name} = {_shown(coefficient)} {link.law.units[name]}"
-            for name, coefficient in link.coefficients.items()
-        )
-        click.echo(f"  {link.name:10} {link.between[0]} - {link.between[1]}: {link.law.text}; {numbers}")
-        for line in _state_lines(link):
-            click.echo(f"  {'':10} {line}")
-    click.echo(_rest_lines(rests, subject) if rests else f"  equilibria and modes are not shown: {why}")
+    written = {"subject": subject, "stem": file.stem, "rests": rests, "why": why}
+    click.echo(_rendered("structure.txt.jinja", shown=_shown, **written))
+
+
+def _rendered(template: str, **parts: Any) -> str:
+    """The text that a template makes of its parts."""
+    loader = jinja2.PackageLoader("linkwise", "cli")
+    undefined = jinja2.StrictUndefined
+    environment = jinja2.Environment(
+        loader=loader, undefined=undefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
+    )
+    return environment.get_template(template).render(parts).rstrip()
 
 
 @structure.command()
@@ -160,7 +154,7 @@ def laws(name: str | None, as_json: bool) -> None:
     elif name:
         click.echo(_link_text(name, chosen[name]))
     else:
-        click.echo("\n\n".join(_law_lines(key, law) for key, law in chosen.items()))
+        click.echo(_rendered("laws.txt.jinja", laws=chosen, parsed_of=_parsed))
 
 
 def _without_suffix(picture: Path) -> Path:
@@ -168,8 +162,12 @@ def _without_suffix(picture: Path) -> Path:
     return picture.with_suffix("") if picture.suffix.lower() in (".png", ".svg") else picture
 
 
+def _parsed(law: lw.model.NamedLaw) -> lw.Law:
+    return lw.Law.parse(law.law, law.states)
+
+
 def _law_document(law: lw.model.NamedLaw) -> dict[str, Any]:
-    parsed = lw.Law.parse(law.law, law.states)
+    parsed = _parsed(law)
     return {
         "title": law.title,
         "law": law.law,
@@ -183,19 +181,6 @@ def _law_document(law: lw.model.NamedLaw) -> dict[str, Any]:
     }
 
 
-def _law_lines(name: str, law: lw.model.NamedLaw) -> str:
-    parsed = lw.Law.parse(law.law, law.states)
-    title = f"{name}({law.branches})" if law.branches else name
-    lines = [f"{title}: {law.title}", f"  f = {law.law}"]
-    for key, state in law.states.items():
-        unit = parsed.state_units[key]
-        lines.append(f"  {key}' = {state.rate}{f'    ({key} in {unit})' if unit else ''}")
-    described = (
-        f"{key}{f' [{unit}]' if unit else ''} {law.coefficients[key]}" for key, unit in parsed.units.items()
-    )
-    return "\n".join([*lines, f"  coefficients: {'; '.join(described)}", f"  source: {law.source}"])
-
-
 _ENDS = 'between: two masses or points of hosts, one of them and "ground" or "base", or on a rig "base" and "ground"'
 
 
@@ -206,35 +191,6 @@ def _link_text(name: str, law: lw.model.NamedLaw) -> str:
     text = lw.model.format_structure(lw.Structure("", masses, (link,)))
     table = text[text.index("[[link]]") :].rstrip()
     return f"# {law.title}\n# {law.source}\n# {_ENDS}\n{table}"
-
-
-def _state_lines(link: lw.Link) -> list[str]:
-    lines = []
-    for rate in link.law.rates:
-        unit, initial = link.law.state_units[rate.name], rate.initial
-        start = "unknown at the start" if initial is None else f"{initial:g} at the start"
-        lines.append(f"{rate.name}' = {rate.text}; {rate.name}{f' in {unit},' if unit else ''} {start}")
-    return lines
-
-
-def _host_lines(host: lw.Host, subject: lw.Structure) -> list[str]:
-    """Frequency, damping and shape of every mode."""
-    count = "1 mode" if len(host.modes) == 1 else f"{len(host.modes)} modes"
-    points = (f"{point} (in rad)" if point in host.rotations else point for point in host.points)
-    units = "1/sqrt(kg)" + (", or rad/(m sqrt(kg))," if host.rotations else "")
-    lines = [f"  {host.name:10} {count}; shapes in {units} at {', '.join(points)}"]
-    for name, mode in zip(host.coordinates, host.modes, strict=True):
-        frequency, damping = (subject.link(name).coefficients[key] for key in ("frequency", "damping"))
-        shape = "  ".join(
-            f"{value:10.4g}" + (f" +- {mode.shape_sigma[point]:.2g}" if point in mode.shape_sigma else "")
-            for point, value in mode.shape.items()
-        )
-        lines.append(f"    {name:12} {_shown(frequency)} Hz, damping {_shown(damping)}; {shape}")
-    lines += [
-        f"    {name:12} {_shown(subject.link(name).coefficients['damping'])} N s/m between these modes"
-        for name in host.damping_links.values()
-    ]
-    return lines + [f"    note: {note}" for note in host.notes]
 
 
 def _shown(coefficient: lw.Coefficient) -> str:
@@ -279,18 +235,3 @@ def _rest(subject: lw.Structure, rest: lw.analysis.Equilibrium) -> dict[str, Any
         "frequencies": modes.frequencies.tolist(),
         "damping": modes.damping.tolist(),
     }
-
-
-def _rest_lines(rests: dict[str, Any], subject: lw.Structure) -> str:
-    lines = [
-        f"  equilibria: {rests['stable']} stable, {rests['unstable']} unstable. {rests['note']}".rstrip()
-    ]
-    for rest in rests["first"]:
-        units = {name: "rad" if name in subject.rotations else "m" for name in rest["x"]}
-        places = ", ".join(f"{name} = {x:.4g} {units[name]}" for name, x in rest["x"].items())
-        pairs = zip(rest["frequencies"], rest["damping"], strict=True)
-        tones = ", ".join(f"{frequency:.4g} Hz ({100 * ratio:.2g} %)" for frequency, ratio in pairs)
-        lines += [f"    {places}; energy {rest['energy']:.4g} J", f"      modes (damping): {tones}"]
-    if rests["stable"] > SHOWN:
-        lines.append(f"    and {rests['stable'] - SHOWN} more stable ones")
-    return "\n".join(lines)

@@ -2,9 +2,9 @@
 
 from linkwise.plot.absorptions import absorption as absorption
 from linkwise.plot.absorptions import crossings as crossings
+from linkwise.plot.absorptions import designs as designs
 from linkwise.plot.absorptions import energy as energy
 from linkwise.plot.absorptions import map as map
-from linkwise.plot.design import designs as designs
 from linkwise.plot.discoveries import departures as departures
 from linkwise.plot.discoveries import evidence as evidence
 from linkwise.plot.discoveries import path as path

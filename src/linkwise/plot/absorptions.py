@@ -1,9 +1,12 @@
-"""What sinks do: motion with and without them (paper Figs. 3 and 5), where energy goes, crossings of wells, maps."""
+"""What sinks do: motion with and without them (paper Figs. 3 and 5), where energy goes, crossings of wells, maps, and what a
+search for the best ones tried.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,13 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter
 
+from linkwise.absorption.design import Design, DesignAxis
 from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals, Answer, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import LinkwiseError
+from linkwise.errors import require_known
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -35,10 +39,12 @@ from linkwise.plot.style import (
     log_scale,
     not_shown,
     over_time,
+    pictures,
     place_legend,
     place_of,
     scale,
     sheet,
+    single,
     strips,
     wrap_title,
 )
@@ -209,8 +215,6 @@ def map(
 
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity."""
-    if not names:
-        raise LinkwiseError("names must hold at least one quantity, got none")
     rows = -(-len(names) // 2)
     with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):
@@ -229,9 +233,8 @@ def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
 
 def _shown(result: AbsorptionMap, name: str) -> tuple[Floats, str]:
     """Values as they are read: parts of 1 in %."""
-    values, unit = result[name], _quantity(result, name).unit
-    part = unit == "" and not name.startswith("crossings")
-    return (100.0 * values, "%") if part else (values, unit)
+    quantity = _quantity(result, name)
+    return (100.0 * result[name], "%") if quantity.is_part else (result[name], quantity.unit)
 
 
 def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:
@@ -270,19 +273,20 @@ _MANY_DIGITS = 1e5
 
 
 def _scale_axes(axes: Axes, across: SweepAxis, up: SweepAxis | None) -> None:
-    axes.set_xlabel(_axis_label(across))
-    if across.logarithmic and across.values[0] > 0.0:
-        log_scale(axes, "x")
+    _scale_axis(axes, "x", across, across.values[0])
     if up is not None:
-        axes.set_ylabel(_axis_label(up))
-        if up.logarithmic and up.values[0] > 0.0:
-            log_scale(axes, "y")
-        elif np.abs(up.values).max() >= _MANY_DIGITS:  # a common factor would stand over the title
-            axes.yaxis.set_major_formatter(EngFormatter(sep=""))
+        _scale_axis(axes, "y", up, up.values[0])
+        if not (up.logarithmic and up.values[0] > 0.0) and np.abs(up.values).max() >= _MANY_DIGITS:
+            axes.yaxis.set_major_formatter(EngFormatter(sep=""))  # a common factor would stand over the title
 
 
-def _axis_label(axis: SweepAxis) -> str:
-    return literal(f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name)
+def _scale_axis(axes: Axes, which: str, axis: SweepAxis | DesignAxis, first: float) -> None:
+    """Label an axis, "x" or "y", with a parameter, from its `first` value on."""
+    axes.set(
+        **{f"{which}label": literal(f"{axis.name}, {axis.unit}" if axis.unit not in ("", "?") else axis.name)}
+    )
+    if axis.logarithmic and first > 0.0:
+        log_scale(axes, which)
 
 
 def _edges(axis: SweepAxis) -> Floats:
@@ -466,3 +470,136 @@ def _colors(result: Absorption) -> dict[str, str]:
     sinks = [name for name in shown if name in result.absorbing]
     others = [name for name in shown if name not in result.absorbing]
     return dict([*zip(sinks, SERIES, strict=False), *zip(others, _GREYS, strict=False)])
+
+
+_MOST_PAIRS = 6  # of varied parameters
+
+
+def trade_off(result: Design, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Draw the mass of the sinks against what was minimised: all designs, and those that no lighter one beats.
+
+    Parameters
+    ----------
+    result : Design
+        What `design` returned.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; by default those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on: mass in kg, the quantity in its SI unit or in %.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from linkwise.plot.absorptions import trade_off
+    >>> few = lw.absorption.DesignOptions(evaluations=24)
+    >>> over = {"m2.mass": (0.002, 0.05)}
+    >>> found = lw.design(lw.bnes_chain(2), over, "rms", few, duration=0.5, release={"v:m1": 1.0})
+    >>> trade_off(found).get_xlabel()
+    'mass of the sinks, kg'
+    """
+    values, title = _judged(result)
+    mass, best = np.array(result.trade_off).T
+    usable = result.allowed & np.isfinite(values)
+    with axes_for(ax, legend=legend, width=5.2, height=3.4) as axes:
+        axes.plot(result.added_mass[usable], values[usable], ".", color=MEASURED, ms=3, label="designs tried")
+        factor, _ = _reading(result)
+        axes.step(mass, factor * best, where="post", color=IDENTIFIED, lw=1.0)
+        axes.plot(mass, factor * best, "o", color=IDENTIFIED, ms=4, label="no lighter one is as good")
+        axes.set(xlabel="mass of the sinks, kg", ylabel=literal(title))
+    return axes
+
+
+def designs(
+    result: Design, across: str = "", up: str = "", *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the designs that were tried over two of their parameters, coloured by what was minimised.
+
+    Parameters
+    ----------
+    result : Design
+        What `design` returned.
+    across, up : str, optional
+        The parameters; by default the first two. Of a single one, it is drawn against the quantity.
+    legend : bool, default True
+        Add a legend to the axes.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; a colour bar is put beside them. By default those of a new figure.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on, in SI units, parts of 1 in %.
+
+    Raises
+    ------
+    LinkwiseError
+        If a parameter was not varied.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> few = lw.absorption.DesignOptions(evaluations=8)
+    >>> over = {"nes1.alpha": (-300.0, -20.0)}
+    >>> found = lw.design(lw.bnes_chain(2), over, "rms", few, duration=0.5, release={"v:m1": 1.0})
+    >>> lw.plot.designs(found).get_xlabel()
+    'nes1.alpha, N/m'
+    """
+    names = [axis.name for axis in result.axes]
+    across = across or names[0]
+    up = up or (names[1] if len(names) > 1 else "")
+    for name in (across, *([up] if up else [])):
+        require_known("varied parameter", name, names)
+    values, title = _judged(result)
+    order = np.argsort(values if result.options.maximise else -values)  # the best on top
+    order = order[(result.allowed & np.isfinite(values))[order]]
+    x = result.points[:, names.index(across)]
+    with axes_for(ax, legend=legend, width=4.8, height=3.4) as axes:
+        _scaled(axes, result, across, "x")
+        if not up:
+            axes.plot(x[order], values[order], ".", color=IDENTIFIED, ms=4)
+            axes.plot(result.best[across], _reading(result)[0] * result.objective, "*", color=WELL, ms=12)
+            axes.set_ylabel(literal(title))
+            return axes
+        y = result.points[:, names.index(up)]
+        # most designs lie near the best, so that ranks tell colours apart where values crowd
+        shares = [10.0, 100.0] if result.options.maximise else [0.0, 90.0]
+        low, high = np.percentile(values[order], shares)
+        cmap = "viridis" if result.options.maximise else "viridis_r"
+        tried = axes.scatter(x[order], y[order], c=values[order], s=10, cmap=cmap, vmin=low, vmax=high)
+        axes.plot(result.best[across], result.best[up], "*", color=WELL, ms=12, label="best")
+        _scaled(axes, result, up, "y")
+        axes.figure.colorbar(tried, ax=axes, label=literal(title))
+    return axes
+
+
+def _scaled(axes: Axes, result: Design, name: str, which: str) -> None:
+    """Label an axis with a parameter, between its bounds."""
+    axis = next(own for own in result.axes if own.name == name)
+    _scale_axis(axes, which, axis, axis.low)
+    axes.set(**{f"{which}lim": (axis.low, axis.high)})
+
+
+def _reading(result: Design) -> tuple[float, str]:
+    """The factor by which values are read, and their unit: parts of 1 in %."""
+    if result.quantity.is_part:
+        return 100.0, "%"
+    return scale(float(np.nanmax(np.abs(result.objectives))), result.quantity.unit)
+
+
+def _judged(result: Design) -> tuple[Floats, str]:
+    """The values (E,) of all designs as they are read, and the quantity with its unit."""
+    factor, unit = _reading(result)
+    return factor * result.objectives, f"{result.quantity.title}, {unit}" if unit else result.quantity.title
+
+
+def designs_figure(result: Design) -> Figure:
+    """A panel for each pair of parameters, the first ones of many."""
+    pairs = list(combinations([axis.name for axis in result.axes], 2))[:_MOST_PAIRS]
+    if len(pairs) < 2:
+        return single(partial(designs, result))
+    return pictures([partial(designs, result, *pair) for pair in pairs], width=8.4, height=(0.4, 3.0))

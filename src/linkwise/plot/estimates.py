@@ -149,8 +149,6 @@ def residuals_figure(estimate: Estimate) -> Figure:
     Over time the channels stand one below the other. The motion is that of a link at the mass of the channel, the last of
     them, as a part of its largest."""
     left = dict(list((estimate.motion.residuals or {}).items())[:_MOST])
-    if not left:
-        raise RecordError("there are no residuals to draw: maximum likelihood alone tells them")
     with sheet(2, 2, width=8.0, height=5.2) as (figure, (over_time, over_frequency, *over_motion)):
         for row, (name, values) in enumerate(left.items()):
             color, link = SERIES[row], _link_at(estimate, name)

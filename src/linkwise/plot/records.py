@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from linkwise.errors import LinkwiseError, RecordError
+from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.channel_signal import Coherence, Spectrogram
 from linkwise.inspection.result import Inspection
@@ -354,11 +354,6 @@ def displacements_figure(
 ) -> Figure:
     """The displacement of every mass after a release in a panel of its own, lettered row by row."""
     masses = (without or envelope).masses
-    if columns < 1:
-        raise LinkwiseError(f"columns must be at least 1, got {columns}")
-    if len(titles) not in (0, len(masses)):
-        panels_text = f"one entry for each of the {len(masses)} panels"
-        raise LinkwiseError(f"titles must have {panels_text}, got {len(titles)}")
     rows = -(-len(masses) // columns)
     with sheet(rows, columns, height=0.8 + _PANEL_HEIGHT * rows) as (figure, panels):
         for number, (axes, mass) in enumerate(zip(panels, masses, strict=False)):

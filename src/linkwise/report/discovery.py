@@ -32,21 +32,53 @@ from linkwise.discovery.result import (
 )
 from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.estimates.estimate import Estimate
+from linkwise.model.structure import Structure
 from linkwise.plot.discoveries import departures, evidence_figure, path_figure
 from linkwise.plot.graphs import graph_figure
 from linkwise.plot.style import single
 from linkwise.report.estimate import estimate_figures, page_parts, write_numbers
-from linkwise.report.page import Build, Reported, ResultFolder, Section, csv_table, rendered, sections_of
+from linkwise.report.page import Reported, ResultFolder, Section, csv_table, rendered
 from linkwise.verdict import admit_intervals
 
 _HEAD = ("link", "between", "kind", "term", "value", "standard error", "z", "margin", "unit")
 
 
-def _comparison(reported: Reported[Discovery]) -> Section | None:
-    """The terms that are right, missing and false, where the truth is known."""
-    if reported.truth is None:
-        return None
-    score = term_score(reported.result.structure, reported.truth)
+def _sections(reported: Reported[Discovery]) -> dict[str, Section]:
+    """What stands before the links, by the names of figures."""
+    discovery = reported.result
+    sections = {"graph": Section("Discovered links", figure=partial(graph_figure, discovery))}
+    if reported.truth is not None:
+        sections["comparison"] = _comparison(discovery, reported.truth)
+    if memory := discovery.memory:
+        sentences = [*map(memory_sentence, memory), "Margins: by how much the criterion rises, at least."]
+        sections["memory"] = Section("Memory", sentences, rows=memory_rows(memory))
+    margin = (
+        "Margin: by how much the criterion, -2 log likelihood plus the penalty on links and terms, rises when the "
+        f"decision is reversed; beyond {CERTAIN:g} the decision is certain. z: the value in units of its standard error."
+    )
+    sections["certainty"] = Section("How certain it is", [margin], rows=[_HEAD, *_rows(discovery)])
+    if len(rows := doubtful_rows(discovery)) > 1:
+        sections["doubts"] = Section(_capitalised(doubtful_title(discovery)), rows=rows)
+    figure = partial(path_figure, discovery)
+    sections["path"] = Section("Why these terms", rows=runner_up_rows(discovery), figure=figure)
+    if len(rows := path_rows(discovery)) > 1:
+        sections["sizes"] = Section(_capitalised(PATH_TITLE), rows=rows)
+    trusted = admit_intervals(discovery.verdicts)
+    link = discovery.average.departing(discovery.estimate.links) if trusted else None
+    if link is not None:
+        text = (
+            "Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."
+        )
+        figure = partial(single, partial(departures, discovery, link))
+        sections["average"] = Section("Other models that survive", [text], figure=figure, folded=True)
+    text, figure = "terms.csv lists all candidates that were tested.", partial(evidence_figure, discovery)
+    sections["evidence"] = Section("The evidence term by term", [text], figure=figure, folded=True)
+    return sections
+
+
+def _comparison(discovery: Discovery, truth: Structure) -> Section:
+    """The terms that are right, missing and false."""
+    score = term_score(discovery.structure, truth)
     right, missing, extra = map(len, (score.right, score.missing, score.extra))
     counts = f"{right} terms are right, {missing} are missing, {extra} are false."
     lists = (("Missing", score.missing), ("False", score.extra))
@@ -54,78 +86,8 @@ def _comparison(reported: Reported[Discovery]) -> Section | None:
     return Section("Comparison with the truth", [counts, *listed])
 
 
-def _certainty(reported: Reported[Discovery]) -> Section:
-    """Every term with its evidence, the most certain links first."""
-    margin = (
-        "Margin: by how much the criterion, -2 log likelihood plus the penalty on links and terms, rises when the "
-        f"decision is reversed; beyond {CERTAIN:g} the decision is certain. z: the value in units of its standard error."
-    )
-    return Section("How certain it is", [margin], rows=[_HEAD, *_rows(reported.result)])
-
-
-def _memory(reported: Reported[Discovery]) -> Section | None:
-    """The link that has memory, where one has."""
-    memory = reported.result.memory
-    if not memory:
-        return None
-    sentences = [*map(memory_sentence, memory), "Margins: by how much the criterion rises, at least."]
-    return Section("Memory", sentences, rows=memory_rows(memory))
-
-
-def _doubts(reported: Reported[Discovery]) -> Section | None:
-    """The decisions that are not beyond doubt, where there are such."""
-    rows = doubtful_rows(reported.result)
-    title = doubtful_title(reported.result)
-    return Section(title[:1].upper() + title[1:], rows=rows) if len(rows) > 1 else None
-
-
-def _path(reported: Reported[Discovery]) -> Section:
-    """The path over model sizes and the next best models."""
-    discovery = reported.result
-    return Section("Why these terms", rows=runner_up_rows(discovery), figure=partial(path_figure, discovery))
-
-
-def _sizes(reported: Reported[Discovery]) -> Section | None:
-    """What models of other sizes cost and predict, where pieces of the record were left out."""
-    rows = path_rows(reported.result)
-    return Section(PATH_TITLE[:1].upper() + PATH_TITLE[1:], rows=rows) if len(rows) > 1 else None
-
-
-def _average(reported: Reported[Discovery]) -> Section | None:
-    """The models that survive beside the selected one, if they give another force; none without trust."""
-    discovery = reported.result
-    trusted = admit_intervals(discovery.verdicts)
-    link = discovery.average.departing(discovery.estimate.links) if trusted else None
-    if link is None:
-        return None
-    text = "Each is weighted by its criterion. The averaged band includes the uncertainty of the selection."
-    figure = partial(single, partial(departures, discovery, link))
-    return Section("Other models that survive", [text], figure=figure, folded=True)
-
-
-def _evidence(reported: Reported[Discovery]) -> Section:
-    """What each term explains."""
-    text = ["terms.csv lists all candidates that were tested."]
-    figure = partial(evidence_figure, reported.result)
-    return Section("The evidence term by term", text, figure=figure, folded=True)
-
-
-def _graph(reported: Reported[Discovery]) -> Section:
-    return Section("Discovered links", figure=partial(graph_figure, reported.result))
-
-
-SECTIONS: dict[str, Build[Reported[Discovery]]] = {
-    "graph": _graph,
-    "comparison": _comparison,
-    "memory": _memory,
-    "certainty": _certainty,
-    "doubts": _doubts,
-    "path": _path,
-    "sizes": _sizes,
-    "average": _average,
-    "evidence": _evidence,
-}
-"""What stands before the links, in order; the name of a section is that of its figure's files."""
+def _capitalised(title: str) -> str:
+    return title[:1].upper() + title[1:]
 
 
 def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
@@ -137,7 +99,7 @@ def links_of(reported: Reported[Discovery]) -> Reported[Estimate]:
 
 def discovery_figures(reported: Reported[Discovery]) -> dict[str, Section]:
     """All sections with a figure, by the name of its files: those of the discovery, then those of its estimate."""
-    return {**sections_of(SECTIONS, reported), **estimate_figures(links_of(reported))}
+    return {**_sections(reported), **estimate_figures(links_of(reported))}
 
 
 def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]) -> str:
@@ -149,7 +111,7 @@ def discovery_page(reported: Reported[Discovery], pictures: Mapping[str, Markup]
         discovery=discovery,
         headline=headline(discovery),
         remarks=all_remarks(discovery),
-        lead=sections_of(SECTIONS, reported),
+        lead=_sections(reported),
     )
 
 

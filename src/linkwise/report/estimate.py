@@ -21,6 +21,7 @@ from linkwise.display import (
     format_value,
     listed,
 )
+from linkwise.estimates.causes import UnseenTerm
 from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
@@ -35,14 +36,12 @@ from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figu
 from linkwise.plot.records import histories_figure
 from linkwise.registry import Registry
 from linkwise.report.page import (
-    Build,
     Head,
     Reported,
     ResultFolder,
     Section,
     rendered,
     sectioned,
-    sections_of,
 )
 from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
@@ -55,15 +54,32 @@ UNSEEN_HEAD = (
 NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 
 
-def _second_answer(reported: Reported[Estimate]) -> Section | None:
-    """What laws with a term that is missing say, where they leave only noise."""
-    title, asked, rows = reported.result.second_answer
-    return Section(title, items=asked, rows=rows) if rows else None
+def _sections(reported: Reported[Estimate]) -> dict[str, Section]:
+    """What follows the links, the fit on the first screen, by the names of figures."""
+    estimate, sections = reported.result, {}
+    if overlaid := fitted_channels(estimate):
+        figure = partial(fit_figure, estimate.record, overlaid)
+        sections["fit"] = Section("Measured and fitted", figure=figure)
+    title, asked, rows = estimate.second_answer
+    if rows:
+        sections["alternative"] = Section(title, items=asked, rows=rows)
+    if estimate.unseen_terms:
+        rows = [UNSEEN_HEAD, *map(_unseen, estimate.unseen_terms)]
+        sections["unseen"] = Section("Terms that the record does not rule out", rows=rows, folded=True)
+    if left := estimate.motion.residuals:
+        text = (
+            "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
+            "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
+        )
+        items = [whiteness_text(name, values) for name, values in left.items()]
+        figure = partial(residuals_figure, estimate)
+        sections["residuals"] = Section("Residuals", [text], items, figure=figure, folded=True)
+    sections["histories"] = _record(estimate)
+    return sections
 
 
-def _record(reported: Reported[Estimate]) -> Section:
+def _record(estimate: Estimate) -> Section:
     """The record: where it comes from, its noise and its histories."""
-    estimate = reported.result
     record = estimate.record
     text = (
         f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
@@ -76,57 +92,10 @@ def _record(reported: Reported[Estimate]) -> Section:
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
-def _unseen(reported: Reported[Estimate]) -> Section | None:
-    """Terms, and errors of stated masses, that the record does not rule out, where there are some."""
-    terms = reported.result.unseen_terms
-    rows = [
-        (
-            term.link,
-            term.term,
-            format_percent(term.share),
-            term.coefficient,
-            format_percent(term.relative_change),
-            format_error(term.standard_errors),
-        )
-        for term in terms
-    ]
-    title = "Terms that the record does not rule out"
-    return Section(title, rows=[UNSEEN_HEAD, *rows], folded=True) if terms else None
-
-
-def _residuals(reported: Reported[Estimate]) -> Section | None:
-    """What the fit leaves of the channels, and whether it is white."""
-    estimate = reported.result
-    left = estimate.motion.residuals
-    if not left:
-        return None
-    text = (
-        "What the laws leave of each channel, in standard deviations of its noise: over time, over frequency beside white "
-        "noise, and its mean over the motion of a link beside the band that holds 95 % of such means of noise alone."
-    )
-    items = [whiteness_text(name, values) for name, values in left.items()]
-    figure = partial(residuals_figure, estimate)
-    return Section("Residuals", text=[text], items=items, figure=figure, folded=True)
-
-
-def _fit(reported: Reported[Estimate]) -> Section | None:
-    """Measured over fitted, where the method fits samples."""
-    overlaid = fitted_channels(reported.result)
-    return (
-        Section("Measured and fitted", figure=partial(fit_figure, reported.result.record, overlaid))
-        if overlaid
-        else None
-    )
-
-
-SECTIONS: dict[str, Build[Reported[Estimate]]] = {
-    "fit": _fit,
-    "alternative": _second_answer,
-    "unseen": _unseen,
-    "residuals": _residuals,
-    "histories": _record,
-}
-"""What follows the links, in order, the fit on the first screen; the name of a section is that of its figure's files."""
+def _unseen(term: UnseenTerm) -> tuple[str, ...]:
+    """A term, or an error of a stated mass, that the record does not rule out."""
+    share, change = format_percent(term.share), format_percent(term.relative_change)
+    return term.link, term.term, share, term.coefficient, change, format_error(term.standard_errors)
 
 
 def _force(reported: Reported[Estimate], link: str) -> Callable[[], Figure]:
@@ -159,7 +128,7 @@ def estimate_figures(reported: Reported[Estimate]) -> dict[str, Section]:
         for name in _pictured(reported.result)
         if (figure := build(reported, name)) is not None
     }
-    return {**links, **sections_of(SECTIONS, reported)}
+    return {**links, **_sections(reported)}
 
 
 def estimate_page(reported: Reported[Estimate], pictures: Mapping[str, Markup]) -> str:
@@ -195,7 +164,7 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
         "modes": of_modes,
         "nmse": reported.nmse,
         "chi_square": "" if chi_square is None else format_chi_square(chi_square),
-        "sections": {name: one for name, one in sections_of(SECTIONS, reported).items() if name != "fit"},
+        "sections": {name: one for name, one in _sections(reported).items() if name != "fit"},
         "pictures": pictures,
         "structure": format_structure(estimate.structure),
         "compared": truth is not None,
@@ -311,28 +280,25 @@ ESTIMATE_FOLDER: ResultFolder[Estimate] = ResultFolder(
 """What `identify` hands over."""
 
 
-def _side_by_side(comparison: Comparison) -> Section:
+def _compared(comparison: Comparison) -> dict[str, Section]:
+    """The sections of a comparison by the names of their figures."""
     text = (
         "Maximum likelihood (ml) fits the raw samples, the weak form integrates the equations against test functions, and "
         "sindy is the sparse regression of the paper on differentiated signals. A free run starts from the first samples "
         "and follows the inputs alone, or from those of windows where the motion is chaotic; its error is a root mean "
         "square in % of the deviation of the channel, of which noise alone leaves a part."
     )
-    return Section("Side by side", [text], items=comparison.findings, rows=comparison.rows)
+    over = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
+    return {
+        "table": Section("Side by side", [text], items=comparison.findings, rows=comparison.rows),
+        "forces": Section("Forces", [over], figure=partial(comparison_figure, comparison)),
+    }
 
-
-def _compared_forces(comparison: Comparison) -> Section:
-    text = "Over the motion of the record, and less the force by maximum likelihood, of which the band is the 95 % interval."
-    return Section("Forces", [text], figure=partial(comparison_figure, comparison))
-
-
-COMPARISON_SECTIONS: dict[str, Build[Comparison]] = {"table": _side_by_side, "forces": _compared_forces}
-"""The sections of a comparison, in order; the name of a section is that of its figure's files."""
 
 COMPARISON_FOLDER: ResultFolder[Comparison] = sectioned(
     COMPARISON,
     lambda result: Head(result.head, result.best.structure),
-    partial(sections_of, COMPARISON_SECTIONS),
+    _compared,
     lambda result, folder: _write_graded(result.best, result.best, folder),
 )
 """What `compare` hands over."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 
 from matplotlib.figure import Figure
@@ -27,154 +27,91 @@ from linkwise.plot.levels import (
 )
 from linkwise.plot.records import coherences_figure, histories_figure, spectra_figure, spectrograms_figure
 from linkwise.plot.style import single
-from linkwise.report.page import Build, Head, Section, sectioned, sections_of
+from linkwise.report.page import Head, Section, sectioned
 
 PICTURED = 8  # records with figures; the others have their table
 
 
-def _levels(result: Inspection) -> Section | None:
-    levels = result.levels
-    if levels is None:
-        return None
+def _of_levels(levels: LevelComparison) -> dict[str, Section]:
+    """What several levels show, by the names of figures."""
     title, figure = "Modes", None
     if len(levels.levels) > 1:
         title, figure = "Modes over level", partial(levels_figure, levels)
-    return Section(title, level_headline(levels), rows=mode_rows(levels), figure=figure)
+    sections = {"levels": Section(title, level_headline(levels), rows=mode_rows(levels), figure=figure)}
+    if levels.responses:
+        text = "Absolute value of the response per force, and the part of its power that follows from the force linearly."
+        figure = partial(level_responses_figure, levels)
+        sections["responses"] = Section("Response functions", [text], figure=figure)
+    if any(levels.distortions):
+        text = (
+            "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
+            "what of the start has not died out."
+        )
+        figure = partial(single, partial(distortion, levels))
+        sections["distortion"] = Section("Distortion", [text], rows=distortion_rows(levels), figure=figure)
+    if levels.ring_downs:
+        text = (
+            "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from "
+            f"windows of the decay. {gaps_text(levels)}"
+        )
+        rows, figure = ring_down_rows(levels), partial(ring_down_figure, levels)
+        sections["ring_down"] = Section("Ring-down", [text.rstrip()], rows=rows, figure=figure)
+    if levels.surfaces:
+        text = (
+            "Acceleration with the sign reversed over displacement and velocity of a sensor, at the highest level while no "
+            "force acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight "
+            "line at no velocity."
+        )
+        figure = partial(acceleration_surfaces_figure, levels)
+        sections["surfaces"] = Section("Restoring force", [text], figure=figure)
+    return sections
 
 
-def _of_levels(
-    title: str,
-    text: str,
-    shown: Callable[[LevelComparison], bool],
-    figure: Callable[[LevelComparison], Figure],
-    rows: Callable[[LevelComparison], Sequence[Sequence[str]]] = lambda levels: (),
-) -> Build[Inspection]:
-    """A section of what levels may have; the text is followed by that of gaps in a ring-down."""
-
-    def build(result: Inspection) -> Section | None:
-        levels = result.levels
-        if levels is None or not shown(levels):
-            return None
-        words = f"{text} {gaps_text(levels)}".rstrip() if rows is ring_down_rows else text
-        return Section(title, [words], rows=rows(levels), figure=partial(figure, levels))
-
-    return build
+def _of_record(inspection: Inspection, number: int) -> dict[str, Section]:
+    """What is shown of one record: a table of its channels and their histories, and of the first records further figures."""
+    record, name = inspection.records[number], labels(inspection.records)[number]
+    text = f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {record.start + record.duration:g} s."
+    rows = [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))]
+    if number >= PICTURED:
+        return {"histories": Section(name, [text], record.notes, rows)}
+    of = f" of {name}" if len(inspection.records) > 1 else ""
+    sections = {"histories": Section(name, [text], record.notes, rows, partial(histories_figure, record))}
+    for key, (title, text, draw) in _PICTURES.items():
+        if key != "coherence" or len(record.channels) > 1:
+            sections[key] = Section(f"{title}{of}", [text], figure=partial(draw, inspection, number))
+    return sections
 
 
-_responses = _of_levels(
-    "Response functions",
-    "Absolute value of the response per force, and the part of its power that follows from the force linearly.",
-    lambda levels: bool(levels.responses),
-    level_responses_figure,
-)
-_distortion = _of_levels(
-    "Distortion",
-    "Power over that of the response where the periodic force excites nothing, and the scatter of periods: noise, and "
-    "what of the start has not died out.",
-    lambda levels: any(levels.distortions),
-    lambda levels: single(partial(distortion, levels)),
-    distortion_rows,
-)
-_ring_down = _of_levels(
-    "Ring-down",
-    "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from windows of "
-    "the decay.",
-    lambda levels: bool(levels.ring_downs),
-    ring_down_figure,
-    ring_down_rows,
-)
-_surfaces = _of_levels(
-    "Restoring force",
-    "Acceleration with the sign reversed over displacement and velocity of a sensor, at the highest level while no force "
-    "acts: the restoring force per mass, to which other modes add scatter. A linear stiffness gives a straight line "
-    "at no velocity.",
-    lambda levels: bool(levels.surfaces),
-    acceleration_surfaces_figure,
-)
-
-
-def _alerts(inspection: Inspection) -> Section | None:
-    """What is wrong with the records."""
-    items = [alert_text(inspection, alert) for alert in inspection.alerts]
-    return Section("Alerts", items=items) if items else None
-
-
-def _histories(inspection: Inspection, number: int) -> Section:
-    """A table of the channels of one record, and their histories."""
-    record = inspection.records[number]
-    end = record.start + record.duration
-    return Section(
-        labels(inspection.records)[number],
-        [f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {end:g} s."],
-        record.notes,
-        [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))],
-        partial(histories_figure, record) if number < PICTURED else None,
-    )
-
-
-def _pictured(
-    title: str, text: str, draw: Callable[[Inspection, int], Figure], *, channels: int = 1
-) -> Callable[[Inspection, int], Section | None]:
-    """A section of a picture of a record with at least so many channels, for the first records."""
-
-    def build(inspection: Inspection, number: int) -> Section | None:
-        if number >= PICTURED or len(inspection.records[number].channels) < channels:
-            return None
-        of = f" of {labels(inspection.records)[number]}" if len(inspection.records) > 1 else ""
-        figure = partial(draw, inspection, number)
-        return Section(f"{title}{of}", [text], figure=figure)
-
-    return build
-
-
-_spectra = _pictured(
-    "Spectra",
-    "Amplitude spectral density; dashed is white noise of the level that was found.",
-    spectra_figure,
-)
-_maps = _pictured(
-    "Time and frequency",
-    "Power spectral density over time and frequency, dark where it is large; a steady line may be hum.",
-    spectrograms_figure,
-)
-_coherence = _pictured(
-    "Coherence",
-    "The part of the power of a channel that follows linearly from the one before it; dashed is what independent noise "
-    "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it.",
-    coherences_figure,
-    channels=2,
-)
-
-
-SECTIONS: dict[str, Build[Inspection]] = {
-    "levels": _levels,
-    "responses": _responses,
-    "distortion": _distortion,
-    "ring_down": _ring_down,
-    "surfaces": _surfaces,
-    "alerts": _alerts,
+_PICTURES: dict[str, tuple[str, str, Callable[[Inspection, int], Figure]]] = {
+    "spectra": (
+        "Spectra",
+        "Amplitude spectral density; dashed is white noise of the level that was found.",
+        spectra_figure,
+    ),
+    "maps": (
+        "Time and frequency",
+        "Power spectral density over time and frequency, dark where it is large; a steady line may be hum.",
+        spectrograms_figure,
+    ),
+    "coherence": (
+        "Coherence",
+        "The part of the power of a channel that follows linearly from the one before it; dashed is what independent noise "
+        "exceeds at one of 20 frequencies. A nonlinear link, noise and a clock of its own lower it.",
+        coherences_figure,
+    ),
 }
-"""What stands before the records, in order; the name of a section is that of its figure's files."""
-
-RECORD_SECTIONS: dict[str, Callable[[Inspection, int], Section | None]] = {
-    "histories": _histories,
-    "spectra": _spectra,
-    "maps": _maps,
-    "coherence": _coherence,
-}
-"""What is shown of each record, from the inspection and the number of the record."""
+"""Title, text and figure of what is drawn of each of the first records, by the names of figures."""
 
 
 def inspection_sections(result: Inspection) -> dict[str, Section]:
     """All sections by the names of their files, those of one record among several with its number, as `histories_2`."""
-    count = len(result.records)
-    of_records = {
-        name if count == 1 else f"{name}_{number + 1}": section
-        for number in range(count)
-        for name, build in RECORD_SECTIONS.items()
-        if (section := build(result, number)) is not None
-    }
-    return {**sections_of(SECTIONS, result), **of_records}
+    sections = {} if result.levels is None else _of_levels(result.levels)
+    if items := [alert_text(result, alert) for alert in result.alerts]:
+        sections["alerts"] = Section("Alerts", items=items)
+    for number in range(len(result.records)):
+        end = "" if len(result.records) == 1 else f"_{number + 1}"
+        sections |= {f"{name}{end}": section for name, section in _of_record(result, number).items()}
+    return sections
 
 
 def _head(inspection: Inspection) -> Head:

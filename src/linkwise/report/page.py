@@ -75,15 +75,6 @@ class Section:
     folded: bool = False
 
 
-Build = Callable[[R], Section | None]
-
-
-def sections_of(builders: Mapping[str, Build[R]], result: R) -> dict[str, Section]:
-    """The sections of a page by name, in order; those that have nothing to say are left out."""
-    built = {name: build(result) for name, build in builders.items()}
-    return {name: section for name, section in built.items() if section is not None}
-
-
 def write_figures(
     sections: Mapping[str, Section], folder: Path, progress: Progress = silent
 ) -> dict[str, Markup]:

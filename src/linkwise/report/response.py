@@ -12,7 +12,7 @@ from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.plot.responses import backbone_figure, basins, response_figure
 from linkwise.plot.style import single
-from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned, sections_of
+from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
 from linkwise.response.free_motion import (
     Backbone,
     Basins,
@@ -24,7 +24,7 @@ from linkwise.response.free_motion import (
 from linkwise.response.result import Branch, Response, headline, peak_rows
 
 
-def _amplitudes(result: Response) -> Section:
+def _amplitudes(result: Response) -> dict[str, Section]:
     """Amplitudes over frequency."""
     text = (
         "Amplitude is half of peak to peak over a period. Unstable motion, which no test shows, is dotted; between folds "
@@ -32,7 +32,7 @@ def _amplitudes(result: Response) -> Section:
     )
     text += " Grey points are measured." if result.measured else ""
     figure = partial(response_figure, result)
-    return Section("Amplitude over frequency", [text], rows=peak_rows(result), figure=figure)
+    return {"response": Section("Amplitude over frequency", [text], rows=peak_rows(result), figure=figure)}
 
 
 def _write_data(result: Response, folder: Path) -> None:
@@ -64,17 +64,17 @@ def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
 RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
     RESPONSE,
     lambda result: Head(headline(result), result.structure, result.findings),
-    partial(sections_of, {"response": _amplitudes}),
+    _amplitudes,
     _write_data,
 )
 """What `respond` hands over."""
 
 
-def _curve(result: Backbone) -> Section:
+def _curve(result: Backbone) -> dict[str, Section]:
     """Amplitudes over the frequency of a mode."""
     text = ["Grey points are measured."] if result.measured else []
     figure = partial(backbone_figure, result)
-    return Section("Amplitude over frequency", text, rows=backbone_rows(result), figure=figure)
+    return {"backbone": Section("Amplitude over frequency", text, rows=backbone_rows(result), figure=figure)}
 
 
 def _write_backbone_data(result: Backbone, folder: Path) -> None:
@@ -87,7 +87,7 @@ def _write_backbone_data(result: Backbone, folder: Path) -> None:
 BACKBONE_FOLDER: ResultFolder[Backbone] = sectioned(
     BACKBONE,
     lambda result: Head(backbone_headline(result), result.structure, result.findings),
-    partial(sections_of, {"backbone": _curve}),
+    _curve,
     _write_backbone_data,
 )
 """What `backbone` hands over."""
@@ -101,17 +101,16 @@ def _write_basins_data(result: Basins, folder: Path) -> None:
     csv_table(folder / "basins.csv", [*result.plane, "rest"], rows)
 
 
-def _plane(result: Basins) -> Section:
+def _plane(result: Basins) -> dict[str, Section]:
     """The plane of initial states."""
-    return Section(
-        "Where motion ends", rows=basins_rows(result), figure=partial(single, partial(basins, result))
-    )
+    figure = partial(single, partial(basins, result))
+    return {"basins": Section("Where motion ends", rows=basins_rows(result), figure=figure)}
 
 
 BASINS_FOLDER: ResultFolder[Basins] = sectioned(
     BASINS,
     lambda result: Head(basins_headline(result), result.structure),
-    partial(sections_of, {"basins": _plane}),
+    _plane,
     _write_basins_data,
 )
 """What `basins` hands over."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -28,7 +29,6 @@ from linkwise.paper.tables import NEAR, Claim, PaperStudy, Table2, claims, expla
 from linkwise.plot.studies import accuracy_figure, success_figure
 from linkwise.plot.style import save
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.registry import Registry
 from linkwise.report.page import csv_table, embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
@@ -190,77 +190,68 @@ def _coverages(table: StudySummary) -> list[tuple[str, float, Mapping[str, str]]
     return [(*key, texts) for key, texts in lines.items() if set(texts.values()) != {"–"}]
 
 
-MOTION, FORCE, SUCCESS, ACCURACY = (
-    "How the chains move",
-    "What force is found",
-    "Where the right links and terms are found",
-    "Accuracy and time over structures",
-)
 _MOST_NAMED = 12  # structures whose names fit below a panel; without names, numbers of masses fit
+_AGAINST = "The error is shown against the largest force."
 _SPREAD = "Medians, and the range of the cycles (5 to 95 %)."
+_MOTIONS = {
+    "figure_2": (figure_2, "Figure 2: responses of the chain of two masses"),
+    "figure_3": (figure_3, "Figure 3: its primary mass with the sink and without"),
+    "figure_4": (figure_4, "Figure 4: responses of the chain of eight masses"),
+    "figure_5": (figure_5, "Figure 5: its primary masses with sinks and without"),
+}
+_FORCES = {
+    "figure_6": (figure_6, "Figure 6: the force identified in the chain of two masses"),
+    "figure_7": (figure_7, "Figure 7: the force identified in the chain of eight masses"),
+}
 
 
 @dataclass(frozen=True)
 class StudyFigure:
-    """A figure that the page may have under `heading`; `draw` returns None where the study lacks what it would show."""
+    """A figure of the page under `heading`; `draw` returns None where the study lacks what it would show."""
 
     heading: str
     title: str
-    draw: Callable[[StudyReport], Figure | None]
-    caption: Callable[[StudyReport], str]
+    draw: Callable[[], Figure | None]
+    caption: str
 
 
-def _motion(name: str, draw: Callable[[], Figure], title: str) -> StudyFigure:
-    """A figure of the paper's chains, for studies that have one of them."""
-    return StudyFigure(
-        MOTION,
-        title,
-        lambda report: draw() if report.paper.masses else None,
-        lambda report: motion_captions()[name],
-    )
-
-
-def _force(draw: Callable[..., Figure | None], title: str) -> StudyFigure:
-    """A figure of the force identified by the convention that reproduces the paper best, for studies that have one."""
-
-    def drawn(report: StudyReport) -> Figure | None:
-        best = report.comparison.best
-        return None if best is None else draw(report.study, report.table, report.paper, best)
-
-    cycle = "In the cycle whose error is the median of its cell."
-    caption = f"{cycle} The error is shown against the largest force."
-    return StudyFigure(FORCE, title, drawn, lambda report: caption)
-
-
-def _figure_8(report: StudyReport) -> Figure | None:
-    comparison = report.comparison
-    return figure_8(report.table, report.paper, comparison.best) if comparison.cells else None
-
-
-def _figure_9(report: StudyReport) -> Figure | None:
-    return figure_9(report.table, report.paper) if report.comparison.cells else None
-
-
-def _accuracy(report: StudyReport) -> Figure | None:
-    counts = list(report.table.masses.values())
-    readable = len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)
-    return accuracy_figure(report.table) if report.beyond and readable else None
-
-
-def _success(report: StudyReport) -> Figure | None:
-    return success_figure(report.success) if report.success else None
-
-
-def _success_caption(report: StudyReport) -> str:
-    return (
-        f"Per cent of {report.study.cycles} cycles in which a method has all true links and terms and no other. Below it in "
-        "red, where there are any, the per cent that it trusts though a term is missing or extra. A case without an answer "
-        "counts as neither, and empty cells were not run. A trusted discovery may name doubtful terms, which is not counted."
-    )
-
-
-def _without_times(report: StudyReport) -> str:
-    return f"{_SPREAD} The paper prints no times for its Figure 8d, nor which machine it ran on."
+def study_figures(report: StudyReport) -> dict[str, StudyFigure]:
+    """The figures of a study by the names of their files, in the order of the page: those of the paper for its chains, the
+    forces by the convention that reproduces it best.
+    """
+    table, paper, best = report.table, report.paper, report.comparison.best
+    figures, heading = {}, "How the chains move"
+    for name, (draw_motion, title) in _MOTIONS.items() if paper.masses else ():
+        figures[name] = StudyFigure(heading, title, draw_motion, motion_captions()[name])
+    draw: Callable[[], Figure | None]
+    heading, cycle = "What force is found", "In the cycle whose error is the median of its cell."
+    for name, (draw_force, title) in _FORCES.items():
+        if best is not None:
+            draw, caption = partial(draw_force, report.study, table, paper, best), f"{cycle} {_AGAINST}"
+            figures[name] = StudyFigure(heading, title, draw, caption)
+    if report.success:
+        heading, draw = "Where the right links and terms are found", partial(success_figure, report.success)
+        caption = (
+            f"Per cent of {report.study.cycles} cycles in which a method has all true links and terms and no other. Below it "
+            "in red, where there are any, the per cent that it trusts though a term is missing or extra. A case without an "
+            "answer counts as neither, and empty cells were not run. A trusted discovery may name doubtful terms, which is "
+            "not counted."
+        )
+        title = "Success maps: noise and samples a period"
+        figures["success"] = StudyFigure(heading, title, draw, caption)
+    heading = "Accuracy and time over structures"
+    if report.comparison.cells:
+        caption = f"{_SPREAD} The paper prints no times for its Figure 8d, nor which machine it ran on."
+        title = "Figure 8: SINDy with all monomials up to the third order"
+        draw = partial(figure_8, table, paper, best)
+        figures["figure_8"] = StudyFigure(heading, title, draw, caption)
+        title, draw = "Figure 9: physics-informed SINDy", partial(figure_9, table, paper)
+        figures["figure_9"] = StudyFigure(heading, title, draw, _with_times(report))
+    counts = list(table.masses.values())
+    if report.beyond and (len(counts) <= _MOST_NAMED or len(set(counts)) == len(counts)):
+        draw = partial(accuracy_figure, table)
+        figures["accuracy"] = StudyFigure(heading, "All structures of the study", draw, _SPREAD)
+    return figures
 
 
 def _with_times(report: StudyReport) -> str:
@@ -275,28 +266,6 @@ def _with_times(report: StudyReport) -> str:
     measured = f"Seconds for one estimate here: {', '.join(ranges)}. " if ranges else ""
     unsaid = "The paper does not say whether its times are for one cycle or for all 100."
     return f"{measured}Medians, and the range of the cycles. {unsaid}"
-
-
-STUDY_FIGURES: Registry[StudyFigure] = Registry(
-    "figure",
-    {
-        "figure_2": _motion("figure_2", figure_2, "Figure 2: responses of the chain of two masses"),
-        "figure_3": _motion("figure_3", figure_3, "Figure 3: its primary mass with the sink and without"),
-        "figure_4": _motion("figure_4", figure_4, "Figure 4: responses of the chain of eight masses"),
-        "figure_5": _motion("figure_5", figure_5, "Figure 5: its primary masses with sinks and without"),
-        "figure_6": _force(figure_6, "Figure 6: the force identified in the chain of two masses"),
-        "figure_7": _force(figure_7, "Figure 7: the force identified in the chain of eight masses"),
-        "success": StudyFigure(
-            SUCCESS, "Success maps: noise and samples a period", _success, _success_caption
-        ),
-        "figure_8": StudyFigure(
-            ACCURACY, "Figure 8: SINDy with all monomials up to the third order", _figure_8, _without_times
-        ),
-        "figure_9": StudyFigure(ACCURACY, "Figure 9: physics-informed SINDy", _figure_9, _with_times),
-        "accuracy": StudyFigure(ACCURACY, "All structures of the study", _accuracy, lambda report: _SPREAD),
-    },
-)
-"""The figures by the name of their files, in the order of the page."""
 
 
 _FIGURES = "figures"
@@ -334,13 +303,14 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
     home = Path(folder)
     report = StudyReport.of(stored_study(home), read_rows(home))
     shown: dict[str, list[dict[str, str]]] = {}
-    for number, (name, entry) in enumerate(STUDY_FIGURES.items()):
-        progress(ProgressReport(number / len(STUDY_FIGURES), f"figure {name}"))
-        figure = entry.draw(report)
+    figures = study_figures(report)
+    for number, (name, entry) in enumerate(figures.items()):
+        progress(ProgressReport(number / len(figures), f"figure {name}"))
+        figure = entry.draw()
         if figure is not None:
             png, _ = save(figure, home / _FIGURES / name)
             picture = {"name": name, "title": entry.title, "address": embedded(png.read_bytes())}
-            shown.setdefault(entry.heading, []).append({**picture, "caption": entry.caption(report)})
+            shown.setdefault(entry.heading, []).append({**picture, "caption": entry.caption})
     progress(ProgressReport(1.0, "page"))
     if report.comparison.cells:
         _write_table(report.comparison, report.table.methods, home / "table_2.csv")

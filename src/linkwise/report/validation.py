@@ -24,11 +24,11 @@ from linkwise.plot.validations import (
     prediction_profile_figure,
     prediction_spectrum_figure,
 )
-from linkwise.report.page import Build, Head, ResultFolder, Section, sectioned, sections_of
+from linkwise.report.page import Head, ResultFolder, Section, sectioned
 
 
-def _scores(validation: Validation) -> Section:
-    """The scores of the channels, and the record against the prediction."""
+def _sections(validation: Validation) -> dict[str, Section]:
+    """The sections of a validation by the names of their figures."""
     record = validation.record
     text = (
         f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
@@ -37,60 +37,35 @@ def _scores(validation: Validation) -> Section:
         "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
         "samples, fit is 100 % minus its root."
     )
-    rows = [CHANNEL_HEAD, *channel_rows(validation)]
-    figure = partial(prediction_figure, validation)
-    return Section("Prediction", [text], items=record.notes, rows=rows, figure=figure)
-
-
-def _findings(result: Validation) -> Section | None:
-    """What disagrees."""
-    return Section("Findings", items=result.findings) if result.findings else None
-
-
-def _error(result: Validation) -> Section:
-    """The error over time."""
+    rows, figure = [CHANNEL_HEAD, *channel_rows(validation)], partial(prediction_figure, validation)
+    sections = {"prediction": Section("Prediction", [text], record.notes, rows, figure)}
+    if validation.findings:
+        sections["findings"] = Section("Findings", items=validation.findings)
     text = "The band is twice the standard deviation that noise and the errors of the answer give the difference."
-    return Section("Error over time", [text], figure=partial(prediction_error_figure, result))
-
-
-def _profiles(result: Validation) -> Section:
-    """The error over the motion of the links."""
+    figure = partial(prediction_error_figure, validation)
+    sections["error"] = Section("Error over time", [text], figure=figure)
     text = (
         "Root mean square of the error over all channels, each in % of the RMS of its channel, by elongation and velocity "
         "of the links along the predicted motion."
     )
-    return Section("Where in the motion it fails", [text], figure=partial(prediction_profile_figure, result))
-
-
-def _spectra(result: Validation) -> Section | None:
-    """The error over frequency, where the record is long enough."""
-    if not result.spectra:
-        return None
-    text = "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated size."
-    return Section("Error over frequency", [text], figure=partial(prediction_spectrum_figure, result))
-
-
-def _coefficients(validation: Validation) -> Section | None:
-    """The coefficients estimated again from this record, where the answer has a covariance."""
-    if not validation.coefficients:
-        return None
-    limit = validation.coefficients[0].limit
-    text = (
-        "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
-        f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
-    )
-    return Section("Coefficients", [text], rows=[COEFFICIENT_HEAD, *coefficient_rows(validation)])
-
-
-SECTIONS: dict[str, Build[Validation]] = {
-    "prediction": _scores,
-    "findings": _findings,
-    "error": _error,
-    "motion": _profiles,
-    "spectrum": _spectra,
-    "coefficients": _coefficients,
-}
-"""The sections of a validation, in order; the name of a section is that of its figure's files."""
+    figure = partial(prediction_profile_figure, validation)
+    sections["motion"] = Section("Where in the motion it fails", [text], figure=figure)
+    if validation.spectra:
+        text = (
+            "Power spectral density of the measured channel, of the error, and of white noise of the stated or estimated "
+            "size."
+        )
+        figure = partial(prediction_spectrum_figure, validation)
+        sections["spectrum"] = Section("Error over frequency", [text], figure=figure)
+    if validation.coefficients:
+        limit = validation.coefficients[0].limit
+        text = (
+            "Each coefficient of the answer beside its estimate from this record alone; apart is their difference in standard "
+            f"errors of both. Beyond {limit:.1f} they disagree: chance does that for one record of a thousand."
+        )
+        rows = [COEFFICIENT_HEAD, *coefficient_rows(validation)]
+        sections["coefficients"] = Section("Coefficients", [text], rows=rows)
+    return sections
 
 
 def _write_data(result: Validation, folder: Path) -> None:
@@ -102,7 +77,7 @@ def _write_data(result: Validation, folder: Path) -> None:
 VALIDATION_FOLDER: ResultFolder[Validation] = sectioned(
     VALIDATION,
     lambda result: Head(headline(result), result.structure),
-    partial(sections_of, SECTIONS),
+    _sections,
     _write_data,
 )
 """What `validate` hands over."""

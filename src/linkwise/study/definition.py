@@ -118,11 +118,9 @@ class Study:
         iterator of Case
             The cases.
         """
-        for seed in range(self.first_seed, self.first_seed + self.cycles):
-            for subject in self.subjects:
-                for level in self.snr_db:
-                    for method in self.methods:
-                        yield Case(subject.name, level, method.name, seed)
+        seeds = range(self.first_seed, self.first_seed + self.cycles)
+        for seed, subject, level, method in product(seeds, self.subjects, self.snr_db, self.methods):
+            yield Case(subject.name, level, method.name, seed)
 
     def __len__(self) -> int:
         return self.count
@@ -202,7 +200,8 @@ class Study:
         tuple of int
             What sorts the case.
         """
-        return (*self._positions[case.structure, case.snr_db, case.method], case.seed)
+        structure, method = list(self._subjects).index(case.structure), list(self._methods).index(case.method)
+        return structure, self.snr_db.index(case.snr_db), method, case.seed
 
     def document(self) -> dict[str, Any]:
         """The tables of a study file that defines this study, with all defaults and structures.
@@ -239,15 +238,6 @@ class Study:
     @cached_property
     def _methods(self) -> dict[str, StudyMethod]:
         return {method.name: method for method in self.methods}
-
-    @cached_property
-    def _positions(self) -> dict[tuple[str, float, str], tuple[int, int, int]]:
-        return {
-            (subject.name, level, method.name): (i, j, k)
-            for i, subject in enumerate(self.subjects)
-            for j, level in enumerate(self.snr_db)
-            for k, method in enumerate(self.methods)
-        }
 
 
 def _check_distinct(key: str, values: Sequence[object]) -> None:
