@@ -204,18 +204,14 @@ def sensor_errors(
     tuple of SensorErrorEstimate
         Offsets, gains and delays, in this order; none that a search left without a finite standard error.
     """
-    sizes: tuple[tuple[ErrorKind, Mapping[str, float]], ...] = (
-        ("offset", fit.offsets),
-        ("gain", fit.gains),
-        ("delay", delays),
-    )
-    named = [(kind, name, value) for kind, values in sizes for name, value in values.items()]
+    sizes: dict[ErrorKind, Mapping[str, float]] = {
+        "offset": fit.offsets, "gain": fit.gains, "delay": delays,
+    }  # fmt: skip
+    named = [(kind, name, float(value)) for kind, own in sizes.items() for name, value in own.items()]
     of_kind = {"gain": "1", "delay": "s"}
     found = (
-        SensorErrorEstimate(
-            name, kind, float(value), float(deviation), of_kind.get(kind, units.get(name, ""))
-        )
-        for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
+        SensorErrorEstimate(name, kind, value, deviation, of_kind.get(kind, units.get(name, "")))
+        for (kind, name, value), deviation in zip(named, fit.sensor_deviations.tolist(), strict=True)
     )
     return tuple(
         error
@@ -582,8 +578,7 @@ class MaximumLikelihood(Estimator):
             return self._with_memory(structure, records, options)
         asked = structure, records, options
         if structure.hosts:
-            starts = self._from_forces, self._from_equivalent_links
-            return attempts(partial(start, *asked) for start in starts)[0]
+            return attempts(partial(start, *asked) for start in (self._from_forces, self._from_springs))[0]
         if needs_integration(framed(records[0], structure, integrated=True).record, structure):
             return self._from_forces(*asked)
         theta, spread = starting_values(records, structure, self.starts)
@@ -601,7 +596,7 @@ class MaximumLikelihood(Estimator):
             partial(likelihood_fit, records, structure), theta, options, another=about_rest
         )
 
-    def _from_equivalent_links(
+    def _from_springs(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
         """A fit that starts with the laws closest to equivalent springs and dampers of the links of a structure with hosts."""
@@ -652,22 +647,14 @@ def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Recor
         return fit
     if needs_integration(framed(records[0], structure, integrated=True).record, structure):
         return fit
-    search = partial(likelihood_fit, records, structure)
-    return tightest_smooth_fit(
-        fit, lambda values, nodes, q: search(values, options=_near_optimum(fit.options, nodes, q))
-    )
 
+    def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
+        near = replace(
+            fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False, coloured_noise=False
+        )
+        return likelihood_fit(records, structure, values, options=near)
 
-def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:
-    """Options of a search for exact laws near the optimum at a relaxation, where it ends."""
-    return replace(
-        options,
-        nodes=nodes,
-        relaxation=relaxation,
-        tightest=relaxation,
-        model_error=False,
-        coloured_noise=False,
-    )
+    return tightest_smooth_fit(fit, refit)
 
 
 def estimate_of(

@@ -106,9 +106,8 @@ class TestedCauses:
         return None if of_blocks is None else BlockScores(*of_blocks)
 
     @cached_property
-    @np.errstate(
-        over="ignore", invalid="ignore"
-    )  # a candidate may be infinite somewhere; it is then not tested
+    # a candidate may be infinite somewhere; it is then not tested
+    @np.errstate(over="ignore", invalid="ignore")
     def tests(self) -> SingleTests:
         """Of each hypothesis alone."""
         tests = single_tests(self.curvature, self.slope, self.scatter, self._parameters)
@@ -571,9 +570,8 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
 
 def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
     force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
-    scale = (
-        0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
-    )  # stiffness follows its square
+    # stiffness follows its square
+    scale = 0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
     size = scale * float(tests.sizes[number])
     return Cause(
         kind=hypothesis.kind,
