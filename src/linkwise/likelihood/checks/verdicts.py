@@ -79,13 +79,13 @@ def convergence(of: Examined) -> Judgement | None:
     status = of.fit.status
     if status is AnnealingStatus.CONVERGED:
         return None
-    reason = f"{status.value.capitalize()}. The values are the best so far. {_stuck(of)}"
-    if of.fit.chi_square > _RAN_AWAY:
-        reason = (
-            f"{status.value.capitalize()}. With these values the motion runs away from the record between its "
-            "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
-        )
-    return Judgement(Verdict.NOT_CONVERGED, reason)
+    reason = (
+        "With these values the motion runs away from the record between its samples: they are not estimates. Give other "
+        "starts, or hold some coefficients at known values."
+        if of.fit.chi_square > _RAN_AWAY
+        else f"The values are the best so far. {_stuck(of)}"
+    )
+    return Judgement(Verdict.NOT_CONVERGED, f"{status.value.capitalize()}. {reason}")
 
 
 def _worst_stretch(fit: LikelihoodFit) -> tuple[int, int, float]:

@@ -475,7 +475,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     small &= np.array([kind != HIGH_PASS for kind in kinds]) | (sizes > 0.0)
     limit = least_gain(len(gains))
     significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
-    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
+    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER
     if significant[at_filter]:
         attenuation = sizes[at_filter] * tested.attenuation
         significant[at_filter] = 0.0 < attenuation < LARGEST
@@ -543,11 +543,6 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
             name for name, is_overturned in zip(names, overturned, strict=True) if is_overturned
         ),
     )
-
-
-def _shows_noise(optimum: Optimum) -> bool:
-    """Whether sensors show noise of the base directly, which a filter would seem to take off."""
-    return optimum.segments.random is not None and optimum.segments.random.shown is not None
 
 
 def _sample(optimum: Optimum) -> float:
