@@ -19,12 +19,8 @@ from linkwise.records.record import Record
 
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
-_FAR = (
-    -4,
-    -2,
-    2,
-    4,
-)  # samples by which a channel is shifted where the nearest ones do not explain the records
+# samples by which a channel is shifted where the nearest ones do not explain the records
+_FAR = (-4, -2, 2, 4)
 _NO_RATIO = 0.1  # standard errors
 _NO_SLIP = 0.02  # samples, over a record
 # of a ratio that a fit finds, the most that the next one leaves: of right laws it is a few percent

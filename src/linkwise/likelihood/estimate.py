@@ -204,18 +204,14 @@ def sensor_errors(
     tuple of SensorErrorEstimate
         Offsets, gains and delays, in this order; none that a search left without a finite standard error.
     """
-    sizes: tuple[tuple[ErrorKind, Mapping[str, float]], ...] = (
-        ("offset", fit.offsets),
-        ("gain", fit.gains),
-        ("delay", delays),
-    )
-    named = [(kind, name, value) for kind, values in sizes for name, value in values.items()]
+    sizes: dict[ErrorKind, Mapping[str, float]] = {
+        "offset": fit.offsets, "gain": fit.gains, "delay": delays,
+    }  # fmt: skip
+    named = [(kind, name, float(value)) for kind, own in sizes.items() for name, value in own.items()]
     of_kind = {"gain": "1", "delay": "s"}
     found = (
-        SensorErrorEstimate(
-            name, kind, float(value), float(deviation), of_kind.get(kind, units.get(name, ""))
-        )
-        for (kind, name, value), deviation in zip(named, fit.sensor_deviations, strict=True)
+        SensorErrorEstimate(name, kind, value, deviation, of_kind.get(kind, units.get(name, "")))
+        for (kind, name, value), deviation in zip(named, fit.sensor_deviations.tolist(), strict=True)
     )
     return tuple(
         error
@@ -640,22 +636,14 @@ def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Recor
         return fit
     if needs_integration(framed(records[0], structure, integrated=True).record, structure):
         return fit
-    search = partial(likelihood_fit, records, structure)
-    return tightest_smooth_fit(
-        fit, lambda values, nodes, q: search(values, options=_near_optimum(fit.options, nodes, q))
-    )
 
+    def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
+        near = replace(
+            fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False, coloured_noise=False
+        )
+        return likelihood_fit(records, structure, values, options=near)
 
-def _near_optimum(options: LikelihoodOptions, nodes: Floats, relaxation: float) -> LikelihoodOptions:
-    """Options of a search for exact laws near the optimum at a relaxation, where it ends."""
-    return replace(
-        options,
-        nodes=nodes,
-        relaxation=relaxation,
-        tightest=relaxation,
-        model_error=False,
-        coloured_noise=False,
-    )
+    return tightest_smooth_fit(fit, refit)
 
 
 def estimate_of(

@@ -332,10 +332,8 @@ def _fit(
     options: LikelihoodOptions,
 ) -> LikelihoodFit:
     """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
-    with (
-        one_blas_thread(),
-        ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor,
-    ):  # products run on threads of our own
+    # products run on threads of our own
+    with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
         return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
@@ -421,13 +419,10 @@ def denoised(
         for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
             samples = record.channel(name)
             motion, corner = samples - taken[:, part].T.ravel()[: len(record)], _corner(fit, name)
-            passed, decay = (
-                _passed(motion, record.step, corner),
-                np.exp(-2.0 * np.pi * corner * record.step * np.arange(len(record))),
-            )
-            series.append(
-                passed + decay * (decay @ (samples - passed)) / (decay @ decay)
-            )  # of its state at the start
+            passed = _passed(motion, record.step, corner)
+            decay = np.exp(-2.0 * np.pi * corner * record.step * np.arange(len(record)))
+            # of its state at the start
+            series.append(passed + decay * (decay @ (samples - passed)) / (decay @ decay))
         shown[name] = series
     return shown
 

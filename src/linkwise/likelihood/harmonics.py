@@ -202,9 +202,8 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
             )
             frequency = np.arange(power.shape[1]) * rate / max(size, own.shape[1])
             ratio = _above_level(power)
-            nodes = (
-                record.rate / samples
-            )  # at whose multiples a drift shows as well, as motion begins anew in each segment
+            # at whose multiples a drift shows as well, as motion begins anew in each segment
+            nodes = record.rate / samples
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
             ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
             for _ in range(_LINES):
@@ -375,10 +374,8 @@ def _columns(
 ) -> tuple[CandidateForces, Floats]:
     """The forces of unit size of all unknowns along the segments, and the units of these (h,)."""
     segments = optimum.segments
-    tangents, step = (
-        segments.steps // segments.flow_steps_per_tangent,
-        segments.step * segments.flow_steps_per_tangent,
-    )
+    every = segments.flow_steps_per_tangent
+    tangents, step = segments.steps // every, segments.step * every
     since_start, owner = _times(segments, records)
     before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
     middle = 0.5 * np.array([record.duration for record in records])[owner]

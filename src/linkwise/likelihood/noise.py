@@ -374,10 +374,8 @@ class ColouredNoise:
         """(C,) variances of white noise that is as strong where the `motion` (C, N) has its power; NaN where it is missing."""
         variances = self.variances
         for channel in self.channels:
-            power, whitened_power = (
-                np.nanvar(motion[channel]),
-                np.nanvar(self.whitened(motion[channel], channel)),
-            )
+            power = np.nanvar(motion[channel])
+            whitened_power = np.nanvar(self.whitened(motion[channel], channel))
             if power > 0.0 and whitened_power > 0.0:
                 variances[channel] = self.innovations[channel] * power / whitened_power
         return variances

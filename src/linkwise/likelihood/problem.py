@@ -437,9 +437,8 @@ def shooting_problem(
     offset_units = [sensing.noise[0].get(name, 1.0) for name in (*sensing.offsets, *waveforms)]
     scales = Scales(
         sensing.sigma,
-        np.append(
-            np.min([start.scale for start in starts], axis=0), deviations
-        ),  # the record with the least noise needs the tightest flow
+        # the record with the least noise needs the tightest flow
+        np.append(np.min([start.scale for start in starts], axis=0), deviations),
         np.concatenate(
             [
                 np.where(unit > 0.0, unit, 1.0),

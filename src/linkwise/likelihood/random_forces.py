@@ -165,9 +165,8 @@ def noise_of_channels(records: Sequence[Record], structure: Structure) -> dict[s
     found: dict[str, float] = {}
     base = exciting_base(records[0], structure)
     every = (f"signal:{name}" for name in structure.signals)
-    signals = (
-        name for name in every if records[0].interpolation.get(name) != HELD
-    )  # whose steps fill the band
+    # whose steps fill the band
+    signals = (name for name in every if records[0].interpolation.get(name) != HELD)
     for channel in (*records[0].forces, *(() if base is None else (base,)), *signals):
         powers = [_noise_power(record, channel) for record in records]
         if any(powers):

@@ -10,7 +10,7 @@ which a single change hardly touches (von Neumann, Annals of Mathematical Statis
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -90,38 +90,22 @@ def likeliest_change(
     return change
 
 
-@dataclass(frozen=True, eq=False)
-class _Changes:
-    """Changes of each of p coefficients behind each of m blocks: `gains`, `sizes` and standard `errors` (m, p), scaled.
+def _changes(scores: BlockScores, known: Floats, parameters: int) -> tuple[Floats, Floats, Floats]:
+    """Slopes and information (m, p) of changes of the first `parameters` of u unknowns behind each of m blocks, all scaled.
 
-    `scatter` (p,) is the variance of neighbouring blocks over that of noise.
+    So much information (u, u) is `known` beforehand. Last the variance (p,) of neighbouring blocks over that of noise. Raises
+    numpy.linalg.LinAlgError where the equations are singular.
     """
-
-    gains: Floats
-    sizes: Floats
-    errors: Floats
-    scatter: Floats
-
-    @classmethod
-    def of(cls, scores: BlockScores, known: Floats, parameters: int) -> _Changes:
-        """Those of the first `parameters` of u unknowns, of which so much information (u, u) is `known` beforehand.
-
-        Raises numpy.linalg.LinAlgError where the equations are singular.
-        """
-        before, pull = (np.cumsum(of, axis=0)[:-1] for of in (scores.information, scores.scores))
-        inverse = np.linalg.inv(scores.information.sum(axis=0) + known)
-        own = np.einsum("bii->bi", before)
-        left = own - np.einsum("bij,jk,bki->bi", before, inverse, before)
-        left = np.where(left > _LEFT * own, left, np.inf)[:, :parameters]
-        beside = inverse[:, :parameters] / inverse.diagonal()[:parameters]
-        steps = np.diff(scores.scores @ beside, axis=0)
-        expected = np.einsum("up,buv,vp->bp", beside, scores.information, beside)
-        return cls(
-            gains=pull[:, :parameters] ** 2 / left,
-            sizes=-pull[:, :parameters] / left,
-            errors=1.0 / np.sqrt(left),
-            scatter=np.sum(steps**2, axis=0) / np.sum(expected[1:] + expected[:-1], axis=0),
-        )
+    before, pull = (np.cumsum(of, axis=0)[:-1] for of in (scores.information, scores.scores))
+    inverse = np.linalg.inv(scores.information.sum(axis=0) + known)
+    own = np.einsum("bii->bi", before)
+    left = own - np.einsum("bij,jk,bki->bi", before, inverse, before)
+    left = np.where(left > _LEFT * own, left, np.inf)[:, :parameters]
+    beside = inverse[:, :parameters] / inverse.diagonal()[:parameters]
+    steps = np.diff(scores.scores @ beside, axis=0)
+    expected = np.einsum("up,buv,vp->bp", beside, scores.information, beside)
+    scatter = np.sum(steps**2, axis=0) / np.sum(expected[1:] + expected[:-1], axis=0)
+    return pull[:, :parameters], left, scatter
 
 
 def _significant_change(
@@ -143,15 +127,15 @@ def _significant_change(
     within = np.ix_(some, some)
     of_some = BlockScores(scores.scores[:, some], scores.information[:, some][:, :, some])
     try:
-        changes = _Changes.of(of_some, known[within], len(free))
+        pull, left, scatter = _changes(of_some, known[within], len(free))
     except np.linalg.LinAlgError:
         return None
     scales = fit.optimum.scales.theta[free]
-    gains, sizes = changes.gains / noise**2, changes.sizes * scales
+    gains, sizes = pull**2 / left / noise**2, -pull / left * scales
     if not gains.size:
         return None
     least = _CHANCE + 2.0 * np.log(gains.size)
-    significant = gains > least * np.maximum(changes.scatter / noise**2, 1.0)
+    significant = gains > least * np.maximum(scatter / noise**2, 1.0)
     gains = np.where(significant & (np.abs(sizes) < np.abs(fit.values[free])), gains, 0.0)
     block, number = np.unravel_index(int(np.argmax(gains)), gains.shape)
     if not gains[block, number] > 0.0:
@@ -164,7 +148,7 @@ def _significant_change(
         size=float(sizes[block, number]),
         unit=parameters.units[free[number]],
         gain=float(gains[block, number]),
-        standard_error=float(changes.errors[block, number] * scales[number] * noise),
+        standard_error=float(scales[number] * noise / np.sqrt(left[block, number])),
         source=moment(segments, int(block_ends(segments.count, BLOCKS[0])[int(block) + 1]), records),
         remark=f"or of {' or '.join(others)}" if others else "",
     )

@@ -42,10 +42,8 @@ _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error beside which the values are close to those of exact laws."""
 _NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
-_MANY_PERIODS, _GOES_ON = (
-    30,
-    0.85,
-)  # of the energy at the start: over 30 periods a damping ratio of 0.1 % takes off a fifth
+# of the energy at the start: over 30 periods a damping ratio of 0.1 % takes off a fifth
+_MANY_PERIODS, _GOES_ON = (30, 0.85)
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
 _STRETCH = 0.2  # of the record: half of the misfit in less points at what happened there
 _MOMENT = 0.05  # of the record: half of the misfit in less, and not at its start, is no error of a law
@@ -81,13 +79,13 @@ def convergence(of: Examined) -> Judgement | None:
     status = of.fit.status
     if status is AnnealingStatus.CONVERGED:
         return None
-    reason = f"{status.value.capitalize()}. The values are the best so far. {_stuck(of)}"
-    if of.fit.chi_square > _RAN_AWAY:
-        reason = (
-            f"{status.value.capitalize()}. With these values the motion runs away from the record between its "
-            "samples: they are not estimates. Give other starts, or hold some coefficients at known values."
-        )
-    return Judgement(Verdict.NOT_CONVERGED, reason)
+    reason = (
+        "With these values the motion runs away from the record between its samples: they are not estimates. Give other "
+        "starts, or hold some coefficients at known values."
+        if of.fit.chi_square > _RAN_AWAY
+        else f"The values are the best so far. {_stuck(of)}"
+    )
+    return Judgement(Verdict.NOT_CONVERGED, f"{status.value.capitalize()}. {reason}")
 
 
 def _worst_stretch(fit: LikelihoodFit) -> tuple[int, int, float]:

@@ -163,7 +163,8 @@ def _centred(structure: Structure, number: int) -> Structure:
     skew = _SKEW
     while skew in link.law.coefficients:
         skew += "_"
-    law = Law.parse(f"{link.law.text} + {skew}*d**2", link.states, units=_units(link.law, skew))
+    units = dict(link.law.declared) | {skew: "N/m^2"} if link.law.declared else None
+    law = Law.parse(f"{link.law.text} + {skew}*d**2", link.states, units=units)
     coefficients = {
         name: Coefficient.unknown() if name in link.law.linear else coefficient
         for name, coefficient in link.coefficients.items()
@@ -172,11 +173,6 @@ def _centred(structure: Structure, number: int) -> Structure:
     links = list(structure.links)
     links[number] = skewed
     return replace(structure, links=tuple(links))
-
-
-def _units(law: Law, skew: str) -> dict[str, str] | None:
-    """Declared units with that of the term in d**2, where the law has some."""
-    return dict(law.declared) | {skew: "N/m^2"} if law.declared else None
 
 
 def _moved(

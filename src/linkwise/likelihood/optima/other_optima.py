@@ -38,7 +38,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 
@@ -413,10 +412,8 @@ _BOTH = (1.0, -1.0)
 _ON_THE_WAY = 3.0  # times the noise, in power: a search that did not converge may have been in a wrong valley
 
 
-class Refit(Protocol):
-    """`likelihood_fit` of exact laws from values and states, down to a relaxation."""
-
-    def __call__(self, values: Floats, nodes: Floats, relaxation: float) -> LikelihoodFit: ...
+Refit = Callable[[Floats, Floats, float], LikelihoodFit]
+"""`likelihood_fit` of exact laws from values and states, down to a relaxation."""
 
 
 def tightest_smooth_fit(fit: LikelihoodFit, refit: Refit) -> LikelihoodFit:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -29,10 +28,8 @@ _MOST = 3  # fits from starts
 _NEAR = 3.0  # times the misfit of the best start beyond which another is not worth a fit
 
 
-class Search(Protocol):
-    """`likelihood_fit` of some records and a structure."""
-
-    def __call__(self, theta: Floats, *, options: LikelihoodOptions) -> LikelihoodFit: ...
+Search = Callable[..., LikelihoodFit]
+"""`likelihood_fit` of some records and a structure, from values and with options."""
 
 
 def fit_with_restarts(

@@ -405,9 +405,8 @@ def _applied_at_points(motion: FittedMotion) -> dict[str, Floats]:
     forced = [channel.place for channel in motion.channels if channel.is_force]
     if motion.segments.inputs.force is None or not forced:
         return {}
-    known = np.linalg.pinv(
-        np.stack([motion.structure.topology.row(name) for name in forced]).T
-    )  # few points by modes
+    # few points by modes
+    known = np.linalg.pinv(np.stack([motion.structure.topology.row(name) for name in forced]).T)
     return {
         name: motion.input(np.einsum("n,jpnk->jpk", row, motion.applied))
         for name, row in zip(forced, known, strict=True)

@@ -106,9 +106,8 @@ class TestedCauses:
         return None if of_blocks is None else BlockScores(*of_blocks)
 
     @cached_property
-    @np.errstate(
-        over="ignore", invalid="ignore"
-    )  # a candidate may be infinite somewhere; it is then not tested
+    # a candidate may be infinite somewhere; it is then not tested
+    @np.errstate(over="ignore", invalid="ignore")
     def tests(self) -> SingleTests:
         """Of each hypothesis alone."""
         tests = single_tests(self.curvature, self.slope, self.scatter, self._parameters)
@@ -495,7 +494,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
     small &= np.array([kind != HIGH_PASS for kind in kinds]) | (sizes > 0.0)
     limit = least_gain(len(gains))
     significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
-    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER and not _shows_noise(optimum)
+    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER
     if significant[at_filter]:
         attenuation = sizes[at_filter] * tested.attenuation
         significant[at_filter] = 0.0 < attenuation < LARGEST
@@ -565,11 +564,6 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
     )
 
 
-def _shows_noise(optimum: Optimum) -> bool:
-    """Whether sensors show noise of the base directly, which a filter would seem to take off."""
-    return optimum.segments.random is not None and optimum.segments.random.shown is not None
-
-
 def _sample(optimum: Optimum) -> float:
     """The distance of samples in s."""
     return float(optimum.segments.step[0]) * optimum.segments.refine
@@ -590,9 +584,8 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
 
 def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
     force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
-    scale = (
-        0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
-    )  # stiffness follows its square
+    # stiffness follows its square
+    scale = 0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
     size = scale * float(tests.sizes[number])
     return Cause(
         kind=hypothesis.kind,

@@ -102,9 +102,8 @@ class MemoryForce(ABC):
         change = np.empty(path.shape)
         np.subtract(path[1:], path[:-1], out=change[1:])
         change[0, :, :1] = 0.0
-        np.subtract(
-            path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:]
-        )  # where a segment starts, that before it ends
+        # where a segment starts, that before it ends
+        np.subtract(path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:])
         d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in spread)
         force = _states(*self.pieces(change, 0.5 * step, (d, v)), linked)
         force[:, ~moves] = 0.0

@@ -316,10 +316,8 @@ SEED = 20200
 _RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
 SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
 _HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
-_MANY, _FEW = (
-    20_000,
-    16,
-)  # segments from which so few of the draws are followed at once, which takes a quarter of the memory
+# segments from which so few of the draws are followed at once, which takes a quarter of the memory
+_MANY, _FEW = (20_000, 16)
 _ENOUGH = 60_000  # segments in which such noise is looked for
 _AT_ONCE = 4_000_000  # numbers in the steps of the states, or the noise of sensors, of one part of the draws
 LARGEST = 0.2  # of the input, by root mean square; more is no noise of a channel
