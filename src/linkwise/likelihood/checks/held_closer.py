@@ -74,8 +74,6 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
     for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
         closer = optimum_at(tight, tight.q, _STEPS)
-        if closer is None:
-            continue
         if closer.status is AnnealingStatus.INTERRUPTED:
             return None
         if closer.status is AnnealingStatus.CONVERGED:

@@ -17,7 +17,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.likelihood.fit import LikelihoodFit, Optimum
-from linkwise.likelihood.marginal import held_at, is_long
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, block_scores, blocks_of_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
@@ -88,7 +87,7 @@ def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
         if optimum.segments.count < _INDEPENDENT * reach * BLOCKS[0]:
             return
         found = optimum_at(replace(optimum, point=point), q, _STEPS)
-        if found is None or found.status is not AnnealingStatus.CONVERGED:
+        if found.status is not AnnealingStatus.CONVERGED:
             return
         horizon = _by_blocks(optimum, found)
         if horizon is None:
@@ -97,10 +96,8 @@ def _path(fit: LikelihoodFit) -> Iterator[_Horizon]:
         yield horizon
 
 
-def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit | None:
-    """The search at a relaxation, from an optimum at another one; None where one in pieces does not lead straight there."""
-    if is_long(optimum.segments):
-        return held_at(optimum.segments, optimum.point, optimum.scales, optimum.loss, q)
+def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit:
+    """The search at a relaxation, from an optimum at another one."""
     schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
     return anneal(optimum.segments, optimum.point, optimum.scales, schedule, loss=optimum.loss)
 
