@@ -1,4 +1,4 @@
-"""Long records are searched and tested in pieces: the same answer as that of the whole, or none."""
+"""Long records are searched from loose links to tight ones and tested in pieces: the answer is that of others."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,7 +11,7 @@ import linkwise as lw
 from linkwise.likelihood import marginal, search
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting import pieces
+from linkwise.likelihood.shooting import linear_model
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 
 CHAIN = lw.bnes_chain(2)
@@ -19,18 +19,19 @@ ASKED = CHAIN.unknown("all")
 WHOLE = 10**9  # segments that no record has
 
 
-def fitted(record: lw.Record, options: LikelihoodOptions | None = None) -> LikelihoodFit:
-    start = truth(CHAIN, ASKED)
+def fitted(
+    record: lw.Record, start: np.ndarray | None = None, options: LikelihoodOptions | None = None
+) -> LikelihoodFit:
+    start = truth(CHAIN, ASKED) if start is None else start
     return likelihood_fit([record], ASKED, start, spread=1e-3 * np.abs(start), options=options)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def short_ones_as_long() -> Iterator[None]:
-    """Records a fifth as long as others are taken for long ones, in shorter pieces."""
+    """Records a tenth as long as others are taken for long ones, in shorter pieces."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(marginal, "_LONG", 1_600)
-        patched.setattr(marginal, "_OVERLAP", 200)
-        patched.setattr(pieces, "_LENGTH", 400)
+        patched.setattr(linear_model, "_PIECE", 400)
         yield
 
 
@@ -42,29 +43,27 @@ def record() -> lw.Record:
 
 
 @pytest.fixture(scope="module")
-def in_pieces(record: lw.Record) -> LikelihoodFit:
+def held(record: lw.Record) -> LikelihoodFit:
     return fitted(record)
 
 
 @pytest.mark.slow
-def test_answer_of_the_whole(
-    record: lw.Record, in_pieces: LikelihoodFit, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert marginal.is_long(in_pieces.segments) and in_pieces.status is AnnealingStatus.CONVERGED
-    off = in_pieces.values - truth(CHAIN, ASKED)
-    square = off @ np.linalg.solve(in_pieces.covariance, off)
+def test_answer_of_the_whole(record: lw.Record, held: LikelihoodFit, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert marginal.is_long(held.segments) and held.status is AnnealingStatus.CONVERGED
+    off = held.values - truth(CHAIN, ASKED)
+    square = off @ np.linalg.solve(held.covariance, off)
     assert 0.2 < square < 20.5  # chi-square with five degrees of freedom, one in a thousand on either side
     monkeypatch.setattr(search, "is_long", lambda segments: False)
-    q = in_pieces.optimum.q
+    q = held.optimum.q
     options = LikelihoodOptions(
-        nodes=in_pieces.optimum.point.nodes, relaxation=q, tightest=q, model_error=False, coloured_noise=False
+        nodes=held.optimum.point.nodes, relaxation=q, tightest=q, model_error=False, coloured_noise=False
     )
-    whole = fitted(record, options)
+    whole = fitted(record, held.values, options)
     deviations = np.sqrt(whole.covariance.diagonal())
     assert whole.status is AnnealingStatus.CONVERGED and whole.optimum.q == q
-    assert np.max(np.abs(in_pieces.values - whole.values) / deviations) < 0.05
-    np.testing.assert_allclose(np.sqrt(in_pieces.covariance.diagonal()), deviations, rtol=0.01)
-    cost = in_pieces.chi_square * in_pieces.segments.observed.sum()
+    assert np.max(np.abs(held.values - whole.values) / deviations) < 0.05
+    np.testing.assert_allclose(np.sqrt(held.covariance.diagonal()), deviations, rtol=0.01)
+    cost = held.chi_square * held.segments.observed.sum()
     # of 8000 states; less than one standard error of one unknown costs
     assert cost == pytest.approx(whole.chi_square * whole.segments.observed.sum(), abs=1.0)
 

@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.marginal import is_long, relaxation, search_in_pieces
+from linkwise.likelihood.marginal import did_not_converge, is_long, relaxation, search_long_record
 from linkwise.likelihood.noise import (
     ColouredNoise,
     ModelErrorCandidate,
@@ -451,11 +451,6 @@ def _is_off(segments: Segments, fit: AnnealingFit, loss: Loss, limit: float, low
     return bool(samples) and not power >= least
 
 
-def did_not_converge(fit: AnnealingFit) -> bool:
-    """Whether a search ended without an optimum, and not by an interrupt."""
-    return fit.status in (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
-
-
 def _with_model_error(
     segments: Segments, candidate: ModelErrorCandidate, annealer: Annealer, limit: float, stated: bool
 ) -> ExplainedFit:
@@ -600,13 +595,13 @@ def _of_long_record(
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> AnnealingFit | None:
-    """The fit to a long record without long gaps in pieces; None where it is not searched so, or leads to no optimum."""
+    """The fit to a long record without long gaps; None where it is not searched so, or leads to no optimum."""
     limited = options.steps < AnnealingSchedule.max_steps or options.tightest > AnnealingSchedule.final_q
     if limited or options.relaxation is not None or options.ceiling < np.inf:
         return None
     if problem.segments.chains < segments.chains or not is_long(segments):
         return None
-    return search_in_pieces(segments, start, problem.scales, annealer, _limit(segments))
+    return search_long_record(segments, start, problem.scales, annealer, _limit(segments))
 
 
 def _limit(segments: Segments) -> float:

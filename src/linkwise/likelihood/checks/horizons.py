@@ -26,7 +26,7 @@ import numpy as np
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.fit import LikelihoodFit, with_values
-from linkwise.likelihood.marginal import held_at, is_long, relaxation
+from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, BlockScores, Optimum, blocks_of_scatter
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
@@ -94,7 +94,7 @@ def _path(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
         if optimum.segments.count < _INDEPENDENT * reach * BLOCKS[0]:
             return
         found = optimum_at(optimum, q, _STEPS)
-        if found is None or found.status is not AnnealingStatus.CONVERGED:
+        if found.status is not AnnealingStatus.CONVERGED:
             return
         horizon = _by_blocks(fit, found)
         if horizon is None:
@@ -103,10 +103,8 @@ def _path(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
         yield horizon
 
 
-def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit | None:
-    """The search at a relaxation, from an optimum at another one; None where one in pieces does not lead straight there."""
-    if is_long(optimum.segments):
-        return held_at(optimum.segments, optimum.point, optimum.scales, optimum.loss, q)
+def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit:
+    """The search at a relaxation, from an optimum at another one."""
     schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
     return anneal(optimum.segments, optimum.point, optimum.scales, schedule, loss=optimum.loss)
 
@@ -177,8 +175,6 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
     for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
         closer = optimum_at(tight, tight.q, _STEPS_CLOSER)
-        if closer is None:
-            continue
         if closer.status is AnnealingStatus.INTERRUPTED:
             return None
         if closer.status is AnnealingStatus.CONVERGED:

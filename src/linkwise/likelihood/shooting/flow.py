@@ -340,15 +340,7 @@ class Trajectories:
 
     @property
     def _arrays(self) -> tuple[Floats, ...]:
-        return (
-            self.states,
-            self.links,
-            self.accelerations,
-            self.middle_links,
-            self.middle_accelerations,
-            self.memory,
-            self.middle_memory,
-        )
+        return tuple(vars(self).values())
 
     def thinned(self, refine: int) -> Trajectories:
         """The same orbit in longer steps: ends of old steps become middles of new ones.

@@ -5,20 +5,30 @@ of a block contribute H_b, E_b and C_b, and their information is C_b - E_b' F + 
 but at the first and the last node of the block, where it is what the link with the neighbouring segment transmits: the
 product E_b' F remains, of sparse E_b where the structure has many masses. `eliminated_rows` has the rows themselves with the
 states eliminated: sums over them are what samples and links between segments say of the unknowns.
+
+Long records are tested in pieces (`tested_in_pieces`): a piece is a run of segments from one node to another, which it shares
+with the next. Its own equations hold a border of both ends and the unknowns of all; eliminated piece by piece, in memory that
+does not grow with the record, they leave a chain of ends, whose solution is exactly that of the equations of all nodes
+(substructuring: J. S. Przemieniecki, AIAA J. 1, 138, 1963).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import lapack, solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import BlockFactor, BorderedFactor, BorderEquations
+from linkwise.likelihood.shooting.bordered_system import (
+    BlockFactor,
+    BorderedFactor,
+    BorderedSystem,
+    BorderEquations,
+)
 from linkwise.likelihood.shooting.local_equations import (
     LocalLinearization,
     LocalSystem,
@@ -28,6 +38,7 @@ from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.neighbourhoods import MANY, LocalRows, clusters, neighbourhoods, reach
 from linkwise.likelihood.shooting.normal_equations import (
     Linearization,
+    add_prior,
     block_ends,
     chunks,
     linearise,
@@ -420,3 +431,164 @@ def eliminated_rows(
         return EliminatedRows(part, data, rows[..., -1], defects, missed[part] / q)
 
     return map(chunk, chunks(segments, p))
+
+
+_PIECE = (
+    4000  # segments in a piece: in shorter ones threads wait for each other, longer ones leave the caches
+)
+
+
+def piece_ends(linked: Bools) -> Indices:
+    """The nodes at which pieces of segments end, the first and the last node among them.
+
+    None ends at the first node of another record, which would have neither samples nor a link in that piece.
+
+    Parameters
+    ----------
+    linked : array of bool, shape (K - 1,)
+        Which neighbouring segments are continuous.
+
+    Returns
+    -------
+    array of int, shape (P + 1,)
+        The nodes.
+    """
+    count = len(linked) + 1
+    number = max(1, round(count / _PIECE))
+    ends = np.linspace(0, count - 1, number + 1).round().astype(int)
+    ends[1:-1] -= ~linked[ends[1:-1] - 1]
+    return ends
+
+
+def piece_between(segments: Segments, first: int, last: int) -> Segments:
+    """The segments between two nodes, without what is known of the unknowns beforehand.
+
+    Parameters
+    ----------
+    segments : Segments
+        All segments.
+    first, last : int
+        The nodes.
+
+    Returns
+    -------
+    Segments
+        The piece; the samples behind its last node belong to the next, unless there is none.
+    """
+    piece = replace(segments.chosen(np.arange(first, last + 1)), prior=None)
+    if last < segments.count - 1:
+        observed = piece.observed.copy()
+        observed[..., -1] = False
+        piece = replace(piece, observed=observed)
+    return piece
+
+
+def inner_equations(equations: BorderedSystem) -> BorderedSystem:
+    """Equations of a piece with its first and last node in the border, before the other unknowns there.
+
+    Parameters
+    ----------
+    equations : BorderedSystem
+        Equations of k + 2 nodes with p unknowns in the border.
+
+    Returns
+    -------
+    BorderedSystem
+        Of the k nodes between, with 2 m + p unknowns in the border.
+    """
+    m, p = equations.diagonal.shape[1], len(equations.corner)
+    head, tail, rest = slice(0, m), slice(m, 2 * m), slice(2 * m, 2 * m + p)
+    right = np.zeros((len(equations.diagonal) - 2, m, 2 * m + p + 1))
+    right[..., 2 * m :] = equations.right[1:-1]
+    right[0, :, head] = equations.coupling[0]
+    right[-1, :, tail] = equations.coupling[-1].T
+    corner = np.zeros((2 * m + p, 2 * m + p))
+    for own, node in ((head, 0), (tail, -1)):
+        corner[own, own] = equations.diagonal[node]
+        corner[own, rest] = equations.right[node, :, :p]
+        corner[rest, own] = corner[own, rest].T
+    corner[rest, rest] = equations.corner
+    gradient = [equations.right[0, :, p], equations.right[-1, :, p], equations.corner_gradient]
+    return BorderedSystem(
+        equations.diagonal[1:-1], equations.coupling[1:-1], right, corner, np.concatenate(gradient)
+    )
+
+
+def chain_of_ends(
+    pieces: Sequence[tuple[Floats, Floats]], m: int, corner: Floats, gradient: Floats
+) -> BorderedSystem:
+    """The equations of the ends of pieces and of the border.
+
+    Parameters
+    ----------
+    pieces : sequence of tuple of array
+        Of each piece the matrix (2 m + p, 2 m + p) and the right-hand side (2 m + p,) of its ends and the border.
+    m : int
+        States of a node.
+    corner, gradient : array of shape (p, p) and (p,)
+        What is added to those of the border.
+
+    Returns
+    -------
+    BorderedSystem
+        The equations.
+    """
+    p = len(gradient)
+    diagonal, coupling = np.zeros((len(pieces) + 1, m, m)), np.empty((len(pieces), m, m))
+    right, corner, gradient = np.zeros((len(pieces) + 1, m, p + 1)), corner.copy(), gradient.copy()
+    for number, (matrix, own_gradient) in enumerate(pieces):
+        for node, own in ((number, slice(0, m)), (number + 1, slice(m, 2 * m))):
+            diagonal[node] += matrix[own, own]
+            right[node, :, :p] += matrix[own, 2 * m :]
+            right[node, :, p] += own_gradient[own]
+        coupling[number] = matrix[m : 2 * m, :m]
+        corner += matrix[2 * m :, 2 * m :]
+        gradient += own_gradient[2 * m :]
+    return BorderedSystem(diagonal, coupling, right, corner, gradient)
+
+
+def tested_in_pieces(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    q: float,
+    candidates: CandidateForces,
+    errors: SensorErrors | None,
+) -> BorderedFactor | None:
+    """The equations of parameters and of sizes of what is tested, all nodes eliminated.
+
+    Parameters
+    ----------
+    segments, misfit, scales, loss, candidates, errors
+        As of `linearise`.
+    q : float
+        Relaxation.
+
+    Returns
+    -------
+    BorderedFactor or None
+        The factor, of which `schur` and `reduced` are these equations; None where they are not positive definite.
+    """
+
+    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
+    def work(own: tuple[int, int]) -> tuple[Floats, Floats] | None:
+        part = slice(own[0], own[1] + 1)
+        some = None if errors is None else replace(errors, values=errors.values[..., part])
+        linear = linearise(
+            piece_between(segments, *own), misfit.part(part), scales, loss, None, candidates.part(part), some
+        )
+        factor = inner_equations(linear.equations(q)).factor(overwrite=True)
+        return None if factor is None else (factor.schur, factor.reduced)
+
+    with ThreadPoolExecutor(processors()) as executor:
+        eliminated = list(executor.map(work, pairwise(piece_ends(segments.linked).tolist())))
+    pieces = [piece for piece in eliminated if piece is not None]
+    if len(pieces) < len(eliminated):
+        return None
+    m = len(misfit.point.nodes)
+    size = len(pieces[0][1]) - 2 * m
+    corner, gradient = np.zeros((size, size)), np.zeros(size)
+    if segments.prior is not None:
+        add_prior(corner, gradient, segments.prior, misfit.point, scales)
+    return chain_of_ends(pieces, m, corner, gradient).factor()

@@ -303,21 +303,6 @@ class Parameters:
             upper=np.array([parameter.upper for parameter in free]),
         )
 
-    def known(self, coefficients: Floats, masses: Floats) -> Parameters:
-        """None, with all coefficients (c,) and masses (n,) known."""
-        nothing = np.empty(0)
-        return replace(
-            self,
-            names=(),
-            units=(),
-            constant=coefficients,
-            map=np.empty((len(coefficients), 0)),
-            mass_constant=masses,
-            mass_map=np.empty((len(masses), 0)),
-            lower=nothing,
-            upper=nothing,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class RatePartials:
@@ -494,25 +479,6 @@ class System:
             parameters.mass_constant + parameters.mass_map @ theta,
             None if self.shapes is None else self.shapes.change(theta),
         )
-
-    def without_parameters(self, theta: Floats) -> System:
-        """The system whose parameters are known: none is left. Shapes of hosts must not be among them.
-
-        Parameters
-        ----------
-        theta : array of shape (p,)
-            Their values.
-
-        Returns
-        -------
-        System
-            The system without parameters.
-        """
-        assert self.shapes is None
-        numbers = self.at(theta)
-        known = self.parameters.known(numbers.coefficients, numbers.masses)
-        groups = tuple(replace(group, free=()) for group in self.groups)
-        return replace(self, groups=groups, parameters=known)
 
     @cached_property
     def slider_states(self) -> Indices:

@@ -38,10 +38,10 @@ from linkwise.likelihood.shooting.linear_model import (
     border_equations,
     eliminated_rows,
     precise_model,
+    tested_in_pieces,
 )
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature, linearise
-from linkwise.likelihood.shooting.pieces import tested_in_pieces
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
