@@ -8,14 +8,14 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_280  # lines of all files of tests
+TESTS = 34_220  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (13, 2266),
     "analysis": (4, 522),
     "cli": (24, 1999),
-    "discovery": (19, 3691),
+    "discovery": (19, 3672),
     "estimates": (7, 1323),
     "export": (8, 1055),
     "expression": (6, 1102),
