@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (10, 2223),
     "analysis": (4, 515),
     "cli": (20, 1871),
-    "discovery": (19, 3672),
+    "discovery": (19, 3667),
     "estimates": (6, 1322),
     "export": (8, 781),
     "expression": (6, 1069),

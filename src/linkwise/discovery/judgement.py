@@ -93,25 +93,12 @@ def judged_discovery(
 
     `delays` in s were found by channel; `frequencies` of hosts explain the records in place of links.
     """
-    fit, candidates = selection.fit, selection.candidates
-    estimate = estimate_of(selection.structure, fit, records, delays, offered=candidates.full_structure)
+    fit, offered = selection.fit, selection.candidates.full_structure
+    estimate = estimate_of(selection.structure, fit, records, delays, offered=offered)
     dropped = DroppedTerms.of(selection.quadratic, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     told = admit_intervals(estimate.verdicts)
-    firm = told and selection.settled
-    rivals = _Rivals()
-    if firm and not fit.random_forces:
-        rivals = _Rivals(
-            errors=(
-                *frequencies,
-                *rival_errors(selection, estimate.structure),
-                *rival_offsets(selection, records[0].channels),
-            ),
-            links=rival_links(selection),
-            forms=rival_forms(selection),
-        )
-    elif told and candidates.hosts:
-        rivals = _Rivals(links=rival_links(selection))
+    rivals = _rivals_beside(selection, estimate, records, frequencies) if told else _Rivals()
     estimate = rivals.beside(estimate)
     path, parabolas = selection_path(selection)
     rivals = rivals._replace(
@@ -145,7 +132,7 @@ def judged_discovery(
             *rivals.remarks(choice_remarks(selection, path)),
             *checks.remarks,
             *screened.remarks,
-            *(exchange_remarks(selection) if firm else ()),
+            *(exchange_remarks(selection) if told and selection.settled else ()),
         ),
         verdicts=verdicts,
         rounds=selection.rounds,
@@ -154,6 +141,17 @@ def judged_discovery(
         untested=tuple(e.name for e in screened.candidates.entries if e.name not in screened.tested),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _rivals_beside(
+    selection: Selection, estimate: Estimate, records: Sequence[Record], frequencies: Sequence[Rival]
+) -> _Rivals:
+    """The rivals of a selection; beside random forces, and where it did not settle, other links of hosts alone."""
+    if selection.settled and not selection.fit.random_forces:
+        offsets = rival_offsets(selection, records[0].channels)
+        errors = (*frequencies, *rival_errors(selection, estimate.structure), *offsets)
+        return _Rivals(errors, rival_links(selection), rival_forms(selection))
+    return _Rivals(links=rival_links(selection) if selection.candidates.hosts else ())
 
 
 def _remarks(rivals: Sequence[Rival]) -> tuple[str, ...]:
