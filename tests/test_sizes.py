@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (15, 1893),
     "identification": (15, 2465),
     "inspection": (12, 1884),
-    "likelihood": (59, 14359),
+    "likelihood": (59, 14361),
     "modal": (7, 888),
     "model": (20, 3217),
     "paper": (3, 364),
