@@ -361,7 +361,9 @@ class _LogDeterminant:
 
 _LONG = 16_000  # segments: of fewer most searches lead straight to exact laws
 _LOOSE, _TIGHT = 1e-3, 1e-4  # relaxations of exact laws: at the latter most long records have one optimum yet
-_DOWN_TO = AnnealingSchedule(initial_q=0.1, final_q=_TIGHT, smallest_factor=0.01, trust_per_sample=10.0)
+_DOWN_TO = AnnealingSchedule(
+    initial_q=0.1, final_q=_TIGHT, smallest_factor=0.3
+)  # faster leads to worse optima
 _STEPS = 15  # on to exact laws, or back to loose links; a search that takes more does not lead straight
 _CHANCE = 1e-3  # probability of a larger difference between two relaxations by chance
 # of -2 log of the marginal likelihood: more than rounding and the error of Laplace's approximation
