@@ -8,33 +8,33 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_340  # lines of all files of tests
+TESTS = 34_360  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2223),
-    "analysis": (4, 515),
+    "analysis": (4, 522),
     "cli": (20, 1871),
     "discovery": (19, 3667),
     "estimates": (6, 1322),
     "export": (8, 781),
     "expression": (6, 1069),
     "files": (13, 1891),
-    "identification": (13, 2336),
+    "identification": (13, 2339),
     "inspection": (10, 1869),
-    "likelihood": (60, 14158),
+    "likelihood": (60, 14176),
     "modal": (5, 867),
     "model": (16, 2896),
     "paper": (3, 368),
-    "plot": (12, 1907),
+    "plot": (12, 1909),
     "records": (7, 1366),
     "report": (10, 955),
     "response": (11, 1692),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (12, 917),
+    "root": (12, 944),
     "signals": (6, 887),
     "simulation": (9, 1686),
     "sindy": (9, 1090),
-    "study": (10, 1508),
+    "study": (10, 1516),
     "weak": (11, 1874),
 }
 

@@ -11,11 +11,16 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
 from linkwise.errors import OutputError
+
+fcntl: Any = None
+with suppress(ImportError):  # of Windows, which cannot lock folders
+    fcntl = import_module("fcntl")
 
 # marks a folder as a result of linkwise; its key "files" lists the files linkwise wrote
 RESULT = "result.json"
@@ -165,21 +170,38 @@ def _own_folder(path: Path, mark: str) -> Iterator[Path]:
 
 def _refuse_others(path: Path, mark: str) -> None:
     """Raise OutputError for a file, and for a folder that holds anything but a result marked by `mark`."""
-    with suppress(FileNotFoundError):  # another process replaces it
-        hidden = set(_hidden(path.resolve(), path, "partial"))
-        if not path.exists() or (path.is_dir() and set(path.iterdir()) <= hidden):
-            return
-        if _written(path, mark) is not None:
-            return
+    while True:
+        before = _state(path)
+        with suppress(FileNotFoundError):  # another process replaces it
+            problem = _problem(path, mark)
+            if problem is None:
+                return
+            if _state(path) == before:
+                raise OutputError(problem)
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """What changes if another folder takes the place of `path`, or its entries change; None where there is nothing."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_ino, status.st_mtime_ns
+
+
+def _problem(path: Path, mark: str) -> str | None:
+    """Why no result marked by `mark` may take the place of `path`; None if one may."""
+    hidden = set(_hidden(path.resolve(), path, "partial"))
+    if not path.exists() or (path.is_dir() and set(path.iterdir()) <= hidden):
+        return None
+    if _written(path, mark) is None:
         marks = sorted(entry.name for entry in path.glob("*.json") if entry.name != mark)
         other_mark = next((name for name in marks if _written(path, name) is not None), None)
         problem = f"is not a result of linkwise (no valid {mark})"
         if other_mark:
             problem = f"holds the result of another command ({other_mark})"
-        message = (
-            f"already exists and {problem}; it was not changed. Choose another folder, or remove this one"
-        )
-        raise OutputError(f"{path}: {message}")
+        return f"{path}: already exists and {problem}; it was not changed. Choose another folder, or remove this one"
+    return None
 
 
 def _hidden(place: Path, folder: Path, kind: str) -> list[Path]:
@@ -232,11 +254,27 @@ def _fill(own: Path, place: Path, mark: str) -> None:
     if own.parent != place:
         inside = place / own.name
         shutil.copytree(own, inside)
-    for name in [mark, *sorted((_written(place, mark) or set()) - {mark})]:
-        (place / name).unlink(missing_ok=True)
-    for entry in sorted(inside.iterdir(), key=lambda entry: entry.name == mark):
-        entry.replace(place / entry.name)
-    inside.rmdir()
+    with _exclusive(place):
+        for name in [mark, *sorted((_written(place, mark) or set()) - {mark})]:
+            (place / name).unlink(missing_ok=True)
+        for entry in sorted(inside.iterdir(), key=lambda entry: entry.name == mark):
+            entry.replace(place / entry.name)
+        inside.rmdir()
+
+
+@contextmanager
+def _exclusive(folder: Path) -> Iterator[None]:
+    """Hold the lock of `folder`, on systems that can lock one."""
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _carry_over(old: Path, new: Path, mark: str) -> None:

@@ -394,6 +394,17 @@ def test_samples_that_a_channel_lost_or_doubled_are_put_in_their_places(samples:
     assert f"x:m2 that {'lost' if samples > 0 else 'doubled'} 3 samples at 0.7" in " ".join(str(fit).split())
 
 
+def test_a_hit_near_the_end_that_no_channel_shows_is_no_slip() -> None:
+    """A shift leaves the end of a channel open, of which nothing is explained thereby."""
+    hardening = structure({"m1": 1.0}, link("l", "m1-ground", HARDENING, k=987.0, c=2.0, k3=4e5))
+    hits = {"m1": "60*exp(-((t - 0.1)/0.01)**2) + 40*exp(-((t - 9.8)/0.01)**2)"}
+    noisy = lw.simulate(hardening, forces=hits, duration=10.0, rate=200.0).with_noise(40.0, seed=1)
+    shown, time = noisy.values.copy(), noisy.time
+    shown[time > 9.0, list(map(str, noisy.channels)).index("force:m1")] = 0.0
+    fit = lw.identify(replace(noisy, values=shown, simulated=None), hardening.unknown("all"))
+    assert not any(cause.kind == "slip" for cause in fit.added) and not fit.trusted
+
+
 def test_intervals_hold_a_gain_at_which_residuals_hint() -> None:
     """Its own score of 3 to 4 is not significant among all causes, and it moves a cubic spring by 5 to 6 standard errors."""
     clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=6.0, rate=1000.0)

@@ -96,9 +96,7 @@ class DesignOptions:
     seed : int
         Seed of the search and of the draws; 0 by default.
     workers : int, optional
-        Threads that simulate, and processes that follow the curves of a resonance; one for each processor by default. In
-        Python there are no other processes by default, since each imports the script: a file that searches under
-        ``if __name__ == "__main__":``.
+        Threads that simulate, and processes that follow the curves of a resonance; one for each processor by default.
 
     Raises
     ------

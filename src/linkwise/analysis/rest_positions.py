@@ -1,20 +1,22 @@
 """Static equilibria of a structure, whether they are stable, and starts between wells.
 
-Links between the same two ends act as one bond. If the bonds form no cycle, which the rank of their incidence tells, the
-forces balance only if each bond is at rest by itself, so the equilibria are exactly the products of the rest points of the
-bonds. Otherwise damped Newton iterations start from every product of rest points. The base is at zero.
+Links between the same two ends act as one bond. If the bonds form no cycle, the forces balance only if each bond is at rest by
+itself, so the equilibria are exactly the products of the rest points of the bonds. Otherwise damped Newton iterations start
+from every product of rest points. The base is at zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, islice, product
+from itertools import combinations, islice, pairwise, product
 from math import prod
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from linkwise.analysis.potential_wells import RestPoint, rest_points, wells
 from linkwise.arrays import Bools, Floats
@@ -183,7 +185,7 @@ def equilibria(
     choices = list(islice(_wells_first(rests), limit))
     places = np.array([[point.d if point else 0.0 for point in choice] for choice in choices])
     places = places.reshape(len(choices), -1)
-    if bonds and np.linalg.matrix_rank(incidence) == len(bonds):
+    if bonds and _free(bonds, structure.size) == structure.size - len(bonds):
         return _of_tree(bonds, incidence, rests, choices, places, cut)
     weights = _weights(bonds, rests)
     starts = np.linalg.lstsq(weights[:, None] * incidence.T, weights[:, None] * places.T, rcond=None)[0].T
@@ -216,6 +218,16 @@ def _incidence(bonds: Sequence[_Bond], size: int) -> Floats:
         for mass, part in bond.weights:
             incidence[mass, column] = part
     return incidence
+
+
+def _free(bonds: Sequence[_Bond], size: int) -> int:
+    """Number of groups of masses that are connected to each other but not to the ground; each has a rigid-body motion."""
+    masses = [[mass for mass, _ in bond.weights] for bond in bonds]
+    chains = [[size, *own] if len(own) == 1 else own for own in masses]
+    joined = [pair for chain in chains for pair in pairwise(chain)]
+    first, second = ([pair[end] for pair in joined] for end in (0, 1))
+    graph = csr_array((np.ones(len(joined)), (first, second)), shape=(size + 1, size + 1))
+    return int(connected_components(graph, directed=False)[0]) - 1
 
 
 def _rests(bonds: Sequence[_Bond], reach: tuple[float, float] | None) -> list[tuple[RestPoint, ...]]:
@@ -300,7 +312,7 @@ def _from_starts(
         stable, neutral = bool(np.all(values >= -threshold)), int(np.sum(np.abs(values) <= threshold))
         points.append(Equilibrium(place, stable, energy, neutral))
     failed = f"{int(np.sum(~done))} of {len(done)} searches did not converge" if not done.all() else ""
-    free = n - int(np.linalg.matrix_rank(incidence)) if bonds else n
+    free = _free(bonds, n)
     return Equilibria(_sorted(points), False, "; ".join(filter(None, [note, failed, _floating(free)])))
 
 

@@ -30,7 +30,7 @@ MAX_DEPTH = 50  # levels of brackets, calls, signs and powers; far below the lim
 MAX_LENGTH = 2000  # characters
 
 _TOKEN = re.compile(
-    r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|//|[-+*/(),])|(?P<other>\S)|\Z"
+    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|(?P<sign>\*\*|//|[-+*/(),])|(?P<other>\S)|\Z"
 )
 _ADVICE = {
     "^": "A power is written with two stars: d**3.",

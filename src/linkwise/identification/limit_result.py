@@ -294,9 +294,7 @@ class Limit(JudgedView):
         wells = [row for link in self.links for row in _well_rows(link)]
         tables += [[("", "value", "95 % interval", "unit"), *wells]] if wells else []
         findings = [f"! {finding}" for finding in self.findings]
-        return "\n\n".join(
-            "\n".join(block) for block in ([head], *map(align_columns, tables), findings) if block
-        )
+        return "\n\n".join("\n".join(block) for block in ([head], *map(_lines, tables), findings) if block)
 
     def _link(self, index: int) -> LinkLimit:
         link, (d, v) = self.structure.links[index], true_motion(self.record, index)
@@ -399,3 +397,13 @@ def _well_rows(link: LinkLimit) -> Rows:
     named += [(f"{link.name} barrier", estimate.barrier)] if estimate.barrier is not None else []
     texts = [(label, *quantity.texts, quantity.unit) for label, quantity in named]
     return [(label, value, interval or "not identifiable", unit) for label, value, interval, unit in texts]
+
+
+_MOST_ROWS = 40  # of a table that are printed
+
+
+def _lines(rows: Rows) -> list[str]:
+    """A title and rows in aligned columns; of a long table the first rows and the number of the others."""
+    lines = align_columns(rows)
+    left_out = len(lines) - 1 - _MOST_ROWS
+    return lines if left_out <= 0 else [*lines[: 1 + _MOST_ROWS], f"  ... and {left_out} more"]

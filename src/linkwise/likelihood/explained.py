@@ -210,7 +210,8 @@ def explained_answer(
         found = rung(first) if settled or rung in (_by_alerts, _by_channel) else None
         if found is not None and found.is_explained:
             break
-        if found is not None and found.is_nearly_explained and stated.grade is Grade.REFUSED:
+        nearly = rung is _with_errors and found is not None and found.is_nearly_explained
+        if found is not None and nearly and stated.grade is Grade.REFUSED:
             return found.reported
     else:
         return stated

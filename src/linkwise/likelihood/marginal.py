@@ -432,7 +432,7 @@ def search_long_record(
         schedule = AnnealingSchedule(initial_q=max(q, fit.q), final_q=q, max_steps=_STEPS)
         other = annealer(segments, fit.point, scales, schedule)
         if other.status is AnnealingStatus.INTERRUPTED:
-            return fit
+            return replace(fit, status=AnnealingStatus.INTERRUPTED)
         if did_not_converge(other):
             continue
         looser, tighter = (other, fit) if q == _LOOSE else (fit, other)

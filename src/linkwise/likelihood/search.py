@@ -198,7 +198,7 @@ class BlockScores:
         scaled = whole * np.outer(scale, scale)
         inverse = np.linalg.pinv(scaled[own, own], rcond=1e-12, hermitian=True)
         beside = np.eye(len(whole))  # what of the scores is left of each unknown
-        beside[own, own] = inverse / inverse.diagonal()
+        beside[own, own] = inverse / np.where(inverse.diagonal() > 0.0, inverse.diagonal(), 1.0)
         beside[own, parameters:] = -inverse @ scaled[own, parameters:]
         left = np.einsum("ij,ij->j", beside, scaled @ beside)
         tested = left > _COLLINEAR

@@ -22,7 +22,7 @@ from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import require_known
+from linkwise.errors import LinkwiseError, require_known
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -215,6 +215,8 @@ def map(
 
 def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity."""
+    if not names:
+        raise LinkwiseError("names must hold at least one quantity, got none")
     rows = -(-len(names) // 2)
     with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
         for axes, name in zip(panels, names, strict=False):
@@ -233,8 +235,8 @@ def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
 
 def _shown(result: AbsorptionMap, name: str) -> tuple[Floats, str]:
     """Values as they are read: parts of 1 in %."""
-    quantity = _quantity(result, name)
-    return (100.0 * result[name], "%") if quantity.is_part else (result[name], quantity.unit)
+    values, quantity = result[name], _quantity(result, name)
+    return (100.0 * values, "%") if quantity.is_part else (values, quantity.unit)
 
 
 def _draw_map(axes: Axes, result: AbsorptionMap, values: Floats, unit: str) -> None:

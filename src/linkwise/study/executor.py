@@ -112,9 +112,19 @@ def _study(text: str) -> Study:
 
 
 @lru_cache(maxsize=_RECORDS)
+def _simulated(text: str, name: str, cycle: int) -> Record | LinkwiseError:
+    try:
+        return _study(text).subject(name).simulate(cycle)
+    except LinkwiseError as error:  # cached too: a structure that diverges does so for every case
+        return error
+
+
 def _clean(text: str, name: str, cycle: int) -> Record:
     """The clean record of a structure in a cycle, simulated once in this process."""
-    return _study(text).subject(name).simulate(cycle)
+    record = _simulated(text, name, cycle)
+    if isinstance(record, LinkwiseError):
+        raise record
+    return record
 
 
 #: Structure, noise level in dB and method.

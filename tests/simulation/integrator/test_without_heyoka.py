@@ -76,8 +76,8 @@ def test_energies_balance_and_states_of_links_follow(by_scipy: list[CompiledSyst
     assert np.abs(slid["state:joint.z"]).max() > 0.5 and by_scipy
 
 
-def test_a_force_that_is_not_finite_is_refused_alike(by_scipy: list[CompiledSystem]) -> None:
-    with pytest.raises(lw.SimulationError, match=r"diverges|not finite"):
+def test_a_motion_that_diverges_is_refused_alike(by_scipy: list[CompiledSystem]) -> None:
+    with pytest.raises(lw.SimulationError, match="the motion diverges: at 0.04"):
         lw.simulate(oscillator("k*d - q*d**3", k=1.0, q=1e6), release={"x:m1": 1.0}, duration=1.0, rate=100.0)
 
 

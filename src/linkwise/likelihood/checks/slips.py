@@ -6,7 +6,7 @@ values of an answer; the ones count up to a moment, the others from there. That 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +23,12 @@ from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.window import Window
 
 _SHIFTS = (*range(1, 21), *range(22, 65, 2))  # samples: a block that a logger loses as a rule is not longer
-_CONVINCING = 30.0  # of the power of independent windows: noise of a quiet end gives half of that
+_CONVINCING = (
+    30.0  # of the power of independent windows: 84 shifts at any moment of noise give less than half of that
+)
 _OUTLIER = 5.0  # standard deviations: a window that is farther off counts as that
+_ENDS = 0.05  # of a record: what is left of it there is as well the motion behind a hit that no channel shows
+_LARGEST = 8  # masses up to which all shifts of all channels take a few seconds
 _CHANNELS = 2  # in which one slip looks alike
 _MEDIAN = (
     0.4549  # of chi-square with one degree of freedom, by which the noise is told beside what a slip leaves
@@ -35,6 +39,8 @@ def slips(
     record: Record, structure: Structure, values: Mapping[str, float]
 ) -> Iterator[tuple[Cause, Record]]:
     """The likeliest slips of displacements, each with the record without it; none where the weak form does not apply.
+
+    Nor of a single channel, which a hit that no channel shows makes early or late as well.
 
     Parameters
     ----------
@@ -50,11 +56,13 @@ def slips(
     tuple of (Cause, Record)
         The slip, of the kind "slip", and the record in which the samples that follow it are in their places.
     """
-    channels = [channel for channel in record.responses if channel.kind == "x"]
-    if not all(record.motions_of(name) for name in structure.mass_names):
+    channels = [name for name in record.responses if name.kind == "x" and name not in record.clipped]
+    hidden = not all(record.motions_of(name) for name in structure.mass_names)
+    if hidden or len(channels) < 2 or structure.size > _LARGEST:
         return
     try:
-        found = [_likeliest(record, channel, structure, values) for channel in channels]
+        stated = _equations(record, structure, values)
+        found = [_likeliest(record, channel, structure, values, stated) for channel in channels]
     except (LinkwiseError, np.linalg.LinAlgError):
         return
     for gain, shift, sample, margin, name in sorted(found, reverse=True)[:_CHANNELS]:
@@ -79,10 +87,18 @@ def _shifted(values: Floats, shift: int) -> Floats:
 
 
 def _likeliest(
-    record: Record, channel: Channel, structure: Structure, values: Mapping[str, float]
+    record: Record,
+    channel: Channel,
+    structure: Structure,
+    values: Mapping[str, float],
+    stated: WeakEquations,
 ) -> tuple[float, int, int, int, str]:
-    """What the best slip of a channel explains, its shift and the first sample behind it with its margin, and the channel."""
-    stated = _equations(record, structure, values)
+    """What the best slip of a channel explains, its shift and the first sample behind it with its margin, and the channel.
+
+    Windows at an end that a shift leaves open count neither before it nor behind it.
+    """
+    number, neighbourhoods = structure.topology.index[channel.place], stated.structure_layout.neighbourhoods
+    only = [mass for mass, near in enumerate(neighbourhoods) if number in near] if number >= 0 else None
     residual = _residual(stated, values)
     scale = np.sqrt(np.nanmedian(residual**2, axis=0) / _MEDIAN)
     overlap = max(1.0, 0.5 * stated.window.length / stated.window.stride)
@@ -90,15 +106,17 @@ def _likeliest(
     def power(residual: Floats) -> Floats:
         return np.cumsum(np.nansum(np.minimum((residual / scale) ** 2, _OUTLIER**2), axis=1)) / overlap
 
-    before, column = power(residual), record.channels.index(channel)
+    column = record.channels.index(channel)
     best = (0.0, 0, 0, stated.window.length, str(channel))
     for shift in (sign * size for size in _SHIFTS for sign in (1, -1)):
         shown = record.values.copy()
         shown[:, column] = _shifted(shown[:, column], shift)
-        moved = _equations(replace(record, values=shown, simulated=None), structure, values, stated.window)
-        behind = power(_residual(moved, values))
+        late = replace(record, values=shown, simulated=None)
+        shifted = _residual(_equations(late, structure, values, stated.window, only), values)
+        before, behind = power(np.where(np.isfinite(shifted), residual, np.nan)), power(shifted)
         left = before + behind[-1] - behind
-        window = int(np.argmin(left))
+        ends = int(_ENDS * len(left)) + 1
+        window = ends + int(np.argmin(left[ends:-ends]))
         sample = round((stated.time[window] - record.start) * record.rate)
         best = max(
             best, (float(before[-1] - left[window]), shift, sample, stated.window.length, str(channel))
@@ -107,11 +125,15 @@ def _likeliest(
 
 
 def _equations(
-    record: Record, structure: Structure, values: Mapping[str, float], window: Window | None = None
+    record: Record,
+    structure: Structure,
+    values: Mapping[str, float],
+    window: Window | None = None,
+    only: Collection[int] | None = None,
 ) -> WeakEquations:
     shown = with_displacements(framed(record, structure, integrated=True).record, structure.masses)
     motion = read_displacements(shown, structure)
-    return weak_equations(shown, structure, motion, window=window, values=dict(values))
+    return weak_equations(shown, structure, motion, window=window, values=dict(values), only=only)
 
 
 def _residual(equations: WeakEquations, values: Mapping[str, float]) -> Floats:

@@ -172,7 +172,7 @@ class DormandPrince:
                 return Propagation(states[:reached], steps, Outcome.NOT_FINITE)
             steps += 1
             cut = solver.status != "running"  # at the last of the times
-            self._step = max(solver.step_size, self._step if cut else 0.0)
+            self._step = max(solver.step_size, self._step) if cut else solver.h_abs
             watched = len(self._offsets)
             dense = solver.dense_output() if watched or times[reached] <= solver.t else None
             kink = self._first_kink(solver.t_old, solver.t, dense) if watched else None
