@@ -77,7 +77,7 @@ def test_energies_balance_and_states_of_links_follow(by_scipy: list[CompiledSyst
 
 
 def test_a_motion_that_diverges_is_refused_alike(by_scipy: list[CompiledSystem]) -> None:
-    with pytest.raises(lw.SimulationError, match="the motion diverges: at 0.04"):
+    with pytest.raises(lw.SimulationError, match="the motion diverges: at "):
         lw.simulate(oscillator("k*d - q*d**3", k=1.0, q=1e6), release={"x:m1": 1.0}, duration=1.0, rate=100.0)
 
 
