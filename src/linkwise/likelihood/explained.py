@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from linkwise.errors import IdentificationError
+from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples
@@ -45,6 +45,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import part
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
+from linkwise.units import base_exponents
 from linkwise.verdict import Grade, Verdict
 
 _ERRORS = 4  # that are added at most: with more, a term is missing rather
@@ -59,6 +60,7 @@ _CALIBRATED = (
 _WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
 _SCALES = ("mass", "force gain", "gain")
 _TRIED = 3  # causes that are as likely
+_OF_STIFFNESS = -2.0  # the power of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 
 Rung = TypeVar("Rung")
@@ -178,17 +180,31 @@ class _Model:
 
     @property
     def _has_open_time(self) -> bool:
-        """Whether clocks that run apart leave open which is right, by more than two errors of a stiffness."""
+        """Whether clocks that run apart leave open which is right, by more than two errors of a coefficient.
+
+        A coefficient changes with the power of time in its unit, and in that of the length that the sensors tell.
+        """
         apart = max(
             (abs(cause.size) for cause in self.added if cause.kind == CLOCK and cause.remark), default=0.0
         )
+        order = max((channel.order for channel in self.records[0].channels if channel.is_motion), default=0)
+        powers = np.array([_power_of_time(parameter.unit, order) for parameter in self.answer.parameters])
         errors = np.sqrt(np.maximum(self.answer.covariance.diagonal(), 0.0))
-        return bool(np.any(2.0 * PPM * apart * np.abs(self.answer.values) > 2.0 * errors)) and apart > 0.0
+        return bool(np.any(np.abs(powers * PPM * apart * self.answer.values) > 2.0 * errors)) and apart > 0.0
 
     @property
     def misfit(self) -> float:
         """What the answer leaves, in -2 log likelihood."""
         return (self.answer.chi_square_per_sample or 0.0) * self.answer.samples
+
+
+def _power_of_time(unit: str, order: int) -> float:
+    """By which power of the time a coefficient changes where sensors show the derivative of this order of a displacement."""
+    try:
+        _, length, time, _ = base_exponents(unit)
+    except LinkwiseError:  # of a law that does not determine it
+        return _OF_STIFFNESS
+    return float(time + order * length)
 
 
 def explained_answer(
@@ -510,8 +526,11 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
     if first.kind == CLOCK:  # that of an input counts as right
         alike = [cause for cause in current.diagnosis if cause.kind == CLOCK and _rivals(first, cause)]
         of_sensors = [cause for cause in alike if cause.where not in records[0].inputs] or alike
-        rivals = " or ".join(cause.where for cause in of_sensors[1:])
-        first = replace(of_sensors[0], remark=f"or that of {rivals} the other way" if rivals else "")
+        rivals = dict.fromkeys(cause.where for cause in (*of_sensors, *alike))
+        if len(records[0].channels) == 2:  # of which none outvotes the other
+            rivals |= dict.fromkeys(map(str, records[0].channels))
+        named = " or ".join(name for name in rivals if name != of_sensors[0].where)
+        first = replace(of_sensors[0], remark=f"or that of {named} the other way" if named else "")
     wider = with_error(options, first, records[0])
     return None if wider is None else (wider, (first,))
 

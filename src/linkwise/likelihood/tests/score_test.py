@@ -218,7 +218,8 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: 
     """Test the columns that follow the `parameters`.
 
     `scatter` is the covariance of the slope, which is the curvature where noise is white. A column of which the coefficients,
-    or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite.
+    or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite. Raises
+    numpy.linalg.LinAlgError where the equations of the parameters are not finite.
     """
     finite = finite_columns(curvature, slope, scatter, parameters)
     if not finite.all():
@@ -229,6 +230,10 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: 
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     scaled, gradient = curvature / np.outer(scale, scale), slope / scale
     own, added = slice(0, parameters), slice(parameters, None)
+    if not (
+        np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()
+    ):  # LAPACK may never return from these
+        raise np.linalg.LinAlgError("the equations of the parameters are not finite")
     projection = np.linalg.lstsq(
         scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=1e-12
     )[0]
