@@ -16,6 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
@@ -161,14 +162,16 @@ class _Model:
 
     @property
     def reported(self) -> Estimate:
-        """Its answer, with the sizes of what was added as they were found."""
-        return replace(self.answer, added=_as_found(self.added, self.answer))
+        """Its answer, with the sizes of what was added as they were found, and what clocks leave open in its covariance."""
+        changes = self._of_open_clocks
+        covariance = self.answer.covariance + np.outer(changes, changes)
+        return replace(self.answer, added=_as_found(self.added, self.answer), covariance=covariance)
 
     @property
     def is_explained(self) -> bool:
         """Whether noise alone is left, and beside what was added white noise: correlated noise may hold what is missing."""
         white = not self.added or (self.answer.chi_square_per_sample or 0.0) < _WHITE
-        return white and self.answer.grade is Grade.EXPLAINED and not self._has_open_time
+        return white and self.answer.grade is Grade.EXPLAINED
 
     @property
     def is_nearly_explained(self) -> bool:
@@ -176,21 +179,21 @@ class _Model:
         answer = self.answer
         settled = answer.fit_verdicts[0] in (Verdict.CONVERGED, Verdict.MODEL_ERROR_NEEDED)
         approximate = settled and answer.grade is Grade.APPROXIMATE
-        return bool(self.added) and approximate and not answer.diagnosis and not self._has_open_time
+        return bool(self.added) and approximate and not answer.diagnosis
 
     @property
-    def _has_open_time(self) -> bool:
-        """Whether clocks that run apart leave open which is right, by more than two errors of a coefficient.
+    def _of_open_clocks(self) -> Floats:
+        """(p,) what coefficients change by where another of the clocks that run apart is the right one.
 
-        A coefficient changes with the power of time in its unit, and in that of the length that the sensors tell.
+        A coefficient goes with the power of time in its unit, and in that of the length that the sensors tell.
         """
         apart = max(
             (abs(cause.size) for cause in self.added if cause.kind == CLOCK and cause.remark), default=0.0
         )
-        order = max((channel.order for channel in self.records[0].channels if channel.is_motion), default=0)
+        channels = (channel for channel in self.records[0].channels if channel.is_motion)
+        order = max((channel.order for channel in channels), default=0)
         powers = np.array([_power_of_time(parameter.unit, order) for parameter in self.answer.parameters])
-        errors = np.sqrt(np.maximum(self.answer.covariance.diagonal(), 0.0))
-        return bool(np.any(np.abs(powers * PPM * apart * self.answer.values) > 2.0 * errors)) and apart > 0.0
+        return np.asarray(np.where(self.answer.free, PPM * apart * powers * self.answer.values, 0.0))
 
     @property
     def misfit(self) -> float:
@@ -530,7 +533,10 @@ def _first_error(options: LikelihoodOptions, records: Sequence[Record], current:
         if len(records[0].channels) == 2:  # of which none outvotes the other
             rivals |= dict.fromkeys(map(str, records[0].channels))
         named = " or ".join(name for name in rivals if name != of_sensors[0].where)
-        first = replace(of_sensors[0], remark=f"or that of {named} the other way" if named else "")
+        first = replace(
+            of_sensors[0],
+            remark=f"or that of {named} the other way, for which intervals allow" if named else "",
+        )
     wider = with_error(options, first, records[0])
     return None if wider is None else (wider, (first,))
 
