@@ -258,8 +258,8 @@ def _fractional(branches: int) -> tuple[str, dict[str, LinkState]]:
 _FAMILIES = {"iwan": _iwan, "fractional": _fractional}
 _TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 NAMED_LAWS = Registry("law", msgspec.convert(_TABLES, dict[str, NamedLaw]), StructureError)
-NAMED_LAWS.update({name: _with_branches(name, NAMED_LAWS[name].branches) for name in _FAMILIES})
 """The named laws."""
+NAMED_LAWS.update({name: _with_branches(name, NAMED_LAWS[name].branches) for name in _FAMILIES})
 
 
 #: Of a sample: how long a force that slides fast may lag behind its corner.
