@@ -11,10 +11,10 @@ import pytest
 from structures import oscillator
 
 import linkwise as lw
-from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.delays import with_delays
+from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
+from linkwise.likelihood.terms import Term
 from linkwise.records.channel import interpolated
 
 RATE, DURATION, LATE = 250.0, 8.0, 0.5e-3
@@ -108,15 +108,29 @@ class Searched:
     late: float
     ppm: float = 0.0
     fits: int = 0
-    status = AnnealingStatus.CONVERGED
-    chi_square, chi_square_off, model_error = 2.0, True, 0.1
+    interrupted = False
 
     def __call__(self, records: Sequence[lw.Record], options: LikelihoodOptions) -> Searched:
         self.fits += 1
         self.delays = {"x:m1": self.late / RATE}
-        self.clocks = {"x:m1": (self.ppm, 1.0)}
         return self
 
-    @property
-    def diagnosis(self) -> tuple[Cause, ...]:
-        return ()
+    def size_of(self, term: Term) -> tuple[float, float]:
+        return self.ppm, 1.0
+
+
+@pytest.mark.parametrize(
+    ("found", "message"),
+    [
+        (Searched(0.1, ppm=400.0), "the clock of x:m1 does not settle"),
+        (Searched(2.0), "the delay of x:m1 does not settle"),
+    ],
+)
+def test_what_fits_do_not_agree_on_is_refused(found: Searched, message: str) -> None:
+    record = two_loggers(86)
+    options = LikelihoodOptions(errors_to_find([record], clocks=["x:m1"]))
+    search: Any = found
+    unchanged: Any = lambda fit, records: fit  # noqa: E731
+    with pytest.raises(lw.IdentificationError, match=message):
+        with_delays(search, [record], options, unchanged, unchanged)
+    assert found.fits > 1

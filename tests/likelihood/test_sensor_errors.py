@@ -311,7 +311,7 @@ def test_amplitude_and_range_are_told_with_standard_errors() -> None:
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"gains": ["x:m9"]}, "no offset or gain of x:m9 can be estimated"),
+        ({"gains": ["x:m9"]}, "no gain of x:m9 can be estimated"),
         ({"calibration": {"x:m9": 0.01}}, "no calibration of x:m9 can be stated"),
         ({"calibration": {"x:m1": 1.0}}, "calibration of x:m1 must be .* got 1$"),
         ({"admit": ["gian"]}, 'unknown error of a sensor "gian"; did you mean "gain"'),

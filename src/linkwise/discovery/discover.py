@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import inf
 from time import perf_counter
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -32,12 +33,12 @@ from linkwise.estimates.causes import Cause
 from linkwise.likelihood.explained import answer_with_sensors
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
-from linkwise.likelihood.options import LikelihoodOptions, beside_clocks, errors_to_find, unknown_gains
+from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
-from linkwise.likelihood.shooting.segments import frequencies_by_channel, ratios_by_channel
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.terms import Delay, Gain, Term, frequencies_by_channel, of_kind, unknown_gains
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
@@ -140,22 +141,24 @@ def discover(
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
     sensors = _sensors(chosen, records, candidates.full_structure)
-    if candidates.memory and (sensors.random or sensors.delays or {"delay", "clock"} & set(chosen.admit)):
+    if candidates.memory and (
+        sensors.random or of_kind(sensors.errors, Delay) or {"delay", "clock"} & set(chosen.admit)
+    ):
         raise IdentificationError(
             f"laws with memory cannot be found together with random forces, noise of inputs or delays: leave out either "
             f"{', '.join(candidates.memory)} or those"
         )
     if sensors.random:
         refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
-    found: dict[LikelihoodFit, _Selected] = {}
+    found: dict[LikelihoodFit, Discovery] = {}
 
     def search(records: Sequence[Record], sensors: LikelihoodOptions) -> LikelihoodFit:
         selected = _select(candidates, checks, progress, records, sensors)
-        found[selected.fit] = selected
+        found[selected.fit] = selected.discovery
         return selected.fit
 
-    def report(fit: LikelihoodFit, records: Sequence[Record], delays: Mapping[str, float]) -> Discovery:
-        return found[fit].judge(records, delays) if delays else found[fit].discovery
+    def report(fit: LikelihoodFit, records: Sequence[Record]) -> Discovery:
+        return found[fit]
 
     driven, sensors = with_harmonics(search, records, sensors)
     discovery = answer_with_sensors(search, driven, sensors, chosen.admit, report, finish=lambda fit, _: fit)
@@ -166,31 +169,30 @@ def discover(
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:
     """The errors of sensors, and the forces that no channel shows, which every fit of a search finds."""
-    clocks = ratios_by_channel(chosen.clocks)
     errors = errors_to_find(
         records,
         offsets=chosen.offsets,
         gains=chosen.gains,
         calibration=chosen.calibration,
-        delays=beside_clocks(chosen.delays, clocks, records[0]),
+        delays=chosen.delays,
+        clocks=chosen.clocks,
     )
     _require_force_scale(records, structure, errors)
-    lines = frequencies_by_channel(chosen.harmonics)
     return LikelihoodOptions(
-        **errors,
-        clocks=clocks,
-        harmonics=harmonic_forces(lines, records[0], structure),
+        errors,
+        harmonics=harmonic_forces(frequencies_by_channel(chosen.harmonics), records[0], structure),
         random=random_forces(chosen.ambient, chosen.input_noise, records[0], structure),
     )
 
 
-def _require_force_scale(records: Sequence[Record], structure: Structure, errors: Mapping[str, Any]) -> None:
+def _require_force_scale(records: Sequence[Record], structure: Structure, errors: Sequence[Term]) -> None:
     """IdentificationError where nothing tells the scale of all masses and terms, or a calibration that is too loose for tests.
 
     A test of a term is linear, in which the scale could shrink all of them to nothing at the cost of the calibration alone.
     """
-    unknown, calibrated = unknown_gains(errors), errors["calibration"].items()
-    loose = [name for name, sigma in calibrated if name.startswith("force:") and sigma > _LOOSE]
+    unknown = unknown_gains(errors)
+    of_forces = [gain for gain in of_kind(errors, Gain) if gain.channel.startswith("force:")]
+    loose = [gain.channel for gain in of_forces if _LOOSE < gain.deviation < inf]
     require_force_scale(records, structure, unknown)
     try:
         require_force_scale(records, structure, (*unknown, *loose))
@@ -204,10 +206,9 @@ def _require_force_scale(records: Sequence[Record], structure: Structure, errors
 
 
 class _Selected(NamedTuple):
-    """The fit of what a search found, how it is judged with delays in s by channel, and the discovery without."""
+    """The fit of what a search found, and the discovery."""
 
     fit: LikelihoodFit
-    judge: Callable[[Sequence[Record], Mapping[str, float]], Discovery]
     discovery: Discovery
 
 
@@ -230,8 +231,8 @@ def _select(
     def judged(
         selection: Selection, memory: Sequence[MemoryEvidence] = (), frequencies: Sequence[Rival] = ()
     ) -> _Selected:
-        judge = partial(judged_discovery, checks, screened, selection, memory=memory, frequencies=frequencies)
-        return _Selected(selection.fit, judge, judge(records, selection.fit.delays))
+        discovery = judged_discovery(checks, screened, selection, records, memory, frequencies)
+        return _Selected(selection.fit, discovery)
 
     search = TermSearch(
         records,
@@ -308,7 +309,7 @@ def _with_memory(
     """
     masses = search.candidates.full_structure.masses
     scaled = all(mass.mass.known for mass in masses)  # else starts run far, and fits long
-    open_motion = screened.integrated or search.candidates.hosts or search.sensors.delays
+    open_motion = screened.integrated or search.candidates.hosts or of_kind(search.sensors.errors, Delay)
     laws = search.candidates.memory or (USUAL if scaled and not open_motion else ())
     if not laws or selection.interrupted:
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
@@ -85,16 +85,15 @@ def judged_discovery(
     screened: ScreenedRecords,
     selection: Selection,
     records: Sequence[Record],
-    delays: Mapping[str, float],
     memory: Sequence[MemoryEvidence] = (),
     frequencies: Sequence[Rival] = (),
 ) -> Discovery:
     """The estimate of the selected structure and the evidence for it, for `memory` of a link, too.
 
-    `delays` in s were found by channel; `frequencies` of hosts explain the records in place of links.
+    `frequencies` of hosts explain the records in place of links.
     """
     fit, offered = selection.fit, selection.candidates.full_structure
-    estimate = estimate_of(selection.structure, fit, records, delays, offered=offered)
+    estimate = estimate_of(selection.structure, fit, records, offered=offered)
     dropped = DroppedTerms.of(selection.quadratic, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     told = admit_intervals(estimate.verdicts)

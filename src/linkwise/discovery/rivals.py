@@ -24,6 +24,7 @@ from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.terms import Offset, of_kind
 from linkwise.likelihood.tests.columns import Added, TestedColumns, errors_of_stated_values
 from linkwise.likelihood.tests.score_test import Hypothesis, LocalQuadratic, local_quadratic
 from linkwise.model.coefficient import Name
@@ -228,10 +229,11 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
     p = len(selection.inside)
     constants = [k for k, entry in selection.entries.items() if k < p and entry.term.is_constant]
     shown = [name for name in channels if not name.is_input]
+    found = {offset.channel for offset in of_kind(selection.fit.options.errors, Offset)}
     errors = {
         Hypothesis("offset", name, unit=unit_in(selection.structure, name)): [number]
         for number, name in enumerate(shown)
-        if name not in selection.fit.offsets
+        if name not in found
     }
     if not (constants and errors):
         return ()

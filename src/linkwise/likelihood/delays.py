@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, isinf
 from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -12,8 +12,8 @@ import numpy as np
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.options import LikelihoodOptions, late_channels, mean_by_precision
-from linkwise.likelihood.shooting.segments import PPM
+from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.terms import PPM, Clock, Delay, of_kind
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 
@@ -37,17 +37,7 @@ class Diagnosed(Protocol):
 
 Answer = TypeVar("Answer", bound=Diagnosed)
 Search: TypeAlias = Callable[[Sequence[Record], LikelihoodOptions], LikelihoodFit]
-Report: TypeAlias = Callable[[LikelihoodFit, Sequence[Record], Mapping[str, float]], Answer]
-
-
-def clock_found(fit: LikelihoodFit, options: LikelihoodOptions, name: str) -> tuple[float, float]:
-    """What a fit finds of the ratio of a clock in ppm, beside what was taken out, and its standard error.
-
-    Sensors are late as their only input is early.
-    """
-    members = options.clocked[name]
-    ratio, error = mean_by_precision([fit.clocks[member] for member in members])
-    return (ratio if name in members else -ratio), error
+Report: TypeAlias = Callable[[LikelihoodFit, Sequence[Record]], Answer]
 
 
 def with_delays(
@@ -64,14 +54,13 @@ def with_delays(
     of a period away. Also whether an interrupt ended the search.
     """
     best = _on_one_clock(search, records, options)
-    of_clocks = {late for name in options.clocks for late in late_channels(records[0], name)}
     if len({record.rate for record in records}) == 1:
-        for name in options.delays:
-            if name not in (*options.delay_deviations, *options.near, *of_clocks):  # known to be near
-                best = _at_best_shift(best, name)
+        for delay in of_kind(options.errors, Delay):
+            if isinf(delay.deviation) and not delay.near:
+                best = _at_best_shift(best, delay.channel)
     shown = best.shifts.of(best.late)
-    best = replace(best, fit=finish(best.fit, shown))
-    return report(best.fit, shown, best.delays), best.fit.interrupted
+    fit = finish(best.fit, shown)
+    return report(fit, shown), fit.interrupted
 
 
 def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _ShiftedFit:
@@ -79,30 +68,30 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
 
     What a fit finds of them is small then, as its first order takes it for.
     """
-    late: Mapping[str, int] = dict.fromkeys(options.delays, 0)
-    ratios = {name: stated or 0.0 for name, stated in options.clocks.items()}
-    timed = {name: late_channels(records[0], name) for name in options.clocks}
-    clocked = {name: timed[name] for name, stated in options.clocks.items() if stated is None}
-    before = dict.fromkeys(clocked, inf)
+    late: Mapping[str, int] = {delay.channel: 0 for delay in of_kind(options.errors, Delay)}
+    before: dict[str, float] = {}
     for _ in range(_SHIFTS):
-        slips = {
-            member: ratios[name] if name in members else -ratios[name]
-            for name, members in timed.items()
-            for member in members
-        }
+        clocks = of_kind(options.errors, Clock)
+        slips = {name: ppm for clock in clocks for name, ppm in clock.late.items()}
         own = [without_delays(record, {}, clocks=slips) for record in records]
-        options = replace(options, ratios=ratios, clocked=clocked)
         best = _settled(_Shifts(search, own, options), late)
-        found = {name: clock_found(best.fit, options, name) for name in clocked}
+        found = {clock: best.fit.size_of(clock) for clock in clocks if clock.ratio is None}
         if best.fit.interrupted or all(_is_small(*pair, own[0]) for pair in found.values()):
             return best
-        if any(abs(ratio) > max(_SHRINKING * before[name], error) for name, (ratio, error) in found.items()):
+        if any(
+            abs(ratio) > max(_SHRINKING * before.get(clock.channel, inf), error)
+            for clock, (ratio, error) in found.items()
+        ):
             break
         late = best.late
-        before = {name: abs(ratio) for name, (ratio, _) in found.items()}
-        ratios = {name: ratio + found[name][0] if name in found else ratio for name, ratio in ratios.items()}
+        before = {clock.channel: abs(ratio) for clock, (ratio, _) in found.items()}
+        errors = (
+            one.taking_out(found[one][0]) if isinstance(one, Clock) and one in found else one
+            for one in options.errors
+        )
+        options = replace(options, errors=tuple(errors))
     raise IdentificationError(
-        f"the clock of {', '.join(clocked)} does not settle: fits, in each of which the ratio of the last one was taken out, "
+        f"the clock of {', '.join(before)} does not settle: fits, in each of which the ratio of the last one was taken out, "
         "do not agree. State it (ppm), or take a shorter part of the record"
     )
 
@@ -126,8 +115,11 @@ class _Shifts:
     def fitted(self, late: Mapping[str, int]) -> _ShiftedFit:
         shift = tuple(late.values())
         if shift not in self.known:
-            taken_out = {name: samples * self.step for name, samples in late.items()}
-            self.known[shift] = self.search(self.of(late), replace(self.options, shifts=taken_out))
+            errors = tuple(
+                replace(one, taken_out=late[one.channel] * self.step) if isinstance(one, Delay) else one
+                for one in self.options.errors
+            )
+            self.known[shift] = self.search(self.of(late), replace(self.options, errors=errors))
         return _ShiftedFit(self, late, self.known[shift])
 
 
@@ -138,13 +130,6 @@ class _ShiftedFit:
     shifts: _Shifts
     late: Mapping[str, int]
     fit: LikelihoodFit
-
-    @property
-    def delays(self) -> dict[str, float]:
-        """All of the delays in s, by channel."""
-        return {
-            name: samples * self.shifts.step + self.fit.delays[name] for name, samples in self.late.items()
-        }
 
     @property
     def is_last(self) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
-from typing import Any, ClassVar, TypedDict, final
+from typing import ClassVar, TypedDict, final
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from linkwise.arrays import Floats
 from linkwise.display import enumerated
 from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import (
-    CLOCK,
-    HIGH_PASS,
-    ErrorKind,
     NoiseEstimate,
     SensorErrorEstimate,
     unseen_remark,
@@ -31,17 +28,14 @@ from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
-from linkwise.likelihood.delays import clock_found
 from linkwise.likelihood.explained import answer_with_sensors, beside_exchange, explained_answer
 from linkwise.likelihood.fit import (
     LikelihoodFit,
-    denoised,
     inflation_beside_others,
     likelihood_fit,
     motion_of_links,
-    pooled,
     require_told,
-    with_sizes,
+    with_denoised,
     with_values,
 )
 from linkwise.likelihood.harmonics import estimated_harmonics, harmonic_forces, with_harmonics
@@ -66,10 +60,8 @@ from linkwise.likelihood.options import (
     HARMONICS,
     INPUT_NOISE,
     LikelihoodOptions,
-    beside_clocks,
     errors_to_find,
     require_known_kinds,
-    unknown_gains,
 )
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
@@ -77,12 +69,6 @@ from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
-from linkwise.likelihood.shooting.segments import (
-    corners_by_channel,
-    frequencies_by_channel,
-    lengths_by_channel,
-    ratios_by_channel,
-)
 from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
 from linkwise.likelihood.starts.memory import (
@@ -92,6 +78,19 @@ from linkwise.likelihood.starts.memory import (
     memory_starts_by_links,
 )
 from linkwise.likelihood.starts.values import require_supported, starting_values
+from linkwise.likelihood.terms import (
+    Block,
+    Disturbance,
+    Drift,
+    HighPass,
+    Hum,
+    Offset,
+    Term,
+    frequencies_by_channel,
+    late_beside_clocks,
+    of_kind,
+    unknown_gains,
+)
 from linkwise.model.coefficient import Name
 from linkwise.model.link import refuse_signals
 from linkwise.model.structure import Structure
@@ -150,7 +149,11 @@ def fit_remarks(
     return (
         *(force.description for force in fit.random_forces),
         *(error.description for error in sensor_errors),
-        *_disturbances(fit, records[0]),
+        *(
+            found.term.description(found, records[0].unit(found.term.channel))
+            for found in fit.found
+            if isinstance(found.term, Disturbance)
+        ),
         *_unused_bounds(fit, records),
         *loosened,
         *tied,
@@ -185,86 +188,27 @@ def inseparable(fit: LikelihoodFit) -> tuple[str, ...]:
     )
 
 
-def sensor_errors(
-    fit: LikelihoodFit, delays: Mapping[str, float], units: Mapping[str, str]
-) -> tuple[SensorErrorEstimate, ...]:
-    """The errors of sensors of a fit.
+def sensor_errors(fit: LikelihoodFit, units: Mapping[str, str]) -> tuple[SensorErrorEstimate, ...]:
+    """The errors of sensors of a fit, in the SI `units` of channels.
 
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        The fit.
-    delays : mapping of str to float
-        All of the delays in s by channel, of which the fit has what is left beside shifts by whole samples.
-    units : mapping of str to str
-        The SI units of channels.
-
-    Returns
-    -------
-    tuple of SensorErrorEstimate
-        Offsets, gains and delays, in this order; none that a search left without a finite standard error.
+    Offsets, gains and delays come first, in this order; without those that a search left without a finite standard error.
     """
-    sizes: dict[ErrorKind, Mapping[str, float]] = {
-        "offset": fit.offsets, "gain": fit.gains, "delay": delays,
-    }  # fmt: skip
-    named = [(kind, name, float(value)) for kind, own in sizes.items() for name, value in own.items()]
-    of_kind = {"gain": "1", "delay": "s"}
-    found = (
-        SensorErrorEstimate(name, kind, value, deviation, of_kind.get(kind, units.get(name, "")))
-        for (kind, name, value), deviation in zip(named, fit.sensor_deviations.tolist(), strict=True)
-    )
+    of_time_last = sorted(fit.terms, key=lambda term: term.block is Block.WAVEFORMS)
+    estimates = (term.estimate(*fit.size_of(term), units.get(term.channel, "")) for term in of_time_last)
     return tuple(
         error
-        for error in (*found, *_corners(fit), *_clocks(fit))
-        if np.isfinite(error.value) and np.isfinite(error.standard_error)
+        for error in estimates
+        if error is not None and np.isfinite(error.value) and np.isfinite(error.standard_error)
     )
 
 
-def _corners(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
-    """The corners of high passes that were found; of several records their mean by precision."""
-    sized = with_sizes(fit.disturbances, fit.waveforms)
-    found = pooled(pair for pair in sized if pair[0].high_pass and pair[0].corner is None)
-    for channel, corner in found.items():
-        yield SensorErrorEstimate(channel, HIGH_PASS, *corner, "Hz")
-
-
-def _clocks(fit: LikelihoodFit) -> Iterator[SensorErrorEstimate]:
-    """The ratios of clocks that were found."""
-    for channel, taken_out in fit.options.ratios.items():
-        if channel in fit.options.clocked:
-            ratio, error = clock_found(fit, fit.options, channel)
-            yield SensorErrorEstimate(channel, CLOCK, taken_out + ratio, error, "ppm")
-
-
-def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
-    """Drifts and hums of sensors that were found with the coefficients.
-
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        The fit.
-
-    Returns
-    -------
-    tuple of EstimatedError
-        One for each channel and frequency.
-    """
-    places = dict.fromkeys(
-        (disturbance.channel, disturbance.frequency)
-        for disturbance in fit.disturbances
-        if not (disturbance.high_pass or disturbance.clock)
-    )
+def _disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
+    """Drifts and hums of sensors that were found with the coefficients, one for each channel and frequency."""
     return tuple(
-        EstimatedError("drift" if frequency is None else "hum", channel, frequency)
-        for channel, frequency in places
+        EstimatedError(one.kind, one.channel, one.frequency if isinstance(one, Hum) else None)
+        for one in fit.terms
+        if isinstance(one, Disturbance)
     )
-
-
-def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
-    """What was found of drifts and hums of channels of a record."""
-    for disturbance, (sizes, deviations) in with_sizes(fit.disturbances, fit.waveforms):
-        if not (disturbance.high_pass or disturbance.clock):
-            yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
 
 
 def _unused_bounds(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[str]:
@@ -464,10 +408,21 @@ class MaximumLikelihood(Estimator):
         """The kinds of errors that may be added."""
         return (self.admit,) if isinstance(self.admit, str) else self.admit
 
-    def _errors_to_find(self, records: Sequence[Record], delays: Sequence[str]) -> dict[str, Any]:
-        """The fields of `LikelihoodOptions` for errors of sensors."""
-        return errors_to_find(
-            records, offsets=self.offsets, gains=self.gains, calibration=self.calibration, delays=delays
+    def _errors_to_find(self, records: Sequence[Record]) -> tuple[Term, ...]:
+        """The errors of sensors that are asked for, and those that the records state."""
+        constant = errors_to_find(
+            records,
+            offsets=self.offsets,
+            gains=self.gains,
+            calibration=self.calibration,
+            delays=self.delays,
+            clocks=self.clocks,
+        )
+        return (
+            *constant,
+            *Drift.stated(self.drifts),
+            *(Hum(name, hz) for name, several in frequencies_by_channel(self.hums).items() for hz in several),
+            *HighPass.stated(self.corners),
         )
 
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
@@ -480,16 +435,11 @@ class MaximumLikelihood(Estimator):
                 )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
-        clocks = ratios_by_channel(self.clocks)
-        sensors = self._errors_to_find(records, beside_clocks(self.delays, clocks, records[0]))
+        errors = self._errors_to_find(records)
         if not self.ambient:
-            require_force_scale(records, structure, unknown_gains(sensors))
+            require_force_scale(records, structure, unknown_gains(errors))
         options = LikelihoodOptions(
-            **sensors,
-            drifts=lengths_by_channel(self.drifts),
-            hums=frequencies_by_channel(self.hums),
-            corners=corners_by_channel(self.corners),
-            clocks=clocks,
+            errors,
             harmonics=harmonic_forces(frequencies_by_channel(self.harmonics), records[0], structure),
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
@@ -499,8 +449,8 @@ class MaximumLikelihood(Estimator):
         admitted = self._admitted
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
-            added = (*options.drifts, *options.hums, *options.corners)
-            late = [name for name in options.delays if name not in beside_clocks((), clocks, records[0])]
+            added = [one.channel for one in errors if isinstance(one, Disturbance | HighPass)]
+            late = late_beside_clocks(errors)
             refuse_beside_random_forces(late, admitted, added, robust=robust, records=records)
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
@@ -522,23 +472,18 @@ class MaximumLikelihood(Estimator):
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
-        errors, admitted = self._errors_to_find(records, self.delays), self._admitted
-        require_known_kinds((errors["offsets"], errors["gains"], errors["delays"]), admitted)
+        errors, admitted = self._errors_to_find(records), self._admitted
+        require_known_kinds(admitted)
+        offsets = [one.channel for one in of_kind(errors, Offset)]
         requests = {
-            "gains": errors["gains"],
-            "calibration": errors["calibration"],
-            "delays": errors["delays"],
-            "drift": self.drifts,
-            "hum": self.hums,
-            "high pass": self.corners,
-            "clock": self.clocks,
             "harmonic forces": self.harmonics,
             "random forces": self.ambient,
             "noise of inputs": self.input_noise,
             "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
             "signals": structure.signals,
         }
-        named = [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
+        named = [f"{one.kind} ({one.channel})" for one in errors if not isinstance(one, Offset)]
+        named += [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
         named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
         named += ["exact laws"] if self.exact else []
         if named:
@@ -548,7 +493,7 @@ class MaximumLikelihood(Estimator):
         return rig_estimate(
             records,
             structure,
-            offsets=errors["offsets"],
+            offsets=offsets,
             admitted=admitted,
             starts=dict(self.starts or {}),
             progress=progress,
@@ -563,9 +508,9 @@ class MaximumLikelihood(Estimator):
             fit = self._searched(structure, louder, options)
             louder = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = self._searched(structure, louder, options)
-        for _ in range(_DENOISED if options.corners else 0):
-            shown = denoised(fit, records, options.corners)
-            fit = self._searched(structure, records, replace(options, denoised=shown))
+        for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
+            errors = with_denoised(fit, records, options.errors)
+            fit = self._searched(structure, records, replace(options, errors=errors))
         return fit
 
     def _searched(
@@ -650,14 +595,13 @@ def estimate_of(
     structure: Structure,
     fit: LikelihoodFit,
     records: Sequence[Record],
-    delays: Mapping[str, float] | None = None,
     *,
     offered: Structure | None = None,
 ) -> Estimate:
     """The estimate that a fit of `structure` to `records` gives, with its verdicts.
 
-    `delays` in s were found by channel; the laws were searched in the records among those `offered`, or stated. Raises
-    IdentificationError where the records do not tell a gain.
+    The laws were searched in the records among those `offered`, or stated. Raises IdentificationError where the records do
+    not tell a gain.
     """
     require_told(fit)
     identified, fit = with_values(structure, fit), with_limits(fit)
@@ -673,7 +617,7 @@ def estimate_of(
     of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)
     covariance = sum(judgement.added.values(), covariance) + of_harmonics
     units: dict[str, str] = {name: unit_in(structure, name) for name in records[0].channels}
-    of_sensors = (*sensor_errors(fit, delays or {}, units), *frequencies)
+    of_sensors = (*sensor_errors(fit, units), *frequencies)
     of_terms = offered is None and judgement.leaves_noise  # a search says what else it would find
     tested = None if approximate or judgement.verdict.forbids else examined.diagnosis.tested
     unseen = unseen_terms(fit, identified, tested, covariance, terms=of_terms)
@@ -706,7 +650,7 @@ def estimate_of(
         diagnosis=judgement.diagnosis,
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
-        disturbances=estimated_disturbances(fit),
+        disturbances=_disturbances(fit),
         unseen_terms=unseen,
         for_dropped_terms=judgement.added_for_terms,
         approximate=approximate is not None,

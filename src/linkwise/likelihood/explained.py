@@ -27,17 +27,23 @@ from linkwise.likelihood.delays import Answer, Report, Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import harmonic_forces
 from linkwise.likelihood.options import (
-    ADMISSIBLE,
     OF_FORCE,
     LikelihoodOptions,
-    beside_clocks,
     is_admissible,
     require_known_kinds,
     with_error,
 )
 from linkwise.likelihood.random_forces import noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.segments import PPM
+from linkwise.likelihood.terms import (
+    ERRORS,
+    PPM,
+    Disturbance,
+    Hum,
+    known_to_within,
+    late_beside_clocks,
+    of_kind,
+)
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
@@ -94,10 +100,10 @@ def answer_with_sensors(
 
     `finish` gives the fit that is reported, of that at the delays and clocks which a search finds.
 
-    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, a channel
-    that is named twice, and a delay that cannot be found.
+    An interrupt from the keyboard ends the search. Raises IdentificationError for a kind that cannot be admitted, and a delay
+    that cannot be found.
     """
-    require_known_kinds((options.offsets, options.gains, options.delays), admitted)
+    require_known_kinds(admitted)
 
     def answered(options: LikelihoodOptions) -> tuple[LikelihoodOptions, Answer, bool]:
         return options, *with_delays(search, records, options, report, finish)
@@ -112,7 +118,7 @@ def answer_with_sensors(
         wider = with_error(options, error, records[0])
         return None if wider is None else answered(wider)
 
-    return explained(answered(options), beside, len(ADMISSIBLE) * len(records[0].channels))[1]
+    return explained(answered(options), beside, len(ERRORS) * len(records[0].channels))[1]
 
 
 def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
@@ -369,7 +375,7 @@ def _beside_alerts(model: _Model) -> _Model | None:
     alerts = [alert for alert in model.answer.alerts if alert.channel in model.records[0].responses]
     faults = sorted({alert.kind for alert in alerts} & {CLIPPED, SPIKES})
     refused = model.records[0].responses if model.options.random else ()
-    stated = (*refused, *model.options.hums)
+    stated = (*refused, *(hum.channel for hum in of_kind(model.options.errors, Hum)))
     lines = {a.channel: a.frequencies for a in alerts if a.kind == HUM and a.channel not in stated}
     records = [mark_missing(record, faults) for record in model.records] if faults else model.records
     marked = {
@@ -378,10 +384,11 @@ def _beside_alerts(model: _Model) -> _Model | None:
         if alert.kind in faults
     }
     causes = [Cause(*what, float(count), "1", 0.0, 0.0) for what, count in marked.items() if count]
-    causes += [Cause(HUM, name, hz, "Hz", 0.0, 0.0) for name, several in lines.items() for hz in several]
+    hums = [Hum(name, hz) for name, several in lines.items() for hz in several]
+    causes += [Cause(HUM, hum.channel, hum.frequency, "Hz", 0.0, 0.0) for hum in hums]
     if not causes:
         return None
-    options = replace(model.options, hums={**model.options.hums, **lines})
+    options = replace(model.options, errors=(*model.options.errors, *hums))
     return model.beside(*causes, options=options, records=records)
 
 
@@ -391,8 +398,8 @@ def _beside_error(first: _Model, model: _Model) -> _Model | None:
         return None
     named, records = model.answer.diagnosis[:1], model.records
     hidden = any(cause.kind.endswith((CLOCK, "delay")) for cause in named)  # by noise of inputs
-    rung = (_first_error(model.options, records, model.answer) if hidden else None) or (
-        _noise(model.options, records, first.answer) or _first_error(model.options, records, model.answer)
+    rung = (_first_error(model) if hidden else None) or (
+        _noise(model.options, records, first.answer) or _first_error(model)
     )
     return None if rung is None else model.beside(*rung[1], options=rung[0])
 
@@ -419,17 +426,16 @@ def _beside_scale(model: _Model) -> _Model | None:
         else mass
         for mass in structure.masses
     ]
-    options = replace(
-        model.options,
-        gains=(*model.options.gains, *forces, *sensors),
-        calibration={**model.options.calibration, **dict.fromkeys((*forces, *sensors), most)},
-    )
+    errors = known_to_within(model.options.errors, (*forces, *sensors), most)
+    if errors is None:
+        return None
     open_ = [("mass", name) for name in known] + [("force gain", name) for name in forces]
     open_ += [("gain", name) for name in sensors]
     added = tuple(
         replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), known_within=most)
         for key in open_
     )
+    options = replace(model.options, errors=errors)
     scaled = model.beside(*added, structure=replace(structure, masses=tuple(masses)), options=options)
     return scaled if scaled is not None and scaled.is_explained else None
 
@@ -483,8 +489,8 @@ _Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]
 def _noise(options: LikelihoodOptions, records: Sequence[Record], stated: Estimate) -> _Rung | None:
     """Noise of the inputs at the level of their channels; None beside what excludes it, or where there is none."""
     robust = not isinstance(options.loss, Gaussian)
-    late = set(options.delays) - set(beside_clocks((), options.clocks, records[0]))
-    beside = (*late, *options.drifts, *options.hums, *options.random)
+    drifting = [one for one in options.errors if isinstance(one, Disturbance)]
+    beside = (*late_beside_clocks(options.errors), *drifting, *options.random)
     of_links = any(channel.of_link for channel in records[0].channels)
     structure = stated.given_structure
     levels = noise_of_channels(records, structure)
@@ -503,24 +509,25 @@ def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause
     return Cause("input noise", name, levels[name], unit_in(stated.given_structure, name), gain, 0.0)
 
 
-def _first_error(options: LikelihoodOptions, records: Sequence[Record], current: Estimate) -> _Rung | None:
+def _first_error(model: _Model) -> _Rung | None:
     """The error of a sensor or a force that the diagnosis names first; None where that is something else, or has rivals."""
+    options, records, current = model.options, model.records, model.answer
     line = current.diagnosis[0] if current.diagnosis else None
     if line is not None and line.kind == HUM:
-        hums = (*options.hums.get(line.where, ()), line.size)
-        return replace(options, hums={**options.hums, line.where: hums}), (line,)
+        return replace(options, errors=(*options.errors, Hum(line.where, line.size))), (line,)
     if line is not None and line.kind == HARMONIC:
         more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
         known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
         return replace(options, harmonics=(*known, *more)), (line,)
-    if (gains := _shared_gain(current.diagnosis, records[0])) and not {gain.where for gain in gains} & set(
-        options.gains
-    ):
-        most = abs(current.diagnosis[0].size)
-        sigma = dict.fromkeys([gain.where for gain in gains], most)
-        calibration = {**options.calibration, **sigma}
-        told = tuple(replace(gain, known_within=most) for gain in gains)
-        return replace(options, gains=(*options.gains, *sigma), calibration=calibration), told
+    gains = (
+        ()
+        if any(cause.known_within for cause in model.added)
+        else _shared_gain(current.diagnosis, records[0])
+    )
+    most = abs(line.size) if line is not None else 0.0
+    calibrated = known_to_within(options.errors, [gain.where for gain in gains], most) if gains else None
+    if calibrated is not None:
+        return replace(options, errors=calibrated), tuple(replace(gain, known_within=most) for gain in gains)
     first = _distinct_error(current.diagnosis)
     if first is None or first is not line or first.kind.endswith("gain"):
         return None  # a scale is that of a sensor, a force or a mass: none of them is told from the others

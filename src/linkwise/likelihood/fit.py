@@ -7,18 +7,18 @@ The motion of the links along a fitted orbit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from itertools import pairwise
+from math import inf, isinf
 from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import solve_banded
-from scipy.ndimage import uniform_filter1d
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
@@ -26,55 +26,45 @@ from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise import with_noise_of_residuals
-from linkwise.likelihood.options import LikelihoodOptions, mean_by_precision
+from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
 from linkwise.likelihood.shooting.loss import with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
 from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import Disturbance, Segments
+from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread, processors
-from linkwise.signals.base_frame import FramedRecord, framed, framed_records
+from linkwise.signals.base_frame import framed_records
 from linkwise.signals.gaps import is_sparse
-from linkwise.signals.noise import channel_noise
 from linkwise.weak.displacements import read_displacements
 from linkwise.weak.equations import weak_equations, weak_residual
 
-_BINS = 15  # of a spectrum, over which its power is averaged
 _LARGEST = 0.5  # relative standard error from which a gain is not told
 _COLLINEAR = 1e5
 """Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
 
 
-def untold_gains(names: Sequence[str], values: Floats, covariance: Floats, first: int) -> tuple[str, ...]:
-    """The gains that the others among the unknowns stand for.
+def _untold_gains(found: Sequence[Found], covariance: Floats, parameters: int) -> tuple[str, ...]:
+    """The channels of gains of which nothing is known, and that others of all unknowns stand for.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The channels of the gains.
-    values : array of shape (g,)
-        The gains.
-    covariance : array of shape (P, P)
-        Covariance of all unknowns; zero in rows of those at a bound.
-    first : int
-        Row of the first gain.
-
-    Returns
-    -------
-    tuple of str
-        Their channels.
+    `covariance` (P, P) has the `parameters` first, and zero in rows of those at a bound.
     """
+    if not any(isinstance(one.term, Gain) for one in found):
+        return ()
     variance, alone = covariance.diagonal(), inflation_beside_others(covariance)
+    firsts = parameters + np.cumsum([0, *(one.unknown.count for one in found)])
     return tuple(
-        name
-        for row, (name, value) in enumerate(zip(names, values, strict=True), start=first)
-        if not (0.0 < alone[row] < _COLLINEAR and np.sqrt(variance[row]) < _LARGEST * abs(value))
+        one.term.channel
+        for row, one in zip(firsts, found, strict=False)
+        if isinstance(one.term, Gain)
+        and isinf(one.term.deviation)
+        and not (0.0 < alone[row] < _COLLINEAR and np.sqrt(variance[row]) < _LARGEST * abs(one.sizes[0]))
     )
 
 
@@ -129,14 +119,10 @@ class LikelihoodFit:
     ----------
     covariance, free : array of shape (p, p) and (p,)
         The covariance of the estimates, and False for those at a bound.
-    offsets, gains, noise : dict of str to float
-        Estimates by channel, and the standard deviations of the noise in the first record.
-    sensor_deviations : array of shape (o + g + l,)
-        Standard deviations of offsets, gains and delays.
-    disturbances, waveforms : tuple of Disturbance, array of shape (2, w)
-        Drifts and hums, and the sizes of their waveforms with standard deviations, in this order.
-    clocks : dict of str to tuple of float
-        Ratios of clocks in ppm by channel, with standard errors, beside those that were taken out of the records.
+    found : tuple of Found
+        What was found of the errors of sensors and inputs, in the order of the unknowns.
+    noise : dict of str to float
+        The standard deviations of the noise in the first record, by channel.
     chi_square, chi_square_off : float, bool
         Chi-square per degree of freedom with the noise stated or estimated beforehand, and whether it is far from 1.
     model_error : float
@@ -166,13 +152,7 @@ class LikelihoodFit:
 
     covariance: Floats
     free: Bools
-    offsets: dict[str, float]
-    gains: dict[str, float]
-    delays: dict[str, float]
-    sensor_deviations: Floats
-    disturbances: tuple[Disturbance, ...]
-    waveforms: Floats
-    clocks: dict[str, tuple[float, float]]
+    found: tuple[Found, ...]
     noise: dict[str, float]
     chi_square: float
     chi_square_off: bool
@@ -199,6 +179,28 @@ class LikelihoodFit:
     def segments(self) -> Segments:
         """The records in segments."""
         return self.optimum.segments
+
+    @property
+    def terms(self) -> list[Term]:
+        """The errors of which something was found."""
+        return [*dict.fromkeys(found.term for found in self.found)]
+
+    def size_of(self, term: Term) -> tuple[float, float]:
+        """The first size that was found of a term with its standard error, of several the mean by precision."""
+        of_term = [one for one in self.found if one.term == term]
+        sizes, deviations = np.array([(one.sizes[0], one.deviations[0]) for one in of_term]).T
+        if len(of_term) == 1:
+            return float(sizes[0]), float(deviations[0])
+        weights = 1.0 / np.maximum(deviations, np.finfo(float).tiny) ** 2
+        if not weights.any():
+            return float(sizes.mean()), inf
+        return float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
+
+    @property
+    def delays(self) -> dict[str, float]:
+        """Those in s that are left in the records, by channel."""
+        of_delays = (one for one in self.found if isinstance(one.term, Delay))
+        return {one.term.channel: float(one.sizes[0]) for one in of_delays}
 
     @property
     def misfit(self) -> Misfit:
@@ -278,9 +280,8 @@ def likelihood_fit(
         If records lack channels or differ in them, or the motion from the start is not finite.
     """
     options = options or LikelihoodOptions()
-    frames = tuple(framed(record, structure, integrated=True) for record in records)
-    sensing = sensor_model(frames, options)
-    records = [frame.record for frame in frames]
+    sensing = SensorModel.of(options.errors, options.random, records, structure)
+    records = [frame.record for frame in sensing.frames]
     if options.random:
         sparse = False
     elif options.nodes is None:
@@ -339,115 +340,31 @@ def _fit(
         return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
 
 
-def sensor_model(frames: Sequence[FramedRecord], options: LikelihoodOptions) -> SensorModel:
-    """The sensors of records in the coordinates of the equations."""
-    names = frames[0].names
-    offsets, gains, delays = (
-        [*_renamed(dict.fromkeys(named), names)] for named in (options.offsets, options.gains, options.delays)
-    )
-    drifting = dict.fromkeys(name for frame in frames for name in frame.drifting)
-    if drifting and options.random:
-        raise IdentificationError(
-            f"random forces and noise of inputs are not supported beside {next(iter(drifting))}, which is not relative to the "
-            "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter pieces "
-            "of that (drift), or record the motion relative to the base"
-        )
-    known = _renamed(options.offset_deviations, names)
-    free = set(offsets) - known.keys()  # hold where drifts start
-    clocks = [names.get(name, name) for members in options.clocked.values() for name in members]
-    calibration = _renamed(options.calibration, names)
-    noise = tuple(channel_noise(frame.record) for frame in frames)
-    return SensorModel(
-        offsets=tuple(offsets),
-        gains=tuple(dict.fromkeys((*gains, *calibration))),
-        noise=noise,
-        calibration=calibration,
-        delays=tuple(delays),
-        offset_deviations=known,
-        delay_priors={
-            names.get(name, name): (-options.shifts.get(name, 0.0), sigma)
-            for name, sigma in options.delay_deviations.items()
-        },
-        frames=tuple(frames),
-        random=tuple(options.random),
-        disturbances=Disturbance.of(
-            drifting | _renamed(options.drifts, names),
-            _renamed(options.hums, names),
-            [frame.record for frame in frames],
-            unknown_starts=drifting.keys() - free,
-            corners=_renamed(options.corners, names),
-            clocks=clocks,
-            denoised={name: _without_noise(frames, noise, name) for name in clocks}
-            | _renamed(options.denoised, names),
-        ),
+def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
+    """The errors with what high passes leave of the motion of a fit in each record, without the noise of the samples."""
+    return tuple(
+        replace(one, shown=_denoised(fit, records, one)) if isinstance(one, HighPass) else one
+        for one in errors
     )
 
 
-def _renamed(given: Mapping[str, T], names: Mapping[str, str]) -> dict[str, T]:
-    """What is given by channel, by their `names` in the coordinates of the equations."""
-    return {names.get(name, name): value for name, value in given.items()}
-
-
-def _without_noise(
-    frames: Sequence[FramedRecord], noises: Sequence[Mapping[str, float]], name: str
-) -> list[Floats]:
-    """What a channel shows in each record (N,), of moving coordinates as well, less frequencies at which it shows noise."""
-    series = []
-    for frame, noise in zip(frames, noises, strict=True):
-        shown = frame.record.channel(name)
-        for carried in (own[0] for channel, own in frame.carried.items() if channel == name):
-            shown = shown + carried
-        spectrum = np.fft.rfft(shown)
-        power = uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
-        passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
-        series.append(np.fft.irfft(passed * spectrum, len(shown)))
-    return series
-
-
-def denoised(
-    fit: LikelihoodFit, records: Sequence[Record], corners: Iterable[str]
-) -> dict[str, list[Floats]]:
-    """What high passes leave of the motion of a fit in some channels of each record (N,), without the noise of the samples."""
-    segments, responses, shown = fit.segments, list[str](records[0].responses), {}
+def _denoised(fit: LikelihoodFit, records: Sequence[Record], term: HighPass) -> list[Floats]:
+    """What a high pass, with its corner in the first record, leaves of the motion in each record (N,)."""
+    segments, number = fit.segments, records[0].responses.index(term.channel)
     ends = np.cumsum([0, *(-(-len(record) // len(segments.samples)) for record in records)])
+    corner = next(float(one.sizes[0]) for one in fit.found if one.term == term)
     assert segments.waveforms is not None
-    for name in corners:
-        number = responses.index(name)
-        left = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
-        taken = left + segments.waveforms.added(number, fit.waveforms[0])
-        series = []
-        for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
-            samples = record.channel(name)
-            motion, corner = samples - taken[:, part].T.ravel()[: len(record)], _corner(fit, name)
-            passed = _passed(motion, record.step, corner)
-            decay = np.exp(-2.0 * np.pi * corner * record.step * np.arange(len(record)))
-            # of its state at the start
-            series.append(passed + decay * (decay @ (samples - passed)) / (decay @ decay))
-        shown[name] = series
-    return shown
-
-
-def _corner(fit: LikelihoodFit, channel: str) -> float:
-    """The corner in Hz of the high pass of a channel that was found, in the first record."""
-    return next(
-        float(found[0, 0])
-        for disturbance, found in with_sizes(fit.disturbances, fit.waveforms)
-        if disturbance.high_pass and disturbance.channel == channel
-    )
-
-
-def with_sizes(disturbances: Sequence[Disturbance], found: Floats) -> Iterator[tuple[Disturbance, Floats]]:
-    """Each disturbance with the sizes of its waveforms and their standard deviations (2, w), of those `found` of all."""
-    ends = np.cumsum([disturbance.count for disturbance in disturbances])
-    yield from zip(disturbances, np.split(found, ends[:-1], axis=1), strict=True) if disturbances else ()
-
-
-def pooled(sized: Iterable[tuple[Disturbance, Floats]]) -> dict[str, tuple[float, float]]:
-    """By channel the first size of its disturbances with its standard error, of several records the mean by precision."""
-    found: dict[str, list[tuple[float, float]]] = {}
-    for disturbance, own in sized:
-        found.setdefault(disturbance.channel, []).append((float(own[0, 0]), float(own[1, 0])))
-    return {channel: mean_by_precision(pairs) for channel, pairs in found.items()}
+    left = fit.misfit.residuals[:, number] * segments.deviations(fit.optimum.scales)[number]
+    taken = left + segments.waveforms.added(number, fit.optimum.point.offsets[segments.sensors.constants :])
+    series = []
+    for record, part in zip(records, map(slice, ends[:-1], ends[1:]), strict=True):
+        samples = record.channel(term.channel)
+        motion = samples - taken[:, part].T.ravel()[: len(record)]
+        passed = _passed(motion, record.step, corner)
+        decay = np.exp(-2.0 * np.pi * corner * record.step * np.arange(len(record)))
+        # of its state at the start
+        series.append(passed + decay * (decay @ (samples - passed)) / (decay @ decay))
+    return series
 
 
 def _passed(motion: Floats, step: float, corner: float) -> Floats:
@@ -474,23 +391,15 @@ def _fitted(
         fit = with_noise_of_residuals(segments, fit, annealer, lowest)
     explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
-    frame, point = sensing.frames[0], fit.point
+    point = fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
     deviations = np.sqrt(np.maximum(explained.covariance.diagonal()[p:], 0.0))
-    sized = slice(len(sensing.offsets), len(point.offsets))
-    waveforms = np.stack([point.offsets[sized], deviations[sized]])
-    untold = untold_gains(sensing.gains, point.gains, explained.covariance, p + len(point.offsets))
+    found = _found(sensing.unknowns, point.border[p:], deviations)
     return LikelihoodFit(
         covariance=explained.covariance[:p, :p],
         free=~fit.at_bound[:p],
-        offsets=_by_channel(sensing.offsets, point.offsets[: sized.start], frame),
-        gains=_by_channel(sensing.gains, point.gains, frame),
-        delays=_by_channel(sensing.delays, point.delays, frame),
-        sensor_deviations=np.delete(deviations, sized),
-        disturbances=sensing.disturbances,
-        waveforms=waveforms,
-        clocks=_clocks(sensing, waveforms),
-        noise=_found_noise(segments, fit, tuple(frame.names)),
+        found=found,
+        noise=_found_noise(segments, fit, tuple(sensing.frames[0].names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
         model_error=explained.model_error,
@@ -510,22 +419,17 @@ def _fitted(
             None if explained.coloured is None else fit.covariance[:p, :p],
         ),
         prior_conflicts=_prior_conflicts(segments, explained),
-        untold=tuple(name for name in untold if name not in sensing.calibration),
+        untold=_untold_gains(found, explained.covariance, p),
         random_forces=_random_forces(segments, sensing, records[0].rate),
     )
 
 
-def _by_channel(names: Sequence[str], values: Floats, frame: FramedRecord) -> dict[str, float]:
-    """What was found, by the channels as the record names them."""
-    given: dict[str, str] = {plain: name for name, plain in frame.names.items()}
-    return dict(zip((given.get(name, name) for name in names), map(float, values), strict=True))
-
-
-def _clocks(sensing: SensorModel, waveforms: Floats) -> dict[str, tuple[float, float]]:
-    """Ratios of clocks in ppm by the channels as the record names them, of several records their mean by precision."""
-    found = pooled(pair for pair in with_sizes(sensing.disturbances, waveforms) if pair[0].clock)
-    given: dict[str, str] = {plain: name for name, plain in sensing.frames[0].names.items()}
-    return {given.get(name, name): ratio for name, ratio in found.items()}
+def _found(unknowns: Sequence[Unknown], sizes: Floats, deviations: Floats) -> tuple[Found, ...]:
+    """What was found of unknowns, from the sizes of all of them and their standard deviations; without their shapes."""
+    ends = np.cumsum([unknown.count for unknown in unknowns])[:-1]
+    bare = (Unknown(one.term, one.channel, one.known, one.record) for one in unknowns)
+    parts = (np.split(values, ends) for values in (sizes, deviations))
+    return tuple(map(Found, bare, *parts)) if unknowns else ()
 
 
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:

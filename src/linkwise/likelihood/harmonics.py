@@ -25,6 +25,7 @@ from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.residuals import SensorErrors
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.terms import Hum, of_kind
 from linkwise.likelihood.tests.score_test import augmented_quadratic
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -136,7 +137,7 @@ def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
         return
     lines, count = _lines(fit, records)
     known = [force.frequency for force in fit.options.harmonics]
-    known += [frequency for several in fit.options.hums.values() for frequency in several]
+    known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
     lines = [line for line in lines if all(abs(line - one) * records[0].duration > 1.0 for one in known)]
     if not lines:
         return

@@ -1,14 +1,11 @@
 """Options of a maximum-likelihood fit, and how users type those that `identify` and `discover` share.
 
-Errors of sensors that are estimated with the laws: calibrations by channel, and errors that the diagnosis names and the user
-admits.
-
 What is known beforehand of the errors of sensors: what the records state, and what the user asks for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot, inf, isinf
 from typing import Any
@@ -18,12 +15,24 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import CLOCK, HIGH_PASS, Cause
+from linkwise.estimates.causes import Cause
 from linkwise.likelihood.random_forces import HarmonicForce, RandomForce
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
+from linkwise.likelihood.terms import (
+    ERRORS,
+    Constant,
+    Delay,
+    Gain,
+    Offset,
+    Stated,
+    Term,
+    beside_clocks,
+    late_channels,
+    of_kind,
+)
 from linkwise.progress import Progress, silent
-from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, SensorUncertainty
+from linkwise.records.channel import COMMON, FORCE, SensorUncertainty
 from linkwise.records.record import Record
 
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
@@ -40,30 +49,8 @@ class LikelihoodOptions:
 
     Parameters
     ----------
-    offsets, gains : sequence of str, optional
-        Channels with an unknown constant error or factor; of factors also those of applied forces.
-    calibration : mapping of str to float, optional
-        Relative standard deviations to which gains are known beforehand, by channel; ``"common"`` is a factor of all.
-    delays : sequence of str, optional
-        Channels with an unknown delay, of 1.5 samples at most; of applied forces, too.
-    offset_deviations, delay_deviations : mapping of str to float, optional
-        Standard deviations to which offsets and delays are known beforehand, in SI units by channel.
-    near : sequence of str, optional
-        Channels of these whose delays a diagnosis tells, so that no shifts far away are tried.
-    shifts : mapping of str to float, optional
-        Parts in s of delays that have been taken out of the records.
-    drifts : mapping of str to float or None, optional
-        Channels with an unknown slow drift, and the lengths of its pieces in s.
-    hums : mapping of str to sequence of float, optional
-        Frequencies in Hz of hums of unknown amplitude and phase, by channel.
-    corners : mapping of str to float or None, optional
-        Channels behind a high pass, with its corner in Hz, or None for one to be found.
-    clocks : mapping of str to float or None, optional
-        Channels with a clock of their own, with its ratio in ppm, or None for one to be found.
-    ratios, clocked : mapping of str to float, mapping of str to tuple of str, optional
-        Of these what has been taken out of the records, and the sensors that tell what is left.
-    denoised : mapping of str to sequence of array, optional
-        What an earlier fit shows in these channels, by record.
+    errors : sequence of Term, optional
+        What is unknown of sensors and inputs.
     random : sequence of RandomForce, optional
         Random forces on masses.
     harmonics : sequence of HarmonicForce, optional
@@ -86,21 +73,7 @@ class LikelihoodOptions:
         Relaxation at which the search ends; that of exact laws by default.
     """
 
-    offsets: Sequence[str] = ()
-    gains: Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict)
-    delays: Sequence[str] = ()
-    offset_deviations: Mapping[str, float] = field(default_factory=dict)
-    delay_deviations: Mapping[str, float] = field(default_factory=dict)
-    near: Sequence[str] = ()
-    shifts: Mapping[str, float] = field(default_factory=dict)
-    drifts: Mapping[str, float | None] = field(default_factory=dict)
-    hums: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    corners: Mapping[str, float | None] = field(default_factory=dict)
-    clocks: Mapping[str, float | None] = field(default_factory=dict)
-    ratios: Mapping[str, float] = field(default_factory=dict)
-    clocked: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    denoised: Mapping[str, Sequence[Floats]] = field(default_factory=dict, repr=False)
+    errors: Sequence[Term] = ()
     random: Sequence[RandomForce] = ()
     harmonics: Sequence[HarmonicForce] = ()
     loss: Loss = field(default_factory=Gaussian)
@@ -119,11 +92,6 @@ class LikelihoodOptions:
 
 
 ALL = "all"
-_FIELDS = {
-    "gain": "gains", "offset": "offsets", "delay": "delays", "drift": "drifts", HIGH_PASS: "corners", CLOCK: "clocks",
-}  # fmt: skip
-"""The field of `LikelihoodOptions` that has the channels with an error of each kind that can be admitted."""
-ADMISSIBLE = tuple(_FIELDS)
 OF_FORCE = "force "  # before the kind of an error of an applied force
 _LARGEST = 0.5  # relative deviation of a calibration: the first order does not hold for a sensor that may show half or twice
 
@@ -155,86 +123,26 @@ def by_channel(
     return defaults | {name: deviation for name, deviation in calibration.items() if name != ALL}
 
 
-def require_known_kinds(channels: Sequence[Sequence[str]], admitted: Sequence[str]) -> None:
-    """Raise IdentificationError for a kind of error that cannot be admitted, and a channel named twice for one kind."""
-    for named in channels:
-        repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
-        if repeated:
-            raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
+def require_known_kinds(admitted: Sequence[str]) -> None:
+    """Raise IdentificationError for a kind of error that cannot be admitted."""
     for kind in admitted:
-        if kind not in ADMISSIBLE:
+        if kind not in ERRORS:
             raise IdentificationError(
-                f'unknown error of a sensor "{kind}"{near_miss(kind, ADMISSIBLE)}; choose from {", ".join(ADMISSIBLE)}',
+                f'unknown error of a sensor "{kind}"{near_miss(kind, ERRORS)}; choose from {", ".join(ERRORS)}',
                 arguments=("admit",),
             )
 
 
-def late_channels(record: Record, channel: str) -> tuple[str, ...]:
-    """The channels whose delays stand for that of a channel: all responses for the only input, late as they are early.
-
-    That of one of several applied forces is its own. None for one that is not band-limited between its samples, for a base
-    beside other inputs, and for a channel of a link.
-    """
-    if channel in record.inputs and len(record.inputs) > 1:
-        is_smooth = record.interpolation.get(channel, BAND_LIMITED) == BAND_LIMITED
-        return (channel,) if channel.startswith(FORCE) and is_smooth else ()
-    of_input = channel in record.inputs
-    return tuple(name for name in record.responses if name.is_motion and (of_input or name == channel))
-
-
-def beside_clocks(delays: Sequence[str], clocks: Collection[str], record: Record) -> tuple[str, ...]:
-    """Channels with an unknown delay, among them those with a clock of their own, which the middle of a record may be late by.
-
-    Raises IdentificationError for a channel whose clock cannot be told from those of other inputs.
-    """
-    for name in clocks:
-        recorded = record.responses if len(record.inputs) > 1 else record.channels
-        if name not in recorded or not late_channels(record, name):
-            raise IdentificationError(
-                f"no clock of {name} can be estimated{near_miss(name, recorded)}; clocks are those of sensors of masses, or "
-                "of the only input. Name the sensors that another device recorded",
-                arguments=("clocks",),
-            )
-    late = dict.fromkeys(late for name in clocks for late in late_channels(record, name))
-    return (*delays, *(name for name in late if name not in delays))
-
-
-def mean_by_precision(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """The mean of values with standard errors, each weighted by its precision, and its own."""
-    sizes, deviations = np.array(pairs).T
-    weights = 1.0 / np.maximum(deviations, np.finfo(float).tiny) ** 2
-    if not weights.any():
-        return float(sizes.mean()), inf
-    return float(sizes @ weights / weights.sum()), float(weights.sum() ** -0.5)
-
-
-def _bases(record: Record) -> tuple[str, ...]:
-    """The inputs of which no gain can be found: motions of a base."""
-    return tuple(channel for channel in record.inputs if not channel.is_force)
-
-
 def is_admissible(cause: Cause) -> bool:
     """Whether a cause is an error of a sensor or of an applied force that can be estimated with the laws."""
-    return cause.kind.removeprefix(OF_FORCE) in ADMISSIBLE
+    return cause.kind.removeprefix(OF_FORCE) in ERRORS
 
 
 def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> LikelihoodOptions | None:
     """The options with the error of a sensor that a cause names as an unknown; None where none can be, or is one already."""
-    kind, channel = cause.kind.removeprefix(OF_FORCE), cause.where
-    named, present = _FIELDS[kind], getattr(options, _FIELDS[kind])
-    more = late_channels(record, channel) if kind == "delay" else (channel,)
-    bases = () if kind in ("delay", CLOCK) else _bases(record)
-    if channel in (*bases, *present) or set(more) <= set(present):
-        return None
-    found: Any = (
-        {**present, channel: None}
-        if isinstance(present, Mapping)
-        else tuple(dict.fromkeys((*present, *more)))
-    )
-    wider = replace(options, **{named: found})
-    if kind == CLOCK:
-        return replace(wider, delays=beside_clocks(options.delays, wider.clocks, record))
-    return replace(wider, near=(*options.near, *more)) if kind == "delay" else wider
+    error = ERRORS[cause.kind.removeprefix(OF_FORCE)](cause.where)
+    errors = error.beside(options.errors, record)
+    return None if errors is None else replace(options, errors=errors)
 
 
 def errors_to_find(
@@ -244,8 +152,9 @@ def errors_to_find(
     gains: Sequence[str] = (),
     calibration: Mapping[str, float] | None = None,
     delays: Sequence[str] = (),
-) -> dict[str, Any]:
-    """The fields of `LikelihoodOptions` for the errors of sensors.
+    clocks: Stated = (),
+) -> tuple[Term, ...]:
+    """The errors of sensors that a user asks for, and those that records state.
 
     Parameters
     ----------
@@ -255,65 +164,54 @@ def errors_to_find(
         Channels with an unknown error, whatever the records state of it; gains and delays also those of applied forces.
     calibration : mapping of str to float, optional
         Relative standard deviations of gains, as of `MaximumLikelihood`; they go before what the records state.
+    clocks : sequence of str or mapping of str to float or None, optional
+        As of `MaximumLikelihood`.
 
     Returns
     -------
-    dict
-        `offsets`, `gains`, `calibration`, `delays` and the standard deviations of offsets and delays.
+    tuple of Term
+        The errors.
 
     Raises
     ------
     IdentificationError
-        If records state different things of a channel, a gain, delay or calibration is that of none in them, or a gain or
-        delay that of a force that is 0 throughout.
+        If records state different things of a channel, one is named twice, a gain, delay, calibration or clock is that of none
+        in them, or a gain or delay that of a force that is 0 throughout.
     """
-    stated = _stated(records)
-    requested = dict(calibration or {})
-    inputs, forces = records[0].inputs, records[0].forces
+    stated, first = _stated(records), records[0]
+    sigmas = _known_gains(gains, calibration or {}, stated, first)
     _require_acting((*gains, *delays), records)
-    delays = [
+    late = [
         channel
         for name in delays
-        for channel in ((name in inputs and late_channels(records[0], name)) or (name,))
+        for channel in ((name in first.inputs and late_channels(first, name)) or (name,))
     ]
-    named = {
-        name: known.gain
-        for name, known in stated.items()
-        if known.gain and not isinf(known.gain) and name not in (*requested, *gains)
-    }
-    free = {name: known for name, known in stated.items() if isinf(known.gain) and name not in requested}
-    if ALL in requested:
-        named = (
-            dict.fromkeys((name for name in records[0].responses if name not in free), requested[ALL]) | named
-        )
-    named |= {name: sigma for name, sigma in requested.items() if name != ALL}
-    by_channel(requested, records[0].responses, forces)
-    return {
-        "offsets": _with(offsets, stated, "offset"),
-        "gains": (*gains, *(name for name in free if name not in gains)),
-        "calibration": by_channel(named, records[0].responses, forces),
-        "delays": _with(delays, stated, "delay"),
-        "offset_deviations": _deviations(stated, "offset", offsets),
-        "delay_deviations": _deviations(stated, "delay", delays),
-    }
+    for named in (offsets, gains, late):
+        repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
+        if repeated:
+            raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
+    asked = beside_clocks((*map(Offset, offsets), *map(Delay, late)), clocks, first)
+    known: list[Constant] = [Gain(name, sigma) for name, sigma in sigmas.items()]
+    for kind in (Offset, Delay):
+        there = {one.channel for one in of_kind(asked, kind)}
+        sizes = {name: float(getattr(uncertainty, kind.kind)) for name, uncertainty in stated.items()}
+        known += [kind(name, sigma) for name, sigma in sizes.items() if sigma and name not in there]
+    return (*asked, *known)
 
 
-def unknown_gains(errors: Mapping[str, Any]) -> tuple[str, ...]:
-    """The channels of whose gains nothing is known, among `errors_to_find`."""
-    return tuple(name for name in errors["gains"] if name not in errors["calibration"])
-
-
-def _with(requested: Sequence[str], stated: Mapping[str, SensorUncertainty], kind: str) -> Sequence[str]:
-    """The channels that are asked for, and those of which such an error is stated."""
-    more = [name for name, known in stated.items() if getattr(known, kind) and name not in requested]
-    return (*requested, *more) if more else requested
-
-
-def _deviations(
-    stated: Mapping[str, SensorUncertainty], kind: str, requested: Sequence[str]
+def _known_gains(
+    gains: Sequence[str],
+    calibration: Mapping[str, float],
+    stated: Mapping[str, SensorUncertainty],
+    record: Record,
 ) -> dict[str, float]:
-    sigmas = {name: float(getattr(known, kind)) for name, known in stated.items() if name not in requested}
-    return {name: sigma for name, sigma in sigmas.items() if sigma and not isinf(sigma)}
+    """To within what each gain that is unknown is known, by channel; infinity where nothing is known of it."""
+    free = [name for name, known in stated.items() if isinf(known.gain)]
+    known = {name: one.gain for name, one in stated.items() if one.gain and name not in (*free, *gains)}
+    calibrated = by_channel({**known, **calibration}, record.responses, record.forces)
+    return dict.fromkeys((*gains, *free), inf) | {
+        name: sigma for name, sigma in calibrated.items() if name in calibration or name not in free
+    }
 
 
 def _require_acting(named: Sequence[str], records: Sequence[Record]) -> None:

@@ -2,7 +2,7 @@
 
 The memory that a fit takes, asked for before the work.
 
-Sensors of several records: their noise, their calibration, and which of them have an unknown offset or gain.
+Sensors of several records: their noise, and what is unknown of them.
 
 Whether anything sets the scales of forces and motion: the motion alone tells only ratios of masses and coefficients.
 """
@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.random_forces import (
     RandomForce,
@@ -35,19 +35,20 @@ from linkwise.likelihood.shooting.segmentation import (
     require_same_channels,
     with_uncertain_forces,
 )
-from linkwise.likelihood.shooting.segments import A, Disturbance, Iterate, Scales, Segments, Waveforms
+from linkwise.likelihood.shooting.segments import A, Iterate, Scales, Segments, Sensors, Waveforms
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
 from linkwise.likelihood.starts.states import segment_nodes, start_states
+from linkwise.likelihood.terms import Block, Term, Unknown, with_integrated
 from linkwise.model.coefficient import MASS
 from linkwise.model.link import Link
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.records.channel import FORCE, Channel
+from linkwise.records.channel import COMMON, Channel
 from linkwise.records.record import Record
 from linkwise.runtime import available_memory
-from linkwise.signals.base_frame import FramedRecord
-from linkwise.signals.noise import noise_floor
+from linkwise.signals.base_frame import FramedRecord, framed
+from linkwise.signals.noise import channel_noise, noise_floor
 from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
 
@@ -104,44 +105,72 @@ SAMPLES = 5
 
 @dataclass(frozen=True, eq=False)
 class SensorModel:
-    """Unknown offsets and gains of channels, and their noise.
+    """What is unknown of sensors and inputs, and their noise.
 
     Attributes
     ----------
-    offsets, gains, delays : tuple of str
-        Channels with an unknown constant error, factor or delay; ``"common"`` is a factor of all of them.
+    unknowns : tuple of Unknown
+        What the errors put among the unknowns, in the order of these.
     noise : tuple of dict of str to float
         For each record the standard deviations of the noise by channel, in SI units.
-    calibration : mapping of str to float
-        Standard deviations to which gains are known beforehand, relative, by channel.
-    offset_deviations : mapping of str to float
-        Those of offsets, in the unit of the channel.
-    delay_priors : mapping of str to tuple of float
-        Mean and standard deviation of delays, in s.
     frames : tuple of FramedRecord
-        Where the records are in coordinates that move, what these are.
+        The records in the coordinates of the equations.
     random : tuple of RandomForce
         Random forces on masses.
-    disturbances : tuple of Disturbance
-        Drifts and hums of channels.
     sparse : bool
         Whether the records have so few samples a period that a flow over several is far from linear in its start.
     """
 
-    offsets: tuple[str, ...]
-    gains: tuple[str, ...]
+    unknowns: tuple[Unknown, ...]
     noise: tuple[dict[str, float], ...]
-    calibration: Mapping[str, float] = field(default_factory=dict)
-    delays: tuple[str, ...] = ()
-    offset_deviations: Mapping[str, float] = field(default_factory=dict)
-    delay_priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     frames: tuple[FramedRecord, ...] = ()
     random: tuple[RandomForce, ...] = ()
-    disturbances: tuple[Disturbance, ...] = ()
     sparse: bool = False
 
+    @classmethod
+    def of(
+        cls,
+        errors: Sequence[Term],
+        random: Sequence[RandomForce],
+        records: Sequence[Record],
+        structure: Structure,
+    ) -> SensorModel:
+        """The sensors of records with some errors.
+
+        Raises IdentificationError for an error that the records do not show, and for random forces beside integrals.
+        """
+        frames = tuple(framed(record, structure, integrated=True) for record in records)
+        drifting = [name for frame in frames for name in frame.drifting]
+        if drifting and random:
+            raise IdentificationError(
+                f"random forces and noise of inputs are not supported beside {drifting[0]}, which is not relative to the "
+                "base and shows integrals of its motion, noise of which counts as a drift: leave them out, state shorter "
+                "pieces of that (drift), or record the motion relative to the base"
+            )
+        noise = tuple(channel_noise(frame.record) for frame in frames)
+        for error in errors:
+            if refusal := error.refusal(records):
+                raise IdentificationError(refusal, arguments=(error.argument,))
+        every = (one for error in with_integrated(errors, frames) for one in error.unknowns(frames, noise))
+        unknowns = sorted(every, key=lambda unknown: (unknown.term.block, unknown.record))
+        return cls(tuple(unknowns), noise, frames, tuple(random))
+
+    def of_block(self, block: Block) -> list[Unknown]:
+        """The unknowns of one block."""
+        return [unknown for unknown in self.unknowns if unknown.term.block is block]
+
+    def channels(self, block: Block) -> list[str]:
+        """Those of the unknowns of one block, which have one size each."""
+        return [unknown.channel for unknown in self.of_block(block)]
+
+    def units(self, step: float) -> Floats:
+        """(o + w + g + l,) units of the unknowns in a search: the noise of the channel, 1 of a gain, and the time `step`."""
+        of_block = {Block.GAINS: 1.0, Block.DELAYS: step}
+        units = [of_block.get(one.term.block, self.noise[0].get(one.channel, 1.0)) for one in self.unknowns]
+        return np.repeat(units, [unknown.count for unknown in self.unknowns])
+
     def prior(self, parameters: Sequence[Parameter]) -> Prior | None:
-        """What is known beforehand of parameters, offsets, gains and delays.
+        """What is known beforehand of parameters and of the other unknowns; None where nothing is known.
 
         Parameters
         ----------
@@ -151,18 +180,12 @@ class SensorModel:
         Returns
         -------
         Prior or None
-            The prior; None where nothing is known.
+            The prior.
         """
-        starts = [0.0 if p.start is None else p.start for p in parameters]
-        late = np.array([self.delay_priors.get(name, (0.0, np.inf)) for name in self.delays]).reshape(-1, 2)
-        known = [disturbance.known for disturbance in self.disturbances]
-        waveforms = np.array([pair for pairs in known for pair in pairs]).reshape(-1, 2)
-        offsets = [*(self.offset_deviations.get(name, np.inf) for name in self.offsets), *waveforms[:, 1]]
-        of_offsets = np.concatenate([np.zeros(len(self.offsets)), waveforms[:, 0]])
-        mean = np.concatenate([starts, of_offsets, np.ones(len(self.gains)), late[:, 0]])
-        sigma = [p.sigma for p in parameters]
-        gains = [self.calibration.get(name, np.inf) for name in self.gains]
-        prior = Prior(mean, np.concatenate([sigma, offsets, gains, late[:, 1]]))
+        known = [(0.0 if one.start is None else one.start, one.sigma) for one in parameters]
+        known += [pair for unknown in self.unknowns for pair in unknown.known]
+        mean, deviation = np.array(known).reshape(-1, 2).T
+        prior = Prior(mean, deviation)
         return prior if prior.count else None
 
     @property
@@ -226,48 +249,50 @@ class SensorModel:
             system,
             samples=self.samples,
             refine=refine,
-            offsets=self.offsets,
-            gains=self.gains,
             relative_noise=relative_noise,
         )
         segments = replace(
             segments,
-            sensors=replace(
-                segments.sensors,
-                delay=self._delays(records[0].responses),
-                waveforms=sum(disturbance.count for disturbance in self.disturbances),
-            ),
+            sensors=self._sensors(segments.sensors, records[0].responses),
             prior=self.prior(structure.parameters),
             waveforms=self._waveforms(records),
             clipped=None if self.random else segments.clipped,
             centred=self.centred,
         )
         segments = in_moving_coordinates(segments, self.frames)
-        return with_uncertain_forces(segments, records, structure, self.gains, self.delays)
+        gains, delays = self.channels(Block.GAINS), self.channels(Block.DELAYS)
+        return with_uncertain_forces(segments, records, structure, gains, delays)
+
+    def _sensors(self, sensors: Sensors, channels: Sequence[Channel]) -> Sensors:
+        """The sensors with the numbers of the unknowns that act on each."""
+        offsets, delays = (
+            {channel: number for number, channel in enumerate(self.channels(block))}
+            for block in (Block.CONSTANTS, Block.DELAYS)
+        )
+        factors = self.channels(Block.GAINS)
+        acting = [[float(factor in (name, COMMON)) for factor in factors] for name in channels]
+        return replace(
+            sensors,
+            offset=np.array([offsets.get(name, -1) for name in channels]),
+            gain=np.reshape(acting, (len(channels), len(factors))),
+            delay=np.array([delays.get(name, -1) for name in channels]),
+            waveforms=sum(unknown.count for unknown in self.of_block(Block.WAVEFORMS)),
+        )
 
     def _waveforms(self, records: Sequence[Record]) -> Waveforms | None:
-        """What the disturbances add to the samples, each in its own record; None without any."""
-        if not self.disturbances:
+        """What is added to the samples over time, in each record its own; None without any."""
+        unknowns = self.of_block(Block.WAVEFORMS)
+        if not unknowns:
             return None
-        counts = [disturbance.count for disturbance in self.disturbances]
-        shown = [records[0].responses.index(disturbance.channel) for disturbance in self.disturbances]
-        shapes = (
-            [one.shapes(record) * (one.record == number) for one in self.disturbances]
-            for number, record in enumerate(records)
-        )
-        parts = [cut(np.concatenate(own, axis=1), self.samples) for own in shapes]
-        return Waveforms(np.repeat(shown, counts), np.nan_to_num(np.concatenate(parts, axis=2)))
-
-    def _delays(self, channels: Sequence[Channel]) -> Indices:
-        """(C,) index of the unknown delay of each channel, -1 for none."""
-        sensors = [channel for channel in channels if not channel.of_link]
-        absent = [name for name in self.delays if not name.startswith(FORCE) and name not in sensors]
-        if absent:
-            raise IdentificationError(
-                f"no delay of {absent[0]} can be estimated: the sensors of masses in the record are "
-                f"{', '.join(sensors)}"
-            )
-        return np.array([self.delays.index(name) if name in self.delays else -1 for name in channels])
+        shown = [records[0].responses.index(unknown.channel) for unknown in unknowns]
+        parts = []
+        for number, record in enumerate(records):
+            shapes = [
+                one.shapes if one.record == number else np.zeros((len(record), one.count)) for one in unknowns
+            ]
+            parts.append(cut(np.concatenate(shapes, axis=1), self.samples))
+        values = np.nan_to_num(np.concatenate(parts, axis=2))
+        return Waveforms(np.repeat(shown, [unknown.count for unknown in unknowns]), values)
 
 
 _OF_FORCE = re.compile(r"\b(N|kg)\b")
@@ -401,7 +426,7 @@ def shooting_problem(
     spread : array of shape (p,) or None
         Their standard deviations, where known.
     sensing : SensorModel
-        Noise, offsets and gains of the channels.
+        What is unknown of the channels, and their noise.
 
     Returns
     -------
@@ -431,30 +456,20 @@ def shooting_problem(
         unit[system.shapes.columns] = np.maximum(
             unit[system.shapes.columns], np.where(np.isfinite(priors), priors, 0.0)
         )
-    waveforms = [
-        name for disturbance in sensing.disturbances for name in [disturbance.channel] * disturbance.count
-    ]
-    offset_units = [sensing.noise[0].get(name, 1.0) for name in (*sensing.offsets, *waveforms)]
     scales = Scales(
         sensing.sigma,
         # the record with the least noise needs the tightest flow
         np.append(np.min([start.scale for start in starts], axis=0), deviations),
-        np.concatenate(
-            [
-                np.where(unit > 0.0, unit, 1.0),
-                offset_units,
-                np.ones(len(sensing.gains)),
-                np.full(len(sensing.delays), records[0].step),
-            ]
-        ),
+        np.concatenate([np.where(unit > 0.0, unit, 1.0), sensing.units(records[0].step)]),
     )
     nodes = segment_nodes(starts, sensing.samples)
+    added = sum(unknown.count for unknown in sensing.unknowns if unknown.term.block <= Block.WAVEFORMS)
     point = Iterate(
         np.concatenate([nodes, np.zeros((len(places), nodes.shape[1]))]),
         np.clip(theta, system.parameters.lower, system.parameters.upper),
-        np.zeros(len(offset_units)),
-        np.ones(len(sensing.gains)),
-        np.zeros(len(sensing.delays)),
+        np.zeros(added),
+        np.ones(len(sensing.of_block(Block.GAINS))),
+        np.zeros(len(sensing.of_block(Block.DELAYS))),
     )
     cut = partial(sensing.segments, records, with_random_forces(structure, places), system)
     segments = _fine_segments(cut, point, scales, least=2 if sensing.centred else 1)

@@ -149,7 +149,7 @@ class WindowPredictor:
 
     @cached_property
     def _sensors(self) -> Sensors:
-        return sensor_arrays(self.record.responses, self.structure, (), ())
+        return sensor_arrays(self.record.responses, self.structure)
 
     @cached_property
     def _unit(self) -> Floats:

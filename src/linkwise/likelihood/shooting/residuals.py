@@ -6,7 +6,7 @@ optimum, and the same samples in segments several times as long have the same on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.estimates.causes import CLOCK, HIGH_PASS
 from linkwise.likelihood.shooting.flow import Trajectories, flow
 from linkwise.likelihood.shooting.loss import ClippedMisfit, Gaussian, Loss
 from linkwise.likelihood.shooting.segments import (
-    PPM,
     A,
     F,
     Iterate,
@@ -30,10 +28,9 @@ from linkwise.likelihood.shooting.segments import (
     V,
     X,
     cost_of_starts,
-    integrated,
 )
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.registry import Registry
+from linkwise.likelihood.terms import ERRORS, Shown, integrated
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,22 +194,6 @@ def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Traje
 
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested
 
-ADDED: Registry[Callable[[Floats, Floats, Floats, Segments], Floats]] = Registry(
-    "error of a sensor",
-    {
-        "gain": lambda shown, rate, ramp, segments: shown,
-        "offset": lambda shown, rate, ramp, segments: np.ones_like(shown),
-        "drift": lambda shown, rate, ramp, segments: ramp,
-        "delay": lambda shown, rate, ramp, segments: -rate,
-        CLOCK: lambda shown, rate, ramp, segments: PPM * _elapsed(segments) * (0.5 - ramp) * rate,
-        HIGH_PASS: lambda shown, rate, ramp, segments: -2.0 * np.pi * _integrated(segments, shown),
-    },
-)
-"""What an error of unit size adds to a channel, from what it shows of the motion, its rate, and a ramp from 0 to 1 (M, K) in
-some segments. A clock in ppm makes a channel late by its ratio of the time from the middle. A high pass takes off its corner
-in Hz times the integral of what the channel shows.
-"""
-
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
@@ -234,9 +215,9 @@ class SensorErrors:
         sensors = segments.sensors
         motions = [_shown(segments, misfit, channel) for channel in range(len(sensors.kind))]
         rows = [
-            (channel, kind, -1, value)
-            for channel, (shown, rate) in enumerate(motions)
-            for kind, value in ((kind, added(shown, rate, ramp, segments)) for kind, added in ADDED.items())
+            (channel, kind, -1, error.tested(shown))
+            for channel, shown in enumerate(_along(segments, *motion, ramp) for motion in motions)
+            for kind, error in ERRORS.items()
         ]
         if len(motions) <= _COUPLED:
             rows += [
@@ -254,6 +235,11 @@ class SensorErrors:
         return SensorErrors(
             self.channel[which], (kind,) * int(which.sum()), self.source[which], self.values[:, which]
         )
+
+
+def _along(segments: Segments, value: Floats, rate: Floats, ramp: Floats) -> Shown:
+    """What a channel shows in some segments."""
+    return Shown(value, ramp, _elapsed(segments), lambda: rate, lambda: _integrated(segments, value))
 
 
 def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:

@@ -33,7 +33,6 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import (
     BAND_LIMITED,
-    COMMON,
     FORCE,
     HELD,
     MOTIONS,
@@ -58,8 +57,6 @@ def cut_segments(
     *,
     samples: int,
     refine: int,
-    offsets: Sequence[str] = (),
-    gains: Sequence[str] = (),
     relative_noise: Sequence[Floats] | None = None,
 ) -> Segments:
     """Cut records with the same response channels into segments, one record after the other.
@@ -76,8 +73,6 @@ def cut_segments(
         Samples in a segment.
     refine : int
         Steps of the flow per sample.
-    offsets, gains : sequence of str, optional
-        Channels with an unknown constant error or factor.
     relative_noise : sequence of array of shape (C,), optional
         For each record the noise of its channels relative to the common one.
 
@@ -100,7 +95,7 @@ def cut_segments(
     step = np.repeat([record.step / refine for record in records], counts)
     return Segments(
         system=system,
-        sensors=sensor_arrays(channels, structure, offsets, gains),
+        sensors=sensor_arrays(channels, structure),
         samples=np.where(observed, data, 0.0),
         observed=observed,
         step=step,
@@ -121,10 +116,8 @@ def _linked(counts: Sequence[int]) -> Bools:
     return linked
 
 
-def sensor_arrays(
-    channels: Sequence[Channel], structure: Structure, offsets: Sequence[str], gains: Sequence[str]
-) -> Sensors:
-    """Kind, mass, offset and gain of channels.
+def sensor_arrays(channels: Sequence[Channel], structure: Structure) -> Sensors:
+    """Kind and mass of channels, of whose errors none is unknown.
 
     Parameters
     ----------
@@ -132,26 +125,13 @@ def sensor_arrays(
         Names of the channels.
     structure : Structure
         The structure.
-    offsets, gains : sequence of str
-        Channels with an unknown constant error or factor.
 
     Returns
     -------
     Sensors
         The sensors.
-
-    Raises
-    ------
-    IdentificationError
-        If an offset or a gain is named for a channel that is not there.
     """
     index = _places(structure)
-    of_sensors = [name for name in gains if not name.startswith(FORCE)]
-    absent = [name for name in (*offsets, *of_sensors) if name not in (*channels, COMMON)]
-    if absent:
-        raise IdentificationError(
-            f"no offset or gain of {absent[0]} can be estimated: the record has {', '.join(channels)}"
-        )
     points = dict.fromkeys(c.place for c in channels if c.is_motion and c.place in structure.points)
     index |= {(kind, name): structure.size + i for i, name in enumerate(points) for kind in MOTIONS}
     return Sensors(
@@ -159,8 +139,8 @@ def sensor_arrays(
         points=np.array([structure.points.index(name) for name in points], dtype=int),
         kind=np.array([_KINDS[channel.kind] for channel in channels]),
         mass=np.array([index[channel.kind, channel.place] for channel in channels]),
-        offset=np.array([offsets.index(name) if name in offsets else -1 for name in channels]),
-        gain=np.array([[float(factor in (name, COMMON)) for factor in gains] for name in channels]),
+        offset=np.full(len(channels), -1),
+        gain=np.empty((len(channels), 0)),
     )
 
 

@@ -4,37 +4,25 @@ Segment k starts at its node, carries the samples j = 0 .. M - 1 from there, and
 (if the two are linked). Several records are chains of segments that are not linked to each other. A missing sample
 has weight zero; so has the padding behind the last sample of a record.
 
-`Sensors` have unknown gains, offsets and delays; what they add over time in known shapes of unknown size (drift by pieces of
-a line, hum, high pass, clock) is a `Disturbance`, as arrays `Waveforms`. Over a long gap chaotic motion has many
-continuations, and a search cannot choose among them from poor starting values: the state behind it is free at first
-(`split_at_gaps`), and the two sides are joined once the laws are known.
+`Sensors` have unknown gains, offsets and delays; what they add over time in known shapes of unknown size are `Waveforms`. Over
+a long gap chaotic motion has many continuations, and a search cannot choose among them from poor starting values: the state
+behind it is free at first (`split_at_gaps`), and the two sides are joined once the laws are known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.display import near_miss
-from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.loss import ClippedReadings, Prior, RandomStates
 from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
-from linkwise.records.channel import interpolated
-from linkwise.records.record import Record
-
-Stated: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
-"""A channel, several, or numbers by channel, None where one is not stated."""
-PPM = 1e-6
-PIECES, MOST_PIECES = 8, 64
-"""Pieces of a drift in each record, and the most that may be asked for: more would follow the motion itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,240 +40,6 @@ class Waveforms:
         """(M, K) what waveforms of these `sizes` (w,) add to a channel."""
         own = self.channel == channel
         return np.asarray(np.einsum("w,mwk->mk", sizes[own], self.values[:, own]))
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """A drift, or a hum of some `frequency` in Hz, of a channel in the record number `record`, in `count` waveforms.
-
-    A drift from an `unknown_start` has a constant as the first of them. What a high pass of first order takes off a channel
-    is its `corner` in Hz times the integral of what it shows, beside a constant and a ramp from its state and its mean before.
-    Noise adds up in that integral, so that a fit is repeated with `denoised` (N,), the samples that the one before shows.
-    A `clock` that runs fast makes a channel late by its ratio, in ppm, times the time from the middle of the record.
-    """
-
-    channel: str
-    record: int
-    count: int
-    frequency: float | None = None
-    unknown_start: bool = False
-    high_pass: bool = False
-    corner: float | None = None
-    clock: bool = False
-    denoised: Floats | None = field(default=None, compare=False)
-
-    @classmethod
-    def of(
-        cls,
-        drifts: Mapping[str, float | None],
-        hums: Mapping[str, Sequence[float]],
-        records: Sequence[Record],
-        unknown_starts: Collection[str] = (),
-        corners: Mapping[str, float | None] = MappingProxyType({}),
-        clocks: Collection[str] = (),
-        denoised: Mapping[str, Sequence[Floats]] = MappingProxyType({}),
-    ) -> tuple[Disturbance, ...]:
-        """Those of some channels in every record, each with sizes of its own; `corners` has channels behind a high pass.
-
-        `clocks` has those with a clock of their own.
-
-        `drifts` has the lengths of pieces in s, `hums` frequencies in Hz; drifts of the channels in `unknown_starts` may start
-        anywhere.
-
-        Raises IdentificationError for a channel that no record has as a response, pieces that are too many, and a frequency
-        beyond half the rate.
-        """
-        _require_shown({"drifts": drifts, "hums": hums, "corners": corners, "clocks": clocks}, records)
-        for name, seconds in drifts.items():
-            longest = max(record.duration for record in records)
-            if seconds is not None and not longest / MOST_PIECES <= seconds < np.inf:
-                raise IdentificationError(
-                    f"the pieces of the drift of {name} must be {longest / MOST_PIECES:.3g} s long at least, got {seconds:g} "
-                    f"s: more than {MOST_PIECES} of them would follow the motion",
-                    arguments=("drifts",),
-                )
-        half = min(record.rate for record in records) / 2.0
-        for name, frequency in ((name, frequency) for name, several in hums.items() for frequency in several):
-            if not 0.0 < frequency < half:
-                raise IdentificationError(
-                    f"the hum of {name} must have a frequency between 0 and half the rate, {half:g} Hz, got {frequency:g} Hz",
-                    arguments=("hums",),
-                )
-        return tuple(
-            disturbance
-            for number, record in enumerate(records)
-            for disturbance in (
-                *(
-                    cls(name, number, _pieces(record, seconds) + start, unknown_start=start)
-                    for name, seconds in drifts.items()
-                    for start in [name in unknown_starts]
-                ),
-                *(cls(name, number, 2, frequency) for name, several in hums.items() for frequency in several),
-                *(
-                    cls(name, number, 3, high_pass=True, corner=corner, denoised=series)
-                    for name, corner in corners.items()
-                    for series in [denoised[name][number] if name in denoised else None]
-                ),
-                *(
-                    cls(
-                        name,
-                        number,
-                        1,
-                        clock=True,
-                        denoised=denoised[name][number] if name in denoised else None,
-                    )
-                    for name in clocks
-                ),
-            )
-        )
-
-    @property
-    def known(self) -> list[tuple[float, float]]:
-        """What is known of the size of each waveform, and its standard deviation: a corner that is stated."""
-        unknown = [(0.0, np.inf)] * self.count
-        return unknown if self.corner is None else [(self.corner, _STATED * self.corner), *unknown[1:]]
-
-    def shapes(self, record: Record) -> Floats:
-        """(N, count) its waveforms at the samples of a record."""
-        elapsed = record.time - record.start
-        shown = record.channel(self.channel) if self.denoised is None else self.denoised
-        if self.clock:
-            rate = interpolated(0.0, record.rate, shown).derivative(elapsed)
-            return np.asarray(PPM * (0.5 * record.duration - elapsed) * rate)[:, None]
-        if self.high_pass:
-            ramp = elapsed / max(record.duration, np.finfo(float).tiny)
-            return np.stack([-2.0 * np.pi * integrated(shown, record.step), np.ones_like(ramp), ramp], axis=1)
-        if self.frequency is not None:
-            phase = 2.0 * np.pi * self.frequency * elapsed
-            return np.stack([np.cos(phase), np.sin(phase)], axis=1)
-        count = self.count - self.unknown_start
-        pieces = elapsed / max(record.duration, np.finfo(float).tiny) * count
-        rising = np.clip(pieces[:, None] - np.arange(count), 0.0, 1.0)
-        return np.insert(rising, 0, 1.0, axis=1) if self.unknown_start else rising
-
-    def describe(self, sizes: Floats, deviations: Floats, unit: str) -> str:
-        """A sentence on what was found, from the sizes (count,) and their standard deviations."""
-        error = float(np.sqrt(np.mean(deviations**2)))
-        if self.frequency is not None:
-            amplitude = float(np.hypot(*sizes))
-            return (
-                f"{self.channel} has a hum of {amplitude:.4g} {unit} at {self.frequency:g} Hz (estimated with the other "
-                f"unknowns, standard error {error:.2g})."
-            )
-        first = [] if self.unknown_start else [0.0]
-        path = np.concatenate([first, np.cumsum(sizes)])
-        return (
-            f"{self.channel} drifts over {np.ptp(path):.4g} {unit} (estimated with the other unknowns in {len(path) - 1} "
-            f"pieces, standard error of each {error:.2g})."
-        )
-
-
-_FASTEST = 5e4  # ppm: beyond, a record has another rate
-_STATED = 1e-4  # relative: to which a corner that is stated is known, so that the equations need no case of their own
-_WORDS = {"drifts": "drift", "hums": "hum", "corners": "high pass", "clocks": "clock ratio"}
-
-
-def _require_shown(channels: Mapping[str, Collection[str]], records: Sequence[Record]) -> None:
-    """Raise IdentificationError for channels, by argument, that no sensor shows, or not throughout where that must be."""
-    responses = records[0].responses
-    for argument, name in ((argument, name) for argument, names in channels.items() for name in names):
-        if name not in responses:
-            raise IdentificationError(
-                f"no {_WORDS[argument]} of {name} can be estimated{near_miss(name, responses)}: the record has the "
-                f"sensors {', '.join(responses)}",
-                arguments=(argument,),
-            )
-        if argument in ("corners", "clocks") and not all(
-            np.isfinite(record.channel(name)).all() for record in records
-        ):
-            raise IdentificationError(
-                f"no {_WORDS[argument]} of {name} can be estimated: samples of it are missing, over which it has no integral "
-                "and no rate",
-                arguments=(argument,),
-            )
-
-
-def integrated(values: Floats, step: float) -> Floats:
-    """(N,) the integral of what samples (N,) show beside their mean, from 0 at the first."""
-    centred = values - values.mean()
-    return np.concatenate([[0.0], np.cumsum(0.5 * step * (centred[1:] + centred[:-1]))])
-
-
-def _pieces(record: Record, seconds: float | None) -> int:
-    return PIECES if seconds is None else max(1, round(record.duration / seconds))
-
-
-def lengths_by_channel(drifts: Stated) -> dict[str, float | None]:
-    """Channels that drift, with the lengths of pieces in s where they are stated; IdentificationError for no positive one."""
-    return _numbers_by_channel(
-        drifts,
-        lambda seconds: seconds > 0.0,
-        "the pieces of the drift of {name} must have a positive length in s, got {number!r}",
-    )
-
-
-def corners_by_channel(corners: Stated) -> dict[str, float | None]:
-    """Channels behind a high pass, with its corner in Hz where it is stated; IdentificationError for no positive one."""
-    return _numbers_by_channel(
-        corners,
-        lambda corner: corner > 0.0,
-        "the corner of {name} must be a positive frequency in Hz, got {number!r}",
-    )
-
-
-def ratios_by_channel(clocks: Stated) -> dict[str, float | None]:
-    """Channels with a clock of their own, with its ratio in ppm where it is stated; IdentificationError for no small one."""
-    return _numbers_by_channel(
-        clocks,
-        lambda ratio: abs(ratio) < _FASTEST,
-        "the clock of {name} must run fast by a number of ppm, negative for a slow one, and by less than "
-        f"{_FASTEST:g} ppm, got {{number!r}}",
-    )
-
-
-def _numbers_by_channel(
-    stated: Stated, is_possible: Callable[[float], bool], message: str
-) -> dict[str, float | None]:
-    """A channel or several, with a number where one is stated; IdentificationError with the `message` for another one."""
-    if not isinstance(stated, Mapping):
-        return dict.fromkeys((stated,) if isinstance(stated, str) else stated or ())
-    for name, number in stated.items():
-        if number is not None and not (_is_number(number) and is_possible(number)):
-            raise IdentificationError(message.format(name=name, number=number))
-    return dict(stated)
-
-
-def frequencies_by_channel(hums: Mapping[str, float | Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    """Frequencies of hums in Hz by channel.
-
-    Parameters
-    ----------
-    hums : mapping of str to float or sequence of float
-        One frequency or several.
-
-    Returns
-    -------
-    dict of str to tuple of float
-        The frequencies.
-
-    Raises
-    ------
-    IdentificationError
-        If they are not numbers by channel.
-    """
-    frequencies = {}
-    for name, several in hums.items() if isinstance(hums, Mapping) else [(hums, None)]:
-        values: object = (several,) if _is_number(several) else several
-        if isinstance(values, str) or not isinstance(values, Sequence) or not all(map(_is_number, values)):
-            raise IdentificationError(
-                f'hums takes frequencies in Hz by channel, as in {{"x:m1": 50.0}}, got {hums!r}'
-            )
-        frequencies[str(name)] = tuple(float(frequency) for frequency in values)
-    return frequencies
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 X, V, A, F, S = 0, 1, 2, 3, 4

@@ -392,10 +392,10 @@ def _prior_conflicts(fit: LikelihoodFit, identified: Structure) -> Iterator[Caus
         return
     names = [
         *zip(segments.system.parameters.names, segments.system.parameters.units, strict=True),
-        *((f"offset of {name}", unit_in(identified, name)) for name in fit.offsets),
-        *[("", "")] * sum(disturbance.count for disturbance in fit.disturbances),  # of which nothing is known
-        *((f"gain of {name}", "1") for name in fit.gains),
-        *((f"delay of {name}", "s") for name in fit.delays),
+        *(
+            (f"{term.kind} of {term.channel}", term.unit or unit_in(identified, term.channel))
+            for term in (one.term for one in fit.found for _ in one.sizes)
+        ),
     ]
     limit = _CONTRADICTED + 2.0 * np.log(max(segments.prior.count, 1))
     for number in np.flatnonzero(fit.prior_conflicts > limit).tolist():
