@@ -26,7 +26,7 @@ from linkwise.likelihood.shooting.bordered_system import BorderedFactor, Bordere
 from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles
 from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
 from linkwise.likelihood.shooting.segments import (
     A,
     F,
@@ -127,17 +127,24 @@ def changes_of_forces(
     return CandidateForces(np.full(len(ends), -1), ends, starts, middles)
 
 
-def add_offsets(columns: Floats, segments: Segments, scales: Scales, whiten: Single, part: slice) -> None:
-    """The columns of constant offsets, and of waveforms behind them, among those of the errors of sensors."""
-    sensors = segments.sensors
-    units = scales.theta[segments.system.parameters.size :]
-    for channel in np.flatnonzero(sensors.offset >= 0):
-        number = sensors.offset[channel]
-        columns[:, :, channel, number] = whiten[:, channel].T * units[number]
-    if segments.waveforms is not None:
-        for number, channel in enumerate(segments.waveforms.channel.tolist(), start=sensors.constants):
-            values = segments.waveforms.values[:, number - sensors.constants, part]
-            columns[:, :, channel, number] = (whiten[:, channel] * values).T * units[number]
+def add_errors_of_sensors(
+    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
+) -> None:
+    """The columns of errors of sensors; the rows of sensors with an unknown gain are scaled by it.
+
+    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. The columns of uncertain forces,
+    which move the masses, are in place.
+    """
+    sensors, point = segments.sensors, misfit.point
+    first, units = jacobian.shape[-1] - 1 - sensors.unknowns, scales.theta[len(point.theta) :]
+    factors, forces = sensors.factors(point.gains), first + columns_of_forces(segments)
+    for channel in sensors.scaled:
+        jacobian[:, :, channel, :first] *= np.float32(factors[channel])
+        jacobian[:, :, channel, forces] *= np.float32(factors[channel])
+    deviations = segments.deviations(scales, part)
+    for channel, number, values in estimated_errors(segments, misfit, part):
+        column = root[:, channel] * (values * units[number] / deviations[channel])
+        jacobian[:, :, channel, first + number] = column.T
 
 
 def tangents_of_channels(
@@ -157,56 +164,6 @@ def tangents_of_channels(
         delay, mass = point.delays[sensors.delay[channels[number]]], sensors.mass[channels[number]]
         rows[number] -= (delay * rate * motions[kind + 1][mass]).astype(rows.dtype)
     return rows
-
-
-def add_delays(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, whiten: Single, part: slice
-) -> None:
-    """The columns of delays: the rate of the motion that the sensor shows, sign reversed."""
-    sensors, point = segments.sensors.at(segments.system.at(misfit.point.theta)), misfit.point
-    first = jacobian.shape[-1] - 1 - sensors.delays
-    units, factors = scales.theta[len(scales.theta) - sensors.delays :], sensors.factors(point.gains)
-    for channel in sensors.late:
-        number = sensors.delay[channel]
-        orbit = sensors.orbit_with_points(misfit.trajectories.part(part))
-        _, rate = segments.late(channel, orbit, point, part)
-        if segments.late_base is not None:
-            rate = rate + segments.late_base.at(channel, float(point.delays[number]), part)[1]
-        column = -whiten[:, channel] * rate * (units[number] * factors[channel])
-        jacobian[:, :, channel, first + number] = column.T
-
-
-def calibrate_gains(
-    jacobian: Floats, segments: Segments, misfit: Misfit, scales: Scales, root: Floats, part: slice
-) -> None:
-    """Sensors with an unknown gain: their rows are scaled by it, and its own column is the motion, whitened alike.
-
-    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. The columns of uncertain forces,
-    which move the masses, are in place.
-    """
-    sensors, point = segments.sensors, misfit.point
-    motion_columns = jacobian.shape[-1] - 1 - sensors.unknowns
-    first = len(point.theta) + len(point.offsets)
-    factors, moving = sensors.factors(point.gains), motion_columns + columns_of_forces(segments)
-    deviations = segments.deviations(scales, part)
-    for channel in sensors.scaled:
-        sigma = deviations[channel]
-        predicted = segments.samples[:, channel, part] / sigma - misfit.residuals[:, channel, part]
-        if misfit.clipped is not None:
-            predicted = predicted + misfit.clipped.shown[:, channel, part]
-        if segments.carried is not None:
-            predicted = predicted + segments.carried[0, :, channel, part] / sigma
-        if sensors.offset[channel] >= 0:
-            predicted = predicted - point.offsets[sensors.offset[channel]] / sigma
-        if segments.waveforms is not None:
-            added = segments.waveforms.added(int(channel), point.offsets[sensors.constants :])
-            predicted = predicted - added[:, part] / sigma
-        jacobian[:, :, channel, :motion_columns] *= np.float32(factors[channel])
-        jacobian[:, :, channel, moving] *= np.float32(factors[channel])
-        for number in np.flatnonzero(sensors.gain[channel]):
-            unit = scales.theta[first + number] / factors[channel]
-            column = motion_columns + len(point.offsets) + number
-            jacobian[:, :, channel, column] = (root[:, channel] * predicted * unit).T
 
 
 def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
@@ -419,9 +376,7 @@ def whitened_jacobian(
     if errors is not None:
         for number, channel in enumerate(errors.channel):
             jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
-    add_offsets(jacobian[..., width:], segments, scales, whiten, part)
-    calibrate_gains(jacobian, segments, misfit, scales, root, part)
-    add_delays(jacobian, segments, misfit, scales, whiten, part)
+    add_errors_of_sensors(jacobian, segments, misfit, scales, root, part)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
 

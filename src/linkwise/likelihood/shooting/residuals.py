@@ -255,7 +255,7 @@ def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
             values.append(motion_of(segments, misfit, V, int(mass))[1])
         else:
             rate = _shown(segments, misfit, channel)[1]
-            values.append(_with_rate(segments, rate)[1])
+            values.append(_with_rate(rate, segments.step * segments.refine)[1])
     count = len(values)
     return SensorErrors(np.arange(count), ("filter",) * count, np.full(count, -1), np.stack(values, axis=1))
 
@@ -268,53 +268,84 @@ def relative_to_gain(filtered: SensorErrors, errors: SensorErrors) -> float:
     return float(np.sqrt(np.max(changed / np.maximum(power, np.finfo(float).tiny))))
 
 
-def _shown(segments: Segments, misfit: Misfit, channel: int) -> tuple[Floats, Floats]:
-    """(M, K) what a sensor shows of a mass and of moving coordinates, and its rate."""
-    sensors = segments.sensors
+def estimated_errors(
+    segments: Segments, misfit: Misfit, part: slice
+) -> Iterator[tuple[int, int, Floats | float]]:
+    """What each error of a sensor that is among the unknowns adds in some segments, if its size is 1: the number of a
+    channel, that of the unknown, and values (M, k).
+    """
+    sensors, point = segments.sensors, misfit.point
+    for channel in np.flatnonzero(sensors.offset >= 0).tolist():
+        yield channel, int(sensors.offset[channel]), 1.0
+    if segments.waveforms is not None:
+        for number, channel in enumerate(segments.waveforms.channel.tolist()):
+            yield channel, sensors.constants + number, segments.waveforms.values[:, number, part]
+    factors = sensors.factors(point.gains)
+    for channel in np.union1d(sensors.scaled, sensors.late).tolist():
+        shown, rate = _shown(segments, misfit, channel, part)
+        for number in np.flatnonzero(sensors.gain[channel]).tolist():
+            yield channel, sensors.offsets + number, shown
+        if channel in sensors.late:
+            delay = int(sensors.delay[channel])
+            yield channel, sensors.offsets + sensors.gains + delay, -factors[channel] * rate
+
+
+def _shown(
+    segments: Segments, misfit: Misfit, channel: int, part: slice = slice(None)
+) -> tuple[Floats, Floats]:
+    """(M, k) what a sensor shows of a mass and of moving coordinates in some segments, and its rate."""
+    sensors, random = segments.sensors, segments.random
     if channel in sensors.late:
         sensors = sensors.at(segments.system.at(misfit.point.theta))
-        orbit = sensors.orbit_with_points(misfit.trajectories)
-        value, rate = segments.late(channel, orbit, misfit.point)
+        orbit = sensors.orbit_with_points(misfit.trajectories.part(part))
+        value, rate = segments.late(channel, orbit, misfit.point, part)
     else:
-        value, rate = motion_of(segments, misfit, int(sensors.kind[channel]), int(sensors.mass[channel]))
-    carried = carried_by(segments, misfit, channel)
+        kind, mass = int(sensors.kind[channel]), int(sensors.mass[channel])
+        value, rate = motion_of(segments, misfit, kind, mass, part)
+    if random is not None and random.shown is not None:
+        value = value + random.shown[channel] @ misfit.point.nodes[random.rows][:, part]
+    carried = carried_by(segments, misfit, channel, part)
     return (value, rate) if carried is None else (value + carried[0], rate + carried[1])
 
 
-def carried_by(segments: Segments, misfit: Misfit, channel: int) -> tuple[Floats, Floats] | None:
-    """(M, K) what a sensor shows of moving coordinates, as late as it was found to be, and its rate; None without any."""
+def carried_by(
+    segments: Segments, misfit: Misfit, channel: int, part: slice = slice(None)
+) -> tuple[Floats, Floats] | None:
+    """(M, k) what a sensor shows of moving coordinates, as late as it was found to be, and its rate; None without any."""
     if segments.carried is None:
         return None
     if segments.late_base is None or channel not in segments.late_base.channels:
-        return segments.carried[0, :, channel], segments.carried[1, :, channel]
-    return segments.late_base.at(channel, float(misfit.point.delays[segments.sensors.delay[channel]]))
+        return segments.carried[0, :, channel, part], segments.carried[1, :, channel, part]
+    return segments.late_base.at(channel, float(misfit.point.delays[segments.sensors.delay[channel]]), part)
 
 
-def motion_of(segments: Segments, misfit: Misfit, kind: int, mass: int) -> tuple[Floats, Floats]:
-    """(M, K) what a sensor of this kind shows of a mass, and its rate."""
-    every = slice(None, segments.steps, segments.refine)
+def motion_of(
+    segments: Segments, misfit: Misfit, kind: int, mass: int, part: slice = slice(None)
+) -> tuple[Floats, Floats]:
+    """(M, k) what a sensor of this kind shows of a mass in some segments, and its rate."""
+    every, step = segments.at_samples, segments.step[part]
     mechanics = segments.system.at(misfit.point.theta)
-    orbit = segments.sensors.at(mechanics).orbit_with_points(misfit.trajectories)
+    orbit = segments.sensors.at(mechanics).orbit_with_points(misfit.trajectories.part(part))
     if kind in (F, S):
         inside = orbit.memory[every]
         if kind == F:
             inside = forces_at_samples(segments, mechanics, orbit)
-        return _with_rate(segments, inside[:, mass])
+        return _with_rate(inside[:, mass], step * segments.refine)
     x = orbit.states[every, 0, mass]
-    v = orbit.states[every, 1, mass] / segments.step
+    v = orbit.states[every, 1, mass] / step
     a = orbit.accelerations[every, mass]
     if kind == X:
         return x, v
     if kind == V:
         return v, a
     assert kind == A
-    return _with_rate(segments, a)
+    return _with_rate(a, step * segments.refine)
 
 
-def _with_rate(segments: Segments, shown: Floats) -> tuple[Floats, Floats]:
-    """A signal (M, K) and its rate."""
+def _with_rate(shown: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """A signal (M, k) with samples in steps (k,) in s, and its rate."""
     series = np.gradient(shown.T.ravel()).reshape(shown.T.shape).T
-    return shown, series / (segments.step * segments.refine)
+    return shown, series / step
 
 
 def _ramp(segments: Segments) -> Floats:

@@ -1,0 +1,112 @@
+"""What is unknown of sensors and inputs: each kind is tested by the column that estimates it."""
+
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+import pytest
+from present import present
+from problems import truth
+from structures import row_of_masses
+
+import linkwise as lw
+from linkwise.arrays import Floats
+from linkwise.likelihood.options import OF_FORCE
+from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_problem
+from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
+from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
+from linkwise.likelihood.terms import ERRORS, Delay, Drift, Gain, Term
+from linkwise.likelihood.tests.columns import (
+    FittedMotion,
+    TestedColumns,
+    errors_of_sensors,
+    inertia_and_inputs,
+)
+
+PAIR = row_of_masses(
+    [1.0, 1.0],
+    lower=("k*d + k3*d**3 + c*v", {"k": 900.0, "k3": 2e5, "c": 0.6}),
+    upper=("k*d + c*v", {"k": 1000.0, "c": 0.6}),
+)
+ASKED = PAIR.unknown("all")
+DURATION = 1.995  # of 80 segments of five samples
+
+
+@pytest.fixture(scope="module")
+def record() -> lw.Record:
+    forces = {"m1": "40*sin(31*t + 1) + 20*sin(53*t)", "m2": "30*sin(11*t)"}
+    return lw.simulate(PAIR, forces=forces, duration=DURATION, rate=200.0).with_noise(80.0, seed=1)
+
+
+def problem(record: lw.Record, errors: Sequence[Term]) -> tuple[SensorModel, ShootingProblem]:
+    sensing = SensorModel.of(errors, (), [record], ASKED)
+    return sensing, shooting_problem([record], ASKED, truth(PAIR, ASKED), None, sensing)
+
+
+def columns_of_estimate(record: lw.Record, term: Term) -> Floats:
+    """(M, C, K, w) what each size of a term adds to the samples in its units, by differences of the estimated model."""
+    sensing, posed = problem(record, present(term.beside((), record)))
+    kinds = [one.term.kind for one in sensing.unknowns for _ in one.known]
+    start, columns = posed.start, []
+    for number, kind in enumerate(kinds, start=len(ASKED.parameters)):
+        if kind != term.kind:  # a delay beside a clock
+            continue
+        step = 1e-3 * posed.scales.theta * (np.arange(len(posed.scales.theta)) == number)
+        ahead, behind = (
+            evaluate(
+                posed.segments, start.moved(start.nodes, start.border + change), posed.scales, Gaussian()
+            )
+            for change in (step, -step)
+        )
+        columns.append((behind.residuals - ahead.residuals) / (2.0 * step[number]))
+    return np.stack(columns, axis=-1)
+
+
+def column_of_test(record: lw.Record, kind: str, channel: str) -> Floats:
+    """(M, C, K) what is tested along the motion of the model without the error."""
+    _, posed = problem(record, ())
+    misfit = evaluate(posed.segments, posed.start, posed.scales, Gaussian())
+    optimum = Optimum(posed.segments, misfit, posed.scales, 1.0, 1.0, Gaussian())
+    motion = FittedMotion(optimum, PAIR, record.channels)
+    sensors = errors_of_sensors(SensorErrors.of(posed.segments, misfit), record.responses)
+    named = {(one.error.kind, one.error.where): one for one in chain(inertia_and_inputs(motion), sensors)}
+    columns = TestedColumns.of([named[kind, channel]])
+    rows, _ = whitened_jacobian(
+        posed.segments,
+        misfit,
+        posed.scales,
+        Gaussian(),
+        slice(0, posed.segments.count),
+        columns.forces,
+        columns.errors,
+    )
+    column = posed.segments.system.dimension + len(ASKED.parameters)
+    K = posed.segments.count
+    values = rows[:, :, column].reshape(K, len(posed.segments.samples), -1) / columns.units[0]
+    return np.asarray(values.transpose(1, 2, 0))
+
+
+CASES: dict[str, Term] = {
+    **{kind: error("x:m2") for kind, error in ERRORS.items()},
+    "drift": Drift("x:m2", DURATION),  # in one piece
+    "force gain": Gain("force:m1"),
+    "force delay": Delay("force:m1"),
+}
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_each_kind_is_tested_by_the_column_that_estimates_it(kind: str, record: lw.Record) -> None:
+    """But for single precision, and the filter without which a clock would follow the noise of the samples.
+
+    The other sizes of a high pass hold its start and its mean. Of a force it is tested what acts over what the channel shows.
+    """
+    columns, column = (
+        columns_of_estimate(record, CASES[kind]),
+        column_of_test(record, kind, CASES[kind].channel),
+    )
+    first, others = columns[..., 0].ravel(), columns[..., 1:].reshape(column.size, -1)
+    difference = (-column if kind.startswith(OF_FORCE) else column).ravel() - first
+    difference -= others @ np.linalg.lstsq(others, difference, rcond=None)[0]
+    assert np.linalg.norm(difference) < (2e-2 if kind == "clock" else 5e-3) * np.linalg.norm(first)
