@@ -17,8 +17,7 @@ from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
-from scipy.linalg import solve_banded
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
@@ -398,7 +397,7 @@ def _without_noise(
         for carried in (own[0] for channel, own in frame.carried.items() if channel == name):
             shown = shown + carried
         spectrum = np.fft.rfft(shown)
-        power = uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
+        power = scipy.ndimage.uniform_filter1d(np.abs(spectrum) ** 2 / len(shown), _BINS)
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, np.finfo(float).tiny), 0.0, 1.0)
         series.append(np.fft.irfft(passed * spectrum, len(shown)))
     return series
@@ -454,7 +453,9 @@ def _passed(motion: Floats, step: float, corner: float) -> Floats:
     """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
     half = np.pi * corner * step
     bands = np.array([[1.0 + half], [half - 1.0]]).repeat(len(motion), axis=1)
-    integral = solve_banded((1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1])))
+    integral = scipy.linalg.solve_banded(
+        (1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1]))
+    )
     return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
