@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import uniform_filter1d
 
 from linkwise.arrays import Floats, Indices
 from linkwise.display import near_miss
@@ -222,8 +221,9 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
 
 def _above_level(power: Floats) -> Floats:
     """(F,) the most that one of the powers (R, F) is above the median of its neighbours; 0 where all are near their mean."""
-    rows, at = np.nonzero(power > _SCREENED * uniform_filter1d(power, _NEIGHBOURS, axis=1, mode="nearest"))
     padded = np.pad(power, ((0, 0), (_NEIGHBOURS // 2, _NEIGHBOURS // 2)), mode="edge")
+    near = np.full(_NEIGHBOURS, _SCREENED / _NEIGHBOURS)
+    rows, at = np.nonzero(power > np.stack([np.convolve(row, near, "valid") for row in padded]))
     level = np.median(sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at], axis=1)
     above = np.zeros(power.shape[1])
     np.maximum.at(above, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny))

@@ -15,7 +15,7 @@ from math import inf, isinf
 from typing import Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar, cast
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
@@ -464,7 +464,7 @@ class Clock(Waveform):
         if name in frame.carried:
             value = value + frame.carried[name][0]
         spectrum = np.fft.rfft(value)
-        power = uniform_filter1d(np.abs(spectrum) ** 2 / len(value), _BINS)
+        power = scipy.ndimage.uniform_filter1d(np.abs(spectrum) ** 2 / len(value), _BINS)
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, _TINY), 0.0, 1.0)
         return np.fft.irfft(passed * spectrum, len(value))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,6 @@ from linkwise.report.page import (
     rendered,
     sectioned,
 )
-from linkwise.units import to_si
 from linkwise.verdict import Grade, status_of
 
 PICTURED = 24  # links with figures; the others have their numbers and their force file
@@ -184,10 +184,10 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
     return f"force_{max(links, key=lambda link: len(link.free)).link.name}" if links else ""
 
 
-def _length(link: LinkEstimate) -> str:
-    """The unit of length of the figure of a link."""
+def _length(link: LinkEstimate) -> tuple[float, str]:
+    """The unit of length of the figure of a link, after how many of it are a metre."""
     of_d = link.link.law.motion_units[0]
-    return style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
+    return style.scale(max(map(abs, link.d_range)), of_d) if of_d == "m" else (1.0, "m")
 
 
 def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
@@ -198,10 +198,16 @@ def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
     return [*wells, *barrier, *of_wells]
 
 
-def _within(quantity: CoefficientEstimate | DerivedQuantity, length: str) -> str:
-    """A value and half of its 95 % interval, with meters in the unit of `length` and energy with a prefix."""
-    unit = re.sub(r"\bm\b", length, quantity.unit)
-    factor = to_si(f"1 {unit}", quantity.unit) if unit != quantity.unit else 1.0
+def _metres(unit: str) -> Fraction:
+    """The power of the metre in a product of units, such as 3/2 in "N m^(3/2)"; a library of units takes long to load."""
+    return Fraction(sum(Fraction(power or 1) for power in re.findall(r"\bm\b(?:\^\(?([\d/]+))?", unit)))
+
+
+def _within(quantity: CoefficientEstimate | DerivedQuantity, length: tuple[float, str]) -> str:
+    """A value and half of its 95 % interval, with metres in the unit of `length` and energy with a prefix."""
+    times, name = length
+    over, *under = re.split(r"/(?!\d)", quantity.unit)
+    unit, factor = re.sub(r"\bm\b", name, quantity.unit), times ** (sum(map(_metres, under)) - _metres(over))
     if quantity.unit == "J":
         times, unit = style.scale(abs(quantity.value), "J")
         factor = 1.0 / times

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-import scipy.special
+import scipy
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
