@@ -25,6 +25,7 @@ from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.residuals import SensorErrors
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.tests.diagnosis import in_longer_segments
 from linkwise.likelihood.tests.score_test import augmented_quadratic
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -91,7 +92,7 @@ def with_harmonics(
         starting = not forces[0].amplitudes
         if starting:
             forces = tuple(_at_line(fit, records, force) for force in forces)
-        step, found = _Unknowns.of(fit, records, forces).refined()
+        step, found = _Unknowns.of(fit, fit.optimum, records, forces).refined()
         if not starting and np.all(np.abs(step) < _SETTLED):
             return shown, options
         forces = found
@@ -111,7 +112,7 @@ def estimated_harmonics(
     forces = fit.options.harmonics
     if not forces or not forces[0].amplitudes or not fit.has_errors:
         return 0.0, (), ()
-    unknowns = _Unknowns.of(fit, records, forces)
+    unknowns = _Unknowns.of(fit, fit.optimum, records, forces)
     errors, sentences = [], []
     for force, deviations in zip(forces, unknowns.deviations, strict=True):
         sizes = np.hypot(*np.array(force.amplitudes).T)
@@ -195,12 +196,9 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], 
         for rows, per_segment in series:
             own = rows[:, ends[number] * per_segment : ends[number + 1] * per_segment]
             rate = record.rate * per_segment / samples
-            size = round(rate / spacing)
-            power = (
-                np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), max(size, own.shape[1])))
-                ** 2
-            )
-            frequency = np.arange(power.shape[1]) * rate / max(size, own.shape[1])
+            size = max(round(rate / spacing), own.shape[1])
+            power = np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), size)) ** 2
+            frequency = np.arange(power.shape[1]) * rate / size
             ratio = _above_level(power)
             # at whose multiples a drift shows as well, as motion begins anew in each segment
             nodes = record.rate / samples
@@ -235,19 +233,23 @@ def _gains(
     """What each of the forces (f,) alone would take off -2 log likelihood, their amplitudes in N, and what hums of sensors at
     `lines` in Hz would, (l, C).
     """
-    unknowns = _Unknowns.of(fit, records, tried, _hums(fit, records, lines) if lines else None)
-    places = unknowns.places(with_frequency=False)
-    of_hum = unknowns.each - 1
-    starts = range(len(tried) * unknowns.each, len(unknowns.score), of_hum)
-    places += [list(range(start, start + of_hum)) for start in starts]
+    optimum = _in_longer_segments(fit, records)
+    hums = _hums(optimum.segments, records, lines) if lines else None
+    unknowns = _Unknowns.of(fit, optimum, records, tried, hums)
     gains, sizes = [], []
-    for own in places:
+    for own in np.arange(len(unknowns.score)).reshape(-1, 2 * len(records)):
         block, slope = unknowns.information[np.ix_(own, own)], unknowns.score[own]
         size = np.linalg.lstsq(block, slope, rcond=1e-9)[0]
         gains.append(float(slope @ size))
         sizes.append(float(np.hypot(*size[:2])))
     of_hums = np.reshape(gains[len(tried) :], (len(lines), fit.optimum.segments.observed.shape[1]))
     return np.array(gains[: len(tried)]), np.array(sizes[: len(tried)]), of_hums
+
+
+def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
+    """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
+    longer = in_longer_segments(fit)
+    return longer if len(_times(longer.segments, records)[1]) == longer.segments.count else fit.optimum
 
 
 def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indices]:
@@ -258,9 +260,8 @@ def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indic
     return np.concatenate(times), np.repeat(np.arange(len(records)), counts)
 
 
-def _hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> SensorErrors:
+def _hums(segments: Segments, records: Sequence[Record], lines: Sequence[float]) -> SensorErrors:
     """A cosine and a sine in each record and sensor at each of the frequencies, records within sensors within lines."""
-    segments = fit.optimum.segments
     channels, (time, owner) = segments.observed.shape[1], _times(segments, records)
     time = time.reshape(len(owner), -1)
     waves = [
@@ -300,7 +301,8 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
 class _Unknowns:
     """The information (h, h) and score (h,) of the unknowns of `forces`, parameters eliminated, and how these `follow` (p, h).
 
-    Of `each` force there are so many: a cosine and a sine in each record, and its frequency. Behind them come hums of sensors.
+    Of `each` force there are so many: a cosine and a sine in each record, and the frequency of one with amplitudes. Behind
+    them come hums of sensors.
     """
 
     forces: Sequence[HarmonicForce]
@@ -313,12 +315,12 @@ class _Unknowns:
     def of(
         cls,
         fit: LikelihoodFit,
+        optimum: Optimum,
         records: Sequence[Record],
         forces: Sequence[HarmonicForce],
         hums: SensorErrors | None = None,
     ) -> _Unknowns:
-        """Those at the optimum of a fit."""
-        optimum = fit.optimum
+        """Those at the optimum of a fit, in segments of any length."""
         with one_blas_thread():
             columns, units = _columns(optimum, records, forces)
             augmented = augmented_quadratic(optimum, columns, hums)
@@ -332,13 +334,13 @@ class _Unknowns:
         information = curvature[own, own] - curvature[own, :p] @ follow
         score = slope[own] - follow.T @ slope[:p]
         scale = optimum.scales.theta[:p, None]
-        each = 2 * len(records) + 1
+        each = 2 * len(records) + bool(forces[0].amplitudes)
         return cls(forces, each, information / np.outer(units, units), score / units, follow * scale / units)
 
-    def places(self, *, with_frequency: bool = True) -> list[list[int]]:
-        """The numbers of the unknowns of each force."""
-        each = self.each
-        return [list(range(k * each, (k + 1) * each - (not with_frequency))) for k in range(len(self.forces))]
+    @property
+    def places(self) -> Indices:
+        """(f, h / f) the numbers of the unknowns of each force."""
+        return np.arange(len(self.forces) * self.each).reshape(-1, self.each)
 
     @property
     def _inverse(self) -> Floats:
@@ -360,7 +362,7 @@ class _Unknowns:
         step = np.zeros(len(self.score))
         step[at] = np.linalg.lstsq(self.information[np.ix_(at, at)], self.score[at], rcond=1e-13)[0]
         forces = []
-        for force, own in zip(self.forces, self.places(), strict=True):
+        for force, own in zip(self.forces, self.places, strict=True):
             pairs = np.array(force.amplitudes) + step[own[:-1]].reshape(-1, 2)
             amplitudes = tuple((float(a), float(b)) for a, b in pairs)
             frequency = force.frequency + float(step[own[-1]])
@@ -380,7 +382,6 @@ def _columns(
     before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
     middle = 0.5 * np.array([record.duration for record in records])[owner]
     first = since_start[:: len(segments.samples)] - middle - before
-    ends = np.repeat([force.number for force in forces], 2 * len(records) + 1)
     halves = []
     for time in (
         first + step * np.arange(tangents + 1)[:, None],
@@ -396,9 +397,11 @@ def _columns(
                 if force.amplitudes:
                     a, b = force.amplitudes[number]
                     of_frequency += 2.0 * np.pi * time * (b * np.cos(phase) - a * np.sin(phase)) * inside
-            columns.append(of_frequency)
+            if force.amplitudes:
+                columns.append(of_frequency)
         halves.append(np.stack(columns, axis=1))
     power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
     scale = np.where(power > 0.0, power, 1.0)[:, None]
+    ends = np.repeat([force.number for force in forces], len(scale) // len(forces))
     candidates = CandidateForces(np.full(len(ends), -1), ends, halves[0] / scale, halves[1] / scale)
     return candidates, 1.0 / scale[:, 0]
