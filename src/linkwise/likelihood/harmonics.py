@@ -21,10 +21,12 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.random_forces import HarmonicForce
 from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.residuals import SensorErrors
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.terms import Hum, of_kind
+from linkwise.likelihood.tests.diagnosis import in_longer_segments
 from linkwise.likelihood.tests.score_test import augmented_quadratic
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -91,7 +93,7 @@ def with_harmonics(
         starting = not forces[0].amplitudes
         if starting:
             forces = tuple(_at_line(fit, records, force) for force in forces)
-        step, found = _Unknowns.of(fit, records, forces).refined()
+        step, found = _Unknowns.of(fit, fit.optimum, records, forces).refined()
         if not starting and np.all(np.abs(step) < _SETTLED):
             return shown, options
         forces = found
@@ -111,7 +113,7 @@ def estimated_harmonics(
     forces = fit.options.harmonics
     if not forces or not forces[0].amplitudes or not fit.has_errors:
         return 0.0, (), ()
-    unknowns = _Unknowns.of(fit, records, forces)
+    unknowns = _Unknowns.of(fit, fit.optimum, records, forces)
     errors, sentences = [], []
     for force, deviations in zip(forces, unknowns.deviations, strict=True):
         sizes = np.hypot(*np.array(force.amplitudes).T)
@@ -131,31 +133,39 @@ def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
     A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score. That of a
     sensor is in its channel alone.
     """
-    masses = [name for name in structure.mass_names if name not in structure.modes]
     if structure.hosts or not fit.has_errors:
         return
     lines, count = _lines(fit, records)
     known = [force.frequency for force in fit.options.harmonics]
     known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
-    lines = [line for line in lines if all(abs(line - one) * records[0].duration > 1.0 for one in known)]
+    lines = [
+        line for line in lines if all(abs(line.frequency - one) * records[0].duration > 1.0 for one in known)
+    ]
     if not lines:
         return
-    limit = _CHANCE + 2.0 * np.log(count * len(masses))
-    tried = [HarmonicForce(mass, structure.mass_names.index(mass), line) for line in lines for mass in masses]
-    gains, sizes, hums = _gains(fit, records, tried, lines)
+    limit = _CHANCE + 2.0 * np.log(count * structure.size)
+    forces = [
+        HarmonicForce(structure.mass_names[mass], mass, line.frequency)
+        for line in lines
+        for mass in line.masses
+    ]
+    hums = [(line.frequency, channel) for line in lines for channel in line.channels]
+    gains, sizes = _gains(fit, records, forces, hums)
     width = 1.0 / max(record.duration for record in records)
-    for number, line in enumerate(lines):
-        own = slice(number * len(masses), (number + 1) * len(masses))
-        best = own.start + int(np.argmax(gains[own]))
-        channel = int(np.argmax(hums[number]))
-        gain = float(max(gains[best], hums[number, channel]))
-        if gain <= limit:
+    for line in lines:
+        of_forces = [k for k, force in enumerate(forces) if force.frequency == line.frequency]
+        of_hums = [len(forces) + k for k, hum in enumerate(hums) if hum[0] == line.frequency]
+        best = max(of_forces + of_hums, key=lambda k: gains[k])
+        if gains[best] <= limit:
             continue
-        error = width / np.sqrt(gain)
-        frequency, alone = _refined_hum(fit, records, line, channel)
-        if gains[best] > hums[number, channel]:
-            yield Cause(HARMONIC, tried[best].mass, line, "Hz", gain, error, source=f"{sizes[best]:.3g} N")
-        elif alone:
+        gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
+        if best < len(forces):
+            source = f"{sizes[best]:.3g} N"
+            yield Cause(HARMONIC, forces[best].mass, line.frequency, "Hz", gain, error, source=source)
+            continue
+        channel = hums[best - len(forces)][1]
+        frequency, alone = _refined_hum(fit, records, line.frequency, channel)
+        if alone:
             yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
@@ -178,77 +188,100 @@ def _centred(time: Floats, record: Record) -> Floats:
     return time - record.start - 0.5 * record.duration
 
 
-def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[float], int]:
-    """Frequencies in Hz of the highest lines in residuals, defects and random forces, and how many were looked at."""
+@dataclass(frozen=True)
+class _Line:
+    """A line at a `frequency` in Hz, and the numbers of `masses` on which a force, and of `channels` whose hum, may be it."""
+
+    frequency: float
+    masses: Sequence[int]
+    channels: Sequence[int]
+
+
+def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], int]:
+    """The highest lines in residuals, defects and random forces, and how many frequencies were looked at."""
     segments, misfit = fit.optimum.segments, fit.misfit
     samples, n = len(segments.samples), len(segments.system.incidence)
     series = [(misfit.residuals.transpose(1, 2, 0).reshape(misfit.residuals.shape[1], -1), samples)]
     series.append((np.pad(misfit.defects[n : 2 * n], ((0, 0), (0, 1))), 1))
     if segments.random is not None:
         series.append((fit.optimum.point.nodes[segments.random.rows], 1))
-    found: dict[float, float] = {}
+    found: list[Floats] = []
     ends = np.cumsum([0, *(-(-len(record) // samples) for record in records)])
     count = 0
     for number, record in enumerate(records):
         spacing = _STEP / record.duration
         count += round(_HIGHEST * record.rate / spacing)
-        for rows, per_segment in series:
+        for kind, (rows, per_segment) in enumerate(series):
             own = rows[:, ends[number] * per_segment : ends[number + 1] * per_segment]
             rate = record.rate * per_segment / samples
-            size = round(rate / spacing)
-            power = (
-                np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), max(size, own.shape[1])))
-                ** 2
-            )
-            frequency = np.arange(power.shape[1]) * rate / max(size, own.shape[1])
-            ratio = _above_level(power)
+            size = max(round(rate / spacing), own.shape[1])
+            power = np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), size)) ** 2
+            row, at, ratio = _above_level(power)
+            frequency = at * rate / size
             # at whose multiples a drift shows as well, as motion begins anew in each segment
             nodes = record.rate / samples
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
             ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
-            for _ in range(_LINES):
-                at = int(np.argmax(ratio))
-                if ratio[at] < _ABOVE:
-                    break
-                found[float(frequency[at])] = float(ratio[at])
-                ratio[np.abs(frequency - frequency[at]) < 4.0 / record.duration] = 0.0
-    lines: list[float] = []
-    for line in sorted(found, key=lambda line: -found[line]):
-        if all(abs(line - other) * records[0].duration > 2.0 for other in lines):
-            lines.append(line)
-    return lines[:_LINES], count
+            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
+    return list(_highest(fit, np.concatenate(found, axis=1), records[0].duration)), count
 
 
-def _above_level(power: Floats) -> Floats:
-    """(F,) the most that one of the powers (R, F) is above the median of its neighbours; 0 where all are near their mean."""
+def _highest(fit: LikelihoodFit, found: Floats, duration: float) -> Iterator[_Line]:
+    """The highest lines of those found: ratio, frequency, and kind and number of the series that shows each, (4, N).
+
+    The defects of exact laws are the slopes by forces on the masses, and their residuals keep the hum of a sensor. Other laws,
+    and random forces, follow either.
+    """
+    (ratio, frequency, kind, number), (_, channels, _) = found, fit.optimum.segments.samples.shape
+    exact = fit.optimum.q <= AnnealingSchedule.final_q and not fit.random_forces
+    masses = range(len(fit.optimum.segments.system.incidence))
+    for _ in range(_LINES):
+        if not np.max(ratio, initial=0.0) >= _ABOVE:
+            return
+        line = float(frequency[int(np.argmax(ratio))])
+        away = np.abs(frequency - line) * duration
+        near = (away < 2.0) & (ratio >= _ABOVE)
+        of_channels, of_masses = (
+            np.unique(number[near & (kind == own)]).astype(int).tolist() for own in (0, 1)
+        )
+        shown = (of_masses or masses, of_channels) if exact else (masses, range(channels))
+        yield _Line(line, *shown)
+        ratio[away < 4.0] = 0.0
+
+
+def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
+    """Where powers (R, F) are far above their mean, and how far above the median of their neighbours."""
     padded = np.pad(power, ((0, 0), (_NEIGHBOURS // 2, _NEIGHBOURS // 2)), mode="edge")
     near = np.full(_NEIGHBOURS, _SCREENED / _NEIGHBOURS)
     rows, at = np.nonzero(power > np.stack([np.convolve(row, near, "valid") for row in padded]))
     level = np.median(sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at], axis=1)
-    above = np.zeros(power.shape[1])
-    np.maximum.at(above, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny))
-    return above
+    return rows, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny)
 
 
 def _gains(
-    fit: LikelihoodFit, records: Sequence[Record], tried: Sequence[HarmonicForce], lines: Sequence[float] = ()
-) -> tuple[Floats, Floats, Floats]:
-    """What each of the forces (f,) alone would take off -2 log likelihood, their amplitudes in N, and what hums of sensors at
-    `lines` in Hz would, (l, C).
+    fit: LikelihoodFit,
+    records: Sequence[Record],
+    forces: Sequence[HarmonicForce],
+    hums: Sequence[tuple[float, int]] = (),
+) -> tuple[Floats, Floats]:
+    """What each of the forces, and behind them each hum at a frequency in Hz of a channel, would alone take off
+    -2 log likelihood, and their amplitudes.
     """
-    unknowns = _Unknowns.of(fit, records, tried, _hums(fit, records, lines) if lines else None)
-    places = unknowns.places(with_frequency=False)
-    of_hum = unknowns.each - 1
-    starts = range(len(tried) * unknowns.each, len(unknowns.score), of_hum)
-    places += [list(range(start, start + of_hum)) for start in starts]
+    optimum = _in_longer_segments(fit, records)
+    unknowns = _Unknowns.of(fit, optimum, records, forces, _hums(optimum.segments, records, hums))
     gains, sizes = [], []
-    for own in places:
+    for own in np.arange(len(unknowns.score)).reshape(-1, 2 * len(records)):
         block, slope = unknowns.information[np.ix_(own, own)], unknowns.score[own]
         size = np.linalg.lstsq(block, slope, rcond=1e-9)[0]
         gains.append(float(slope @ size))
         sizes.append(float(np.hypot(*size[:2])))
-    of_hums = np.reshape(gains[len(tried) :], (len(lines), fit.optimum.segments.observed.shape[1]))
-    return np.array(gains[: len(tried)]), np.array(sizes[: len(tried)]), of_hums
+    return np.array(gains), np.array(sizes)
+
+
+def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
+    """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
+    longer = in_longer_segments(fit)
+    return longer if len(_times(longer.segments, records)[1]) == longer.segments.count else fit.optimum
 
 
 def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indices]:
@@ -259,19 +292,21 @@ def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indic
     return np.concatenate(times), np.repeat(np.arange(len(records)), counts)
 
 
-def _hums(fit: LikelihoodFit, records: Sequence[Record], lines: Sequence[float]) -> SensorErrors:
-    """A cosine and a sine in each record and sensor at each of the frequencies, records within sensors within lines."""
-    segments = fit.optimum.segments
-    channels, (time, owner) = segments.observed.shape[1], _times(segments, records)
+def _hums(
+    segments: Segments, records: Sequence[Record], hums: Sequence[tuple[float, int]]
+) -> SensorErrors | None:
+    """A cosine and a sine in each record for each hum, at a frequency in Hz of a channel; None without any."""
+    if not hums:
+        return None
+    time, owner = _times(segments, records)
     time = time.reshape(len(owner), -1)
     waves = [
         wave(2.0 * np.pi * line * time.T) * (owner == number)
-        for line in lines
-        for _ in range(channels)
+        for line, _ in hums
         for number in range(len(records))
         for wave in (np.cos, np.sin)
     ]
-    channel = np.tile(np.repeat(np.arange(channels), 2 * len(records)), len(lines))
+    channel = np.repeat([channel for _, channel in hums], 2 * len(records))
     return SensorErrors(channel, ("hum",) * len(channel), np.full(len(channel), -1), np.stack(waves, axis=1))
 
 
@@ -301,7 +336,8 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
 class _Unknowns:
     """The information (h, h) and score (h,) of the unknowns of `forces`, parameters eliminated, and how these `follow` (p, h).
 
-    Of `each` force there are so many: a cosine and a sine in each record, and its frequency. Behind them come hums of sensors.
+    Of `each` force there are so many: a cosine and a sine in each record, and the frequency of one with amplitudes. Behind
+    them come hums of sensors.
     """
 
     forces: Sequence[HarmonicForce]
@@ -314,12 +350,12 @@ class _Unknowns:
     def of(
         cls,
         fit: LikelihoodFit,
+        optimum: Optimum,
         records: Sequence[Record],
         forces: Sequence[HarmonicForce],
         hums: SensorErrors | None = None,
     ) -> _Unknowns:
-        """Those at the optimum of a fit."""
-        optimum = fit.optimum
+        """Those at the optimum of a fit, in segments of any length."""
         with one_blas_thread():
             columns, units = _columns(optimum, records, forces)
             augmented = augmented_quadratic(optimum, columns, hums)
@@ -333,13 +369,13 @@ class _Unknowns:
         information = curvature[own, own] - curvature[own, :p] @ follow
         score = slope[own] - follow.T @ slope[:p]
         scale = optimum.scales.theta[:p, None]
-        each = 2 * len(records) + 1
+        each = 2 * len(records) + bool(forces[0].amplitudes)
         return cls(forces, each, information / np.outer(units, units), score / units, follow * scale / units)
 
-    def places(self, *, with_frequency: bool = True) -> list[list[int]]:
-        """The numbers of the unknowns of each force."""
-        each = self.each
-        return [list(range(k * each, (k + 1) * each - (not with_frequency))) for k in range(len(self.forces))]
+    @property
+    def places(self) -> Indices:
+        """(f, h / f) the numbers of the unknowns of each force."""
+        return np.arange(len(self.forces) * self.each).reshape(-1, self.each)
 
     @property
     def _inverse(self) -> Floats:
@@ -361,7 +397,7 @@ class _Unknowns:
         step = np.zeros(len(self.score))
         step[at] = np.linalg.lstsq(self.information[np.ix_(at, at)], self.score[at], rcond=1e-13)[0]
         forces = []
-        for force, own in zip(self.forces, self.places(), strict=True):
+        for force, own in zip(self.forces, self.places, strict=True):
             pairs = np.array(force.amplitudes) + step[own[:-1]].reshape(-1, 2)
             amplitudes = tuple((float(a), float(b)) for a, b in pairs)
             frequency = force.frequency + float(step[own[-1]])
@@ -381,7 +417,6 @@ def _columns(
     before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
     middle = 0.5 * np.array([record.duration for record in records])[owner]
     first = since_start[:: len(segments.samples)] - middle - before
-    ends = np.repeat([force.number for force in forces], 2 * len(records) + 1)
     halves = []
     for time in (
         first + step * np.arange(tangents + 1)[:, None],
@@ -397,9 +432,11 @@ def _columns(
                 if force.amplitudes:
                     a, b = force.amplitudes[number]
                     of_frequency += 2.0 * np.pi * time * (b * np.cos(phase) - a * np.sin(phase)) * inside
-            columns.append(of_frequency)
+            if force.amplitudes:
+                columns.append(of_frequency)
         halves.append(np.stack(columns, axis=1))
     power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
     scale = np.where(power > 0.0, power, 1.0)[:, None]
+    ends = np.repeat([force.number for force in forces], len(scale) // len(forces))
     candidates = CandidateForces(np.full(len(ends), -1), ends, halves[0] / scale, halves[1] / scale)
     return candidates, 1.0 / scale[:, 0]
