@@ -234,7 +234,7 @@ class RingDown:
     ----------
     mode : int
         Its number among the modes that ring down, from 1, in the order of frequencies.
-    channel : str
+    channel : Channel
         The response that was taken.
     unit : str
         The unit of the amplitude.
@@ -256,7 +256,7 @@ class RingDown:
     """
 
     mode: int
-    channel: str
+    channel: Channel
     unit: str
     amplitude: Floats
     frequency: Floats
