@@ -158,8 +158,8 @@ def simulate(
             values[:, column] = signal.derivative(grid, order) if order else signal.value(grid)
         elif channel.kind == "state":
             values[:, column] = states[channel.place]
-        elif channel.kind == "f":
-            values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.place))]
+        elif not channel.is_motion:
+            values[:, column] = arrays[channel.kind][:, structure.links.index(structure.link(channel.place))]
         if channel.relative:
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
