@@ -8,7 +8,6 @@ Templates escape what they print and miss nothing silently.
 
 from __future__ import annotations
 
-import csv
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from markupsafe import Markup
 
 from linkwise import __version__
-from linkwise.display import csv_cell, format_duration, format_error
+from linkwise.display import format_duration, format_error, to_csv
 from linkwise.errors import expect, wrong_type
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
@@ -228,10 +227,7 @@ def sectioned(
 
 def csv_table(path: Path, head: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
     """A table as CSV, its numbers with ten digits."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(map(csv_cell, head))
-        writer.writerows([f"{v:.10g}" if isinstance(v, float) else csv_cell(v) for v in row] for row in rows)
+    to_csv(path, [head, *rows], numbers=".10g")
 
 
 FOLDERS: Registry[ResultFolder[Any]] = Registry(
