@@ -66,8 +66,9 @@ INPUTS ?= 10000
 fuzz: env  ## throw damaged and hostile inputs at every reader and command: 10 000, or INPUTS=20000
 	PYTHONPATH=tests $(BIN)/python -m fuzz --inputs $(INPUTS)
 
-benchmark: env  ## measure speed and accuracy against the figures that they must reach
-	$(BIN)/python -m pytest -q -s -o python_files='bench_*.py' benchmarks
+BENCH ?= *
+benchmark: env  ## measure speed and accuracy against the figures that they must reach: all, or BENCH='house peers'
+	$(BIN)/python -m pytest -q -s $(foreach name,$(BENCH),benchmarks/bench_$(name).py)
 
 CASES ?=
 corpus: env  ## compare some 440 answers with stored ones: all, QUICK=1, or CASES='chain/*'; UPDATE=1 stores them again

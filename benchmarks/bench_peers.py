@@ -1,4 +1,4 @@
-"""Ten masses simulated and their full cubic library fitted, by linkwise and by its peers in the same run: `make benchmark`.
+"""Ten masses simulated and their full cubic library fitted, by linkwise and by peers in one run: `make benchmark BENCH=peers`.
 
 Each comparison runs in a process of its own for each of OpenBLAS's kernels that this processor can run, with one BLAS thread.
 Ours and theirs take turns, and medians of processor time are compared, so that a busy machine slows both alike. The library
@@ -181,6 +181,8 @@ def test_the_full_library_is_fitted_sixty_times_faster_than_by_pysindy(kernel: s
 
 
 if __name__ == "__main__":
+    if len(sys.argv) == 1:
+        sys.exit(pytest.main(["-q", "-s", __file__]))
     taken = {"simulation": simulation, "library": library}[sys.argv[1]]()
     loaded = {
         (found["architecture"], found["num_threads"])

@@ -19,15 +19,20 @@ def chain(n: int, law: str = "k*d + c*v") -> lw.Structure:
     return row_of_masses([1.0] * n, **{f"l{i}": (law, given) for i in range(1, n + 1)})
 
 
+def matrices(n: int) -> tuple[Floats, Floats]:
+    """Of the equations of a chain of n masses of 1 kg, and how its springs stretch with their displacements."""
+    incidence = np.eye(n) - np.eye(n, k=1)
+    pulls = incidence @ incidence.T
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-STIFFNESS * pulls, -DAMPING * pulls]]), incidence
+
+
 def motion(forces: Floats, cubic: float = 0.0) -> Floats:
     """(N, 2 n) displacements and velocities of the chain, by the Runge-Kutta method of order 4 in its substeps.
 
     Of what is linear a step is a polynomial of the matrix of the equations.
     """
     n, step = forces.shape[1], 1.0 / (RATE * SUBSTEPS)
-    incidence = np.eye(n) - np.eye(n, k=1)
-    pulls = incidence @ incidence.T
-    matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-STIFFNESS * pulls, -DAMPING * pulls]])
+    matrix, incidence = matrices(n)
     identity, moved = np.eye(2 * n), step * matrix
     onward = identity + moved @ (identity + moved @ (identity + moved @ (identity + moved / 4.0) / 3.0) / 2.0)
     pushed = step * (identity + moved @ (identity + moved @ (identity + moved / 4.0) / 3.0) / 2.0)[:, n:]

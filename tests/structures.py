@@ -86,6 +86,15 @@ def asked_oscillator(law: str, mass: float | None = None, *, name: str = "spring
     return oscillator(law, mass=lw.Coefficient.unknown() if mass is None else mass, name=name)
 
 
+THREE_TONES = {"m1": "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"}
+"""A force on `duffing`."""
+
+
+def duffing(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
+    """One mass on a spring that hardens, and a damper."""
+    return oscillator(HARDENING, name="spring", k=k, k3=k3, c=c)
+
+
 def row_of_masses(masses: Sequence[float], **links: tuple[str, Mapping[str, Value]]) -> lw.Structure:
     """Masses m1, m2, ... each on a link, by its law and coefficients, to the one before, and the first to the ground."""
     names = [f"m{k}" for k in range(1, len(masses) + 1)]

@@ -16,6 +16,15 @@ def stretches(mask: Bools) -> list[slice]:
     return [slice(first, end) for first, end in edges.reshape(-1, 2).tolist()]
 
 
+def bridged(values: Floats) -> Floats:
+    """Samples (N,) with straight lines over those that are missing; zeros without any sample."""
+    missing = np.isnan(values)
+    if missing.all():
+        return np.zeros(len(values))
+    index = np.arange(len(values))
+    return np.interp(index, index[~missing], values[~missing]) if missing.any() else values
+
+
 def finite(value: float) -> float | None:
     """The number as plain data, None where it is NaN or infinite."""
     return float(value) if np.isfinite(value) else None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from html import escape
 from math import floor, isfinite, log10
+from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +58,18 @@ def csv_cell(value: object) -> object:
     ['nes1', "'=1+1", "''quoted", -2.5]
     """
     return f"'{value}" if isinstance(value, str) and value.startswith(_MARKED) else value
+
+
+def to_csv(
+    path: Path, rows: Iterable[Iterable[object]], *, numbers: str = "", encoding: str = "utf-8"
+) -> None:
+    """Write rows of cells as a CSV file, each as `csv_cell` has it, none for None; numbers in the format of that name."""
+
+    def written(value: object) -> object:
+        return f"{value:{numbers}}" if numbers and isinstance(value, float) else csv_cell(value)
+
+    with path.open("w", encoding=encoding, newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(map(written, row) for row in rows)
 
 
 def from_csv_cell(cell: str) -> str:

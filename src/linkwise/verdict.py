@@ -87,13 +87,27 @@ class Verdict(Enum):
     'chi-square off'
     """
 
-    CONVERGED = "The search converged, and noise explains the residuals."
+    _value_: str
+    grade: Grade
+    _status: str
+
+    def __new__(cls, advice: str, grade: Grade = Grade.REFUSED, status: str = "") -> Verdict:
+        """A verdict, with the status that result.json has always had where it is not its name."""
+        verdict = object.__new__(cls)
+        verdict._value_, verdict.grade, verdict._status = advice, grade, status
+        return verdict
+
+    CONVERGED = ("The search converged, and noise explains the residuals.", Grade.EXPLAINED)
     NO_INTERVALS = (
         "The method gives no intervals: its standard errors take samples as independent and regressors as exact. "
-        'Use method "weak" or "ml" for intervals.'
+        'Use method "weak" or "ml" for intervals.',
+        Grade.EXPLAINED,
+        "converged",
     )
     MODEL_ERROR_NEEDED = (
-        "The laws explain the record only with a model error, which all intervals count as a random force."
+        "The laws explain the record only with a model error, which all intervals count as a random force.",
+        Grade.APPROXIMATE,
+        "converged",
     )
     NOT_CONVERGED = (
         "The search did not converge: the values are the best so far. Identify a shorter part of the record, and give "
@@ -101,22 +115,29 @@ class Verdict(Enum):
     )
     NOISE_MISMATCH = (
         "The residuals do not match the noise that was stated or estimated: the noise has another level, a term is missing "
-        "from a law, or a link from the structure."
+        "from a law, or a link from the structure.",
+        Grade.APPROXIMATE,
+        "chi-square off",
     )
     UNEXPLAINED_FORCES = (
-        "The laws leave too much of the forces unexplained: a term or a link is missing, or noise hides them."
+        "The laws leave too much of the forces unexplained: a term or a link is missing, or noise hides them.",
+        Grade.APPROXIMATE,
+        "forces unexplained",
     )
     SYSTEMATIC_MISFIT = (
         "The residuals follow the motion: a term or a link is missing, or a sensor has an error. Intervals would count "
-        "them as noise."
+        "them as noise.",
+        Grade.APPROXIMATE,
     )
     MEASUREMENT_ERROR = (
         "An error of a sensor, of an applied force or of a stated mass would explain the residuals better than any missing "
-        "term. Correct it, or estimate it with the other unknowns."
+        "term. Correct it, or estimate it with the other unknowns.",
+        Grade.APPROXIMATE,
     )
     COEFFICIENT_CHANGES = (
         "A coefficient is not the same in all of the record: something slipped, loosened or warmed up. Identify the parts "
-        "before and after the change by themselves."
+        "before and after the change by themselves.",
+        Grade.APPROXIMATE,
     )
     COLOURED_RESIDUALS = (
         "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Check the sensors for "
@@ -158,15 +179,17 @@ class Verdict(Enum):
         "terms may be false. Measure the displacements too, or offer more terms."
     )
     TERMS_MAY_BE_MISSING = (
-        "The terms found may stand in for terms that were not offered, as the remarks say. Offer more terms."
+        "The terms found may stand in for terms that were not offered, as the remarks say. Offer more terms.",
+        Grade.APPROXIMATE,
     )
-    ENERGY_BALANCE_CLOSED = "The energy balance of every simulation closes."
+    ENERGY_BALANCE_CLOSED = ("The energy balance of every simulation closes.", Grade.EXPLAINED)
     ENERGY_BALANCE_OPEN = (
         "The energy balance of a simulation does not close: do not trust its shares of energy."
     )
 
     PREDICTION_AGREES = (
-        "The prediction agrees with the record: noise and the errors of the answer explain what is left."
+        "The prediction agrees with the record: noise and the errors of the answer explain what is left.",
+        Grade.EXPLAINED,
     )
     PREDICTION_DISAGREES = (
         "The prediction differs from the record by more than noise and the errors of the answer explain: a law, a link or the "
@@ -183,20 +206,26 @@ class Verdict(Enum):
         "time, or record with less noise or at an amplitude nearer to that of the answer."
     )
 
-    UNKNOWNS_DETERMINED = "The sensors of this test determine every unknown."
+    UNKNOWNS_DETERMINED = ("The sensors of this test determine every unknown.", Grade.EXPLAINED)
     UNKNOWNS_NOT_DETERMINED = (
         "This test does not determine every unknown: give some as known, or add a sensor or a force that moves them "
         "differently."
     )
 
-    NOTHING_WRONG_SEEN = "No check saw anything wrong with a channel."
+    NOTHING_WRONG_SEEN = ("No check saw anything wrong with a channel.", Grade.EXPLAINED)
     CHANNELS_IN_DOUBT = (
         "Something is wrong with a channel, and would make answers wrong unless it is mended or estimated: see the alerts for "
         "what and how."
     )
 
-    LINEAR_IN_RANGE = "Linear modes explain every level alike: none moves by more than its errors."
-    MODES_MOVE = "Modes move with the level or amplitude by more than their errors: the structure is not linear in this range."
+    LINEAR_IN_RANGE = (
+        "Linear modes explain every level alike: none moves by more than its errors.",
+        Grade.EXPLAINED,
+    )
+    MODES_MOVE = (
+        "Modes move with the level or amplitude by more than their errors: the structure is not linear in this range.",
+        Grade.EXPLAINED,
+    )
     MODES_NOT_DETERMINED = (
         "The records determine some modes too poorly to tell whether they move with the level. Record for longer or with less "
         "noise, excite more strongly, or follow fewer modes."
@@ -206,18 +235,20 @@ class Verdict(Enum):
         "over these levels. Look at the distortion under a periodic force."
     )
 
-    MOTIONS_FOLLOWED = "Every motion was followed to the end that was asked for."
+    MOTIONS_FOLLOWED = ("Every motion was followed to the end that was asked for.", Grade.EXPLAINED)
     MOTIONS_CUT_SHORT = (
-        "Some motions were not followed to the end that was asked for: what is shown of the others is exact."
+        "Some motions were not followed to the end that was asked for: what is shown of the others is exact.",
+        Grade.EXPLAINED,
     )
 
-    STUDY_COMPLETE = "Every case of the study was run and has an answer."
+    STUDY_COMPLETE = ("Every case of the study was run and has an answer.", Grade.EXPLAINED)
     STUDY_INCOMPLETE = (
         "Some cases were not run yet, so that the statistics may change. Run the study again: it resumes where it was "
         "interrupted."
     )
     CASES_WITHOUT_ANSWER = (
-        "Some cases have no answer: medians and quantiles count them as worse than any answer."
+        "Some cases have no answer: medians and quantiles count them as worse than any answer.",
+        Grade.EXPLAINED,
     )
     CELLS_WITHOUT_ANSWER = (
         "A method has no answer at all for some structure and noise, so that nothing can be compared there."
@@ -226,57 +257,12 @@ class Verdict(Enum):
     @property
     def forbids(self) -> bool:
         """Whether the model of an answer with this verdict gives no intervals."""
-        return self not in _ADMISSIBLE
-
-    @property
-    def grade(self) -> Grade:
-        """The best grade of an answer with this verdict."""
-        if self in _APPROXIMATE:
-            return Grade.APPROXIMATE
-        return Grade.REFUSED if self.forbids else Grade.EXPLAINED
+        return self.grade is not Grade.EXPLAINED and self is not Verdict.MODEL_ERROR_NEEDED
 
     @property
     def status(self) -> str:
         """The verdict in lower-case words."""
-        return _STATUS.get(self, self.name.replace("_", " ").lower())
-
-
-_ADMISSIBLE = frozenset(
-    {
-        Verdict.CONVERGED,
-        Verdict.NO_INTERVALS,
-        Verdict.MODEL_ERROR_NEEDED,
-        Verdict.ENERGY_BALANCE_CLOSED,
-        Verdict.MOTIONS_FOLLOWED,
-        Verdict.MOTIONS_CUT_SHORT,
-        Verdict.PREDICTION_AGREES,
-        Verdict.UNKNOWNS_DETERMINED,
-        Verdict.NOTHING_WRONG_SEEN,
-        Verdict.LINEAR_IN_RANGE,
-        Verdict.MODES_MOVE,
-        Verdict.STUDY_COMPLETE,
-        Verdict.CASES_WITHOUT_ANSWER,
-    }
-)
-_APPROXIMATE = frozenset(
-    {
-        Verdict.MODEL_ERROR_NEEDED,
-        Verdict.SYSTEMATIC_MISFIT,
-        Verdict.UNEXPLAINED_FORCES,
-        Verdict.NOISE_MISMATCH,
-        Verdict.MEASUREMENT_ERROR,
-        Verdict.COEFFICIENT_CHANGES,
-        Verdict.TERMS_MAY_BE_MISSING,
-    }
-)
-"""Verdicts that leave values of which the scatter between parts of the records gives intervals."""
-
-_STATUS = {  # as result.json has always named them
-    Verdict.NOISE_MISMATCH: "chi-square off",
-    Verdict.UNEXPLAINED_FORCES: "forces unexplained",
-    Verdict.NO_INTERVALS: "converged",
-    Verdict.MODEL_ERROR_NEEDED: "converged",
-}
+        return self._status or self.name.replace("_", " ").lower()
 
 
 STATUSES = frozenset(verdict.status for verdict in Verdict)  # all that a file may state

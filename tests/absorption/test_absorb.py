@@ -1,6 +1,6 @@
-"""Absorption: closed forms of linear structures, energy to the last joule, crossings between samples, refusals."""
+"""Absorption: closed forms of linear structures, energy to the last joule, crossings between samples, options, refusals."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,11 @@ from problems import chain_record
 from structures import bodies, link, structure, torsion_chain, with_links
 
 import linkwise as lw
-from linkwise.absorption.comparison import without_sinks
+from linkwise.absorption.comparison import AbsorptionKeywords, without_sinks
 from linkwise.absorption.sinks import find_sinks
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Structure
+from linkwise.simulation.simulate import ExcitationKeywords
 
 RELEASE = {"v:m1": 1.0}
 
@@ -254,3 +255,24 @@ def test_a_sink_that_starts_on_its_hilltop_is_a_finding_with_the_release_of_a_we
     assert top.findings[-1].endswith("add the release x:m2=0.01.")
     well = lw.absorb(lw.bnes_chain(2), release={"v:m1": 1.0, "x:m2": 0.01}, duration=0.2, rate=1000.0)
     assert "barrier" not in " ".join(well.findings)
+
+
+def test_every_field_has_its_keyword() -> None:
+    names = {field.name for field in fields(lw.absorption.AbsorptionOptions)} - {"excitation"}
+    assert names == set(AbsorptionKeywords.__annotations__) - set(ExcitationKeywords.__annotations__)
+
+
+def test_both_at_once_and_unknown_keywords_are_refused() -> None:
+    options = lw.absorption.AbsorptionOptions.of(duration=0.5, release=RELEASE)
+    with pytest.raises(TypeError, match="got options and also duration; give one of the two"):
+        lw.absorb(lw.bnes_chain(2), options, duration=1.0)
+    with pytest.raises(TypeError, match="setle"):
+        lw.absorption.AbsorptionOptions.of(duration=0.5, setle=0.1)  # type: ignore[call-arg]  # the point of the test
+
+
+def test_without_a_duration_three_decay_times_are_simulated() -> None:
+    """Of the first mass alone: 2 m/c = 2 s each."""
+    assert lw.absorb(lw.bnes_chain(2), release=RELEASE).time[-1] == 6.0
+    undamped = lw.bnes_chain(2).with_values({"spring1.c": 0.0})
+    frequency = np.sqrt(3e4) / (2.0 * np.pi)
+    assert lw.absorb(undamped, release=RELEASE).time[-1] == pytest.approx(300.0 / frequency, rel=0.05)

@@ -5,21 +5,19 @@ from pathlib import Path
 
 import pytest
 from commands import document, said
-from structures import oscillator
+from structures import THREE_TONES, duffing, oscillator
 
 import linkwise as lw
 from linkwise.identification.compare import compare
 from linkwise.verdict import Grade
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
-CUBIC = oscillator("k*d + k3*d**3 + c*v", name="spring", k=900.0, k3=2e6, c=2.0)
 LINEAR = oscillator("k*d + c*v", name="spring", k=900.0, c=2.0)
 
 
 @pytest.fixture(scope="module")
 def record() -> lw.Record:
-    forces = {"m1": "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"}
-    return lw.simulate(CUBIC, forces=forces, duration=2.0, rate=200.0).with_noise(40.0, seed=1)
+    return lw.simulate(duffing(), forces=THREE_TONES, duration=2.0, rate=200.0).with_noise(40.0, seed=1)
 
 
 def test_methods_stand_side_by_side_with_what_is_missing(record: lw.Record, tmp_path: Path) -> None:
@@ -54,7 +52,7 @@ def test_methods_stand_side_by_side_with_what_is_missing(record: lw.Record, tmp_
 
 def test_right_laws_are_told_and_printed_as_json(record: lw.Record, tmp_path: Path) -> None:
     lw.write_record(record, tmp_path / "run.csv")
-    lw.write_structure(CUBIC.unknown("all"), tmp_path / "cubic.toml")
+    lw.write_structure(duffing().unknown("all"), tmp_path / "cubic.toml")
     result = document(f"compare {tmp_path}/run.csv {tmp_path}/cubic.toml")
     assert result["trusted"] and result["missing"] is None
     assert [answer["name"] for answer in result["answers"]] == ["ml", "weak", "sindy"]

@@ -7,26 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import document, refusal, said
-from structures import oscillator
+from structures import THREE_TONES, duffing
 
 import linkwise as lw
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered", "inside")]
-
-FORCE = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
-
-
-def duffing(k: float) -> lw.Structure:
-    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=k, k3=2e6, c=2.0)
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with structures, records, an answer, and one to a load cell whose gain was found."""
     folder = tmp_path_factory.mktemp("validate")
-    lw.write_structure(duffing(900.0), folder / "true.toml")
+    lw.write_structure(duffing(), folder / "true.toml")
     lw.write_structure(duffing(990.0), folder / "wrong.toml")
-    clean = lw.simulate(duffing(900.0), forces={"m1": FORCE}, duration=3.0, rate=200.0)
+    clean = lw.simulate(duffing(), forces=THREE_TONES, duration=3.0, rate=200.0)
     for seed in (1, 2):
         record = clean.with_noise(40.0, seed=seed)
         lw.write_record(record, folder / f"run{seed}.csv")
@@ -34,7 +28,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         lw.write_record(replace(record, values=record.values * force), folder / f"scaled{seed}.csv")
     for name, gains, answer in (("run1", (), "answer"), ("scaled1", ("force:m1",), "scaled")):
         record = lw.read_record(folder / f"{name}.csv")
-        estimate = lw.identify(record, duffing(900.0).unknown("all"), gains=gains)
+        estimate = lw.identify(record, duffing().unknown("all"), gains=gains)
         lw.report.write_result(estimate, folder / answer)
     return folder
 

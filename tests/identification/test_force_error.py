@@ -6,27 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from present import present
-from structures import (
-    hysteretic_oscillator,
-    link,
-    named,
-    oscillator,
-    with_links,
-)
+from structures import THREE_TONES, duffing, hysteretic_oscillator, link, named, oscillator, with_links
 
 import linkwise as lw
 
 
 @pytest.fixture(scope="module")
-def duffing() -> lw.Structure:
-    return oscillator("k*d + k3*d**3 + c*v", k=900.0, k3=2e6, c=2.0)
-
-
-@pytest.fixture(scope="module")
-def forced(duffing: lw.Structure) -> lw.Record:
-    """A force of three tones."""
-    force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
-    return lw.simulate(duffing, forces={"m1": force}, duration=4.0, rate=500.0)
+def forced() -> lw.Record:
+    return lw.simulate(duffing(), forces=THREE_TONES, duration=4.0, rate=500.0)
 
 
 def test_nmse_in_closed_form() -> None:
@@ -38,20 +25,20 @@ def test_nmse_in_closed_form() -> None:
     assert lw.nmse(true, true, record) == 0.0
 
 
-def test_nmse_takes_true_elongations_and_forces_at_rest(duffing: lw.Structure, forced: lw.Record) -> None:
+def test_nmse_takes_true_elongations_and_forces_at_rest(forced: lw.Record) -> None:
     """Noise in the record and another damper change nothing."""
     off = oscillator("k*d + k3*d**3 + c*v", k=950.0, k3=2e6, c=99.0).links[0]
     noisy = forced.with_noise(0.0, seed=1)
     d = present(forced.simulated).displacement[:, 0]
     expected = 100.0 * np.mean((50.0 * d) ** 2) / np.var(900.0 * d + 2e6 * d**3)  # in %
-    assert lw.nmse(duffing.links[0], off, forced) == pytest.approx(expected, rel=1e-12)
-    assert lw.nmse(duffing.links[0], off, noisy) == lw.nmse(duffing.links[0], off, forced)
+    assert lw.nmse(duffing().links[0], off, forced) == pytest.approx(expected, rel=1e-12)
+    assert lw.nmse(duffing().links[0], off, noisy) == lw.nmse(duffing().links[0], off, forced)
     measured = replace(noisy, simulated=None)
-    assert lw.nmse(duffing.links[0], off, measured) != lw.nmse(duffing.links[0], off, forced)
+    assert lw.nmse(duffing().links[0], off, measured) != lw.nmse(duffing().links[0], off, forced)
     values = forced.values.copy()
     values[::2, 0] = np.nan  # every other one, over 50 periods and more; measured 2e-5
-    half = lw.nmse(duffing.links[0], off, replace(forced, values=values, simulated=None))
-    assert half == pytest.approx(lw.nmse(duffing.links[0], off, forced), rel=0.1)
+    half = lw.nmse(duffing().links[0], off, replace(forced, values=values, simulated=None))
+    assert half == pytest.approx(lw.nmse(duffing().links[0], off, forced), rel=0.1)
 
 
 def test_nmse_of_a_force_that_does_not_vary(forced: lw.Record) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 from present import some
-from shaken_chain import DAMPING, NOISE, RATE, STEADY, STIFFNESS, SUBSTEPS, chain, motion
+from shaken_chain import DAMPING, NOISE, RATE, STEADY, STIFFNESS, SUBSTEPS, chain, matrices, motion
 from structures import oscillator
 from within import assert_within
 
@@ -247,14 +247,6 @@ def test_a_level_that_changes_with_time_is_named_before_a_term_that_seems_to_be_
 DENSITY = np.sqrt(2.0 / RATE)  # N/sqrt(Hz), one-sided, of 1 N a sample
 
 
-def _matrices(n: int) -> tuple[Floats, Floats]:
-    """Of the equations of a chain of n masses of 1 kg, and what forces do to them."""
-    incidence = np.eye(n) - np.eye(n, k=1)
-    pulls = incidence @ incidence.T
-    matrix = np.block([[np.zeros((n, n)), np.eye(n)], [-STIFFNESS * pulls, -DAMPING * pulls]])
-    return matrix, np.vstack([np.zeros((n, n)), np.eye(n)])
-
-
 def _step_in_white_noise(matrix: Floats, process: Floats) -> tuple[Floats, Floats]:
     """The transition over a sample, and the covariance of what noise adds, of a spectral density (Van Loan 1978)."""
     m = len(matrix)
@@ -267,7 +259,7 @@ def _step_in_white_noise(matrix: Floats, process: Floats) -> tuple[Floats, Float
 def velocities(deviations: tuple[float, ...], seconds: float, seed: int) -> lw.Record:
     """Velocities in white forces of so many N a sample, with noise of 3 % of them."""
     rng, n = np.random.default_rng(seed), len(deviations)
-    matrix, forces = _matrices(n)
+    matrix, forces = matrices(n)[0], np.eye(2 * n)[:, n:]
     transition, added = _step_in_white_noise(
         matrix, forces @ np.diag(np.array(deviations) ** 2 / RATE) @ forces.T
     )
@@ -287,7 +279,7 @@ def velocities(deviations: tuple[float, ...], seconds: float, seed: int) -> lw.R
 def accelerations(corner: float, seconds: float, seed: int) -> lw.Record:
     """Accelerations of two masses in white forces of 1 N a sample, up to a corner in Hz, with noise of 1 %."""
     rng, count = np.random.default_rng(seed), int(seconds * RATE)
-    matrix, forces = _matrices(2)
+    matrix, forces = matrices(2)[0], np.eye(4)[:, 2:]
     spectrum = np.fft.rfft(rng.standard_normal((count, 2)), axis=0)
     frequency = np.fft.rfftfreq(count, 1.0 / RATE)
     spectrum[frequency > corner] = 0.0

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import jinja2
 
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
@@ -17,6 +16,7 @@ from linkwise.cli.host import host
 from linkwise.cli.options import FILE, grouped, typed
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
+from linkwise.templates import rendered
 
 if TYPE_CHECKING:
     from linkwise.plot import estimates
@@ -122,17 +122,7 @@ def show(file: Path, options: ShownOptions) -> None:
         click.echo(text)
         return
     written = {"subject": subject, "stem": file.stem, "rests": rests, "why": why}
-    click.echo(_rendered("structure.txt.jinja", shown=_shown, **written))
-
-
-def _rendered(template: str, **parts: Any) -> str:
-    """The text that a template makes of its parts."""
-    loader = jinja2.PackageLoader("linkwise", "cli")
-    undefined = jinja2.StrictUndefined
-    environment = jinja2.Environment(
-        loader=loader, undefined=undefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
-    )
-    return environment.get_template(template).render(parts).rstrip()
+    click.echo(rendered("cli", "structure.txt.jinja", shown=_shown, **written).rstrip())
 
 
 @structure.command()
@@ -154,7 +144,7 @@ def laws(name: str | None, as_json: bool) -> None:
     elif name:
         click.echo(_link_text(name, chosen[name]))
     else:
-        click.echo(_rendered("laws.txt.jinja", laws=chosen, parsed_of=_parsed))
+        click.echo(rendered("cli", "laws.txt.jinja", laws=chosen, parsed_of=_parsed).rstrip())
 
 
 def _without_suffix(picture: Path) -> Path:

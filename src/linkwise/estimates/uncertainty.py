@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import csv_cell, from_csv_cell, listed
+from linkwise.display import from_csv_cell, listed, to_csv
 from linkwise.errors import IdentificationError, RecordError
 from linkwise.estimates.estimate import Estimate
 from linkwise.model.coefficient import MASS, Name
@@ -208,15 +208,12 @@ def write_covariance(posterior: Posterior, path: Path) -> None:
         The file.
     """
     first, second = np.nonzero(np.triu(posterior.covariance))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        lines = csv.writer(file, lineterminator="\n")
-        parts = [posterior.covariance]
-        if posterior.for_dropped_terms is not None:
-            parts.append(posterior.for_dropped_terms)
-        lines.writerow((*_HEADER, _FOR_DROPPED_TERMS)[: 2 + len(parts)])
-        for i, j in zip(first.tolist(), second.tolist(), strict=True):
-            names = (csv_cell(posterior.names[k]) for k in (i, j))
-            lines.writerow((*names, *(repr(float(part[i, j])) for part in parts)))
+    parts = [part for part in (posterior.covariance, posterior.for_dropped_terms) if part is not None]
+    entries = zip(
+        first.tolist(), second.tolist(), *(part[first, second].tolist() for part in parts), strict=True
+    )
+    rows = ((posterior.names[i], posterior.names[j], *values) for i, j, *values in entries)
+    to_csv(path, [(*_HEADER, _FOR_DROPPED_TERMS)[: 2 + len(parts)], *rows])
 
 
 def read_posterior(folder: str | Path) -> Posterior:

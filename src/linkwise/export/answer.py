@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Literal
 
-import jinja2
 import numpy as np
 
+from linkwise import templates
 from linkwise.arrays import Floats
 from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
@@ -210,21 +209,10 @@ def listed_formats(formats: Mapping[str, ExportFormat]) -> list[str]:
     return [f"{suffix:{width}}  {entry.title}" for suffix, entry in formats.items()]
 
 
-@cache
-def _templates() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("linkwise", "export"),
-        autoescape=jinja2.select_autoescape(["xml.jinja"]),  # others escape as their languages ask for
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-
-
 def rendered(template: str, **parts: Any) -> str:
     """The file in another language that a template makes of its parts."""
-    return _templates().get_template(template).render(parts)
+    text = templates.rendered("export", template, **parts)
+    return text if text.endswith("\n") else f"{text}\n"
 
 
 def identifiers(names: Iterable[str], reserved: Iterable[str]) -> dict[str, str]:

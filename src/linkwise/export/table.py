@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import astuple
 from importlib import import_module
 from importlib.util import find_spec
@@ -10,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from linkwise.display import csv_cell, on_one_line
+from linkwise.display import on_one_line, to_csv
 from linkwise.errors import OutputError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.export.answer import ExportedAnswer
@@ -50,10 +49,7 @@ def _table(answer: ExportedAnswer) -> list[list[Any]]:
 
 def write_csv(answer: ExportedAnswer, path: Path, name: str) -> None:
     """Write the coefficients as CSV; `name` is not needed in it."""
-    with path.open("w", encoding="utf-8-sig", newline="") as file:
-        lines = csv.writer(file, lineterminator="\n")
-        for row in _table(answer):
-            lines.writerow(["" if cell is None else csv_cell(cell) for cell in row])
+    to_csv(path, _table(answer), encoding="utf-8-sig")
 
 
 def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:

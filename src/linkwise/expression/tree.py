@@ -132,6 +132,29 @@ class Expression:
 
     __slots__ = ()
 
+    def __add__(self, other: Expression | float) -> Expression:
+        return add(self, as_expression(other))
+
+    def __sub__(self, other: Expression | float) -> Expression:
+        return add(self, -as_expression(other))
+
+    def __mul__(self, other: Expression | float) -> Expression:
+        return multiply(self, as_expression(other))
+
+    def __truediv__(self, other: Expression | float) -> Expression:
+        return multiply(self, power(as_expression(other), -1))
+
+    def __rtruediv__(self, other: float) -> Expression:
+        return as_expression(other) / self
+
+    def __pow__(self, other: Expression | float) -> Expression:
+        return power(self, other)
+
+    def __neg__(self) -> Expression:
+        return multiply(MINUS_ONE, self)
+
+    __radd__, __rmul__ = __add__, __mul__
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -187,7 +210,7 @@ ZERO, ONE, MINUS_ONE = Number(0.0), Number(1.0), Number(-1.0)
 
 
 def as_expression(exponent: int | float | Expression) -> Expression:
-    """An exponent as a node."""
+    """A number or an exponent as a node."""
     return exponent if isinstance(exponent, Expression) else Number(float(exponent))
 
 

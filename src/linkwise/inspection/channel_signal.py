@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices, bridged
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 from linkwise.signals.noise import noise_sigma
@@ -89,17 +89,9 @@ def _frequencies(block: int, rate: float) -> Floats:
 def _transformed(values: Floats) -> NDArray[np.complex128]:
     """Fourier transforms (B, F) of the blocks of samples (N,); importing `scipy.signal` takes longer than an answer does."""
     first, block, window = _blocks(len(values))
-    filled = _bridged(values)
+    filled = bridged(values)
     frames = (filled - filled.mean())[first[:, None] + np.arange(block)] * window
     return np.fft.rfft(frames, axis=1)
-
-
-def _bridged(values: Floats) -> Floats:
-    """Samples (N,) with straight lines over missing ones; zeros where all are missing."""
-    present = np.flatnonzero(~np.isnan(values))
-    if not len(present):
-        return np.zeros(len(values))
-    return np.interp(np.arange(len(values)), present, values[present])
 
 
 def _blocks(count: int) -> tuple[Indices, int, Floats]:
@@ -230,7 +222,7 @@ class ChannelSignal:
     @cached_property
     def filled(self) -> Floats:
         """Samples (N,) with gaps bridged by lines; zeros for a channel without samples."""
-        return _bridged(self.values)
+        return bridged(self.values)
 
     @cached_property
     def levels(self) -> Floats:

@@ -29,11 +29,9 @@ from linkwise.expression import (
     Power,
     Program,
     Symbol,
-    add,
     antiderivative,
     differentiate,
     kinks,
-    multiply,
     parse_with_positions,
     substitute,
     symbols,
@@ -228,7 +226,7 @@ def potential_programs(elastic: Expression, coefficients: tuple[str, ...]) -> tu
     if primitive is None:
         return None, quadrature
     at_zero = substitute(primitive, {"d": Number(0.0)})
-    return Program([add(primitive, multiply(Number(-1.0), at_zero))], names, wide=("d",)), quadrature
+    return Program([primitive - at_zero], names, wide=("d",)), quadrature
 
 
 def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expression:
@@ -239,7 +237,7 @@ def dissipated_power(law: Expression, states: tuple[str, ...] = ()) -> Expressio
     It is formed symbolically, so that the stored part cancels exactly.
     """
     elastic = substitute(law, dict.fromkeys(("v", *states), Number(0.0)))
-    return multiply(Symbol("v"), add(law, multiply(Number(-1.0), elastic)))
+    return Symbol("v") * (law - elastic)
 
 
 _LINEAR = ({"d": METRE, "v": METRE_PER_SECOND},)

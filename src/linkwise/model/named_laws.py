@@ -343,6 +343,6 @@ def _largest(beyond: Expression, moving: frozenset[str]) -> Expression | None:
     """The largest size of a state in `abs(state) - largest`; None where it is not of this form."""
     match beyond:
         case Sum((Call("abs", (Symbol(),)), *rest)):
-            largest = multiply(Number(-1.0), add(*rest))
+            largest = -add(*rest)
             return None if moving & set(symbols(largest)) else largest
     return None

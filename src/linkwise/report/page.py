@@ -8,19 +8,17 @@ Templates escape what they print and miss nothing silently.
 
 from __future__ import annotations
 
-import csv
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from markupsafe import Markup
 
-from linkwise import __version__
-from linkwise.display import csv_cell, format_duration, format_error
+from linkwise import __version__, templates
+from linkwise.display import to_csv
 from linkwise.errors import expect, wrong_type
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
@@ -29,15 +27,12 @@ from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.registry import Registry, lazy_module
 
 if TYPE_CHECKING:
-    import jinja2
-    from jinja2 import Environment
     from matplotlib.figure import Figure
 
     from linkwise.plot import style
     from linkwise.report import truth as truths
 else:  # what draws and renders loads where a page is written: who wants the numbers alone does not wait for it
     style = lazy_module("linkwise.plot.style")
-    jinja2 = lazy_module("jinja2")
     truths = lazy_module("linkwise.report.truth")
 
 _PIXELS = 96  # of a page in an inch of a figure
@@ -112,22 +107,9 @@ def embedded(png: bytes) -> str:
     return f"data:image/png;base64,{b64encode(png).decode('ascii')}"
 
 
-@cache
-def _templates() -> Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("linkwise", "report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"duration": format_duration, "two_digits": format_error}
-    return environment
-
-
 def rendered(template: str, **parts: Any) -> str:
     """The page that a template makes of its parts, with the version."""
-    return _templates().get_template(template).render(parts, version=__version__)
+    return templates.rendered("report", template, version=__version__, **parts)
 
 
 def _document(result: Any, truth: Structure | None) -> dict[str, Any]:
@@ -228,10 +210,7 @@ def sectioned(
 
 def csv_table(path: Path, head: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
     """A table as CSV, its numbers with ten digits."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(map(csv_cell, head))
-        writer.writerows([f"{v:.10g}" if isinstance(v, float) else csv_cell(v) for v in row] for row in rows)
+    to_csv(path, [head, *rows], numbers=".10g")
 
 
 FOLDERS: Registry[ResultFolder[Any]] = Registry(

@@ -134,7 +134,7 @@ def decay_points(record: Record, hz: float, channels: Sequence[Channel]) -> Meas
     if not rings:
         raise RecordError("no mode rings down in this record, so there is no decay to lay over the curve")
     ring = min(rings, key=lambda ring: abs(float(ring.frequency[-1]) - hz))
-    taken, omega = Channel.parse(ring.channel), 2.0 * np.pi * ring.frequency
+    taken, omega = ring.channel, 2.0 * np.pi * ring.frequency
     amplitude = np.full((len(omega), len(channels)), np.nan)
     for column, channel in enumerate(channels):
         if channel.place == taken.place:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from linkwise.arrays import Floats, stretches
+from linkwise.arrays import Floats, bridged, stretches
 from linkwise.errors import RecordError
 from linkwise.records.channel import MOTIONS, Channel
 from linkwise.records.record import Record
@@ -438,21 +438,11 @@ _ROUNDING = 1e-24  # of the power of a constant
 _DEGREE = 5
 
 
-def bridged(record: Record, channel: str) -> Floats:
-    """Samples (N,) of a channel with gaps interpolated linearly, for starting values."""
-    values = record.channel(channel)
-    missing = np.isnan(values)
-    if missing.any():
-        index = np.arange(len(values))
-        values = np.interp(index, index[~missing], values[~missing])
-    return values
-
-
 def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats, Floats]:
     """A channel with noise `sigma`, smoothed, and its first and second time derivative, each (N,), by a Savitzky-Golay
     filter.
     """
-    values = bridged(record, channel)
+    values = bridged(record.channel(channel))
     highest = float(bandwidth(values, record.rate, [sigma])[0])
     half = min(savitzky_golay_half(highest, record.rate, degree=_DEGREE), (len(values) - 1) // 2)
     value, first, second = savitzky_golay(values, record.rate, half=half, degree=_DEGREE)
@@ -509,7 +499,7 @@ def channel_motion(record: Record, channel: Channel, sigma: float) -> Floats:
     kind = channel.kind
     if kind == "x":
         return np.stack(smoothed(record, channel, sigma))
-    values = bridged(record, channel)
+    values = bridged(record.channel(channel))
     if kind == "v":
         velocity, acceleration, _ = smoothed(record, channel, sigma)
         return np.stack([integral(values, record.step), velocity, acceleration])

@@ -158,8 +158,8 @@ def simulate(
             values[:, column] = signal.derivative(grid, order) if order else signal.value(grid)
         elif channel.kind == "state":
             values[:, column] = states[channel.place]
-        elif channel.kind == "f":
-            values[:, column] = arrays["f"][:, structure.links.index(structure.link(channel.place))]
+        elif not channel.is_motion:
+            values[:, column] = arrays[channel.kind][:, structure.links.index(structure.link(channel.place))]
         if channel.relative:
             signal = drive.drives[BASE]
             values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
@@ -229,13 +229,9 @@ def recorded_channels(structure: Structure, excitation: Excitation, sensors: Ite
             raise SimulationError(f"{name} is an input, which is recorded whenever it drives the structure")
         check_place(channel, structure, "a sensor")
         responses[channel] = None
-    inputs: list[Channel] = []
-    for name in excitation.drives:
-        if name == BASE:
-            inputs += of_base or (Channel("x", BASE),)
-        else:
-            inputs.append(Channel.parse(name) if ":" in name else Channel("force", name))
-    return [*responses, *inputs]
+    forces = [Channel("force", mass) for mass in excitation.forces]
+    base = list(of_base) or [Channel("x", BASE)] if excitation.base is not None else []
+    return [*responses, *forces, *base, *(Channel("signal", name) for name in excitation.signals)]
 
 
 def _require_moving_base(excitation: Excitation, sensor: str, needed: bool) -> None:

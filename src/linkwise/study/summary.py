@@ -4,7 +4,6 @@ programs, and success maps.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +17,7 @@ import msgspec
 import numpy as np
 
 from linkwise.arrays import Floats, Indices, finite
-from linkwise.display import JudgedView, align_columns, csv_cell
+from linkwise.display import JudgedView, align_columns, to_csv
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
@@ -646,10 +645,9 @@ def export_study(folder: str | Path) -> tuple[Path, ...]:
     rows = read_rows(folder)
     cells = study_summary(folder).cells
     with atomic_file(folder / ROWS) as path:
-        _write_csv(path, list(_EMPTY), [row_record(row) for row in rows])
+        to_csv(path, [_EMPTY, *(row_record(row).values() for row in rows)])
     with atomic_file(folder / SUMMARY) as path:
-        summary = [cell_record(cell) for cell in cells]
-        _write_csv(path, list(summary[0]), summary)
+        to_csv(path, [_OF_CELL, *(cell_record(cell).values() for cell in cells)])
     return folder / ROWS, folder / SUMMARY
 
 
@@ -665,10 +663,3 @@ def row_record(row: Row) -> dict[str, Any]:
 
 
 _EMPTY = row_record(Row("", 0, 0.0, "", 0, status=""))
-
-
-def _write_csv(path: Path, names: Sequence[str], records: Sequence[dict[str, Any]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, names, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({name: csv_cell(value) for name, value in record.items()} for record in records)

@@ -6,29 +6,20 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record
-from structures import hysteretic_oscillator, oscillator
+from structures import THREE_TONES, duffing, hysteretic_oscillator, oscillator
 
 import linkwise as lw
 
 
 @pytest.fixture(scope="module")
-def duffing() -> lw.Structure:
-    return oscillator("k*d + k3*d**3 + c*v", k=900.0, k3=2e6, c=2.0)
+def forced() -> lw.Record:
+    return lw.simulate(duffing(), forces=THREE_TONES, duration=4.0, rate=500.0)
 
 
-@pytest.fixture(scope="module")
-def forced(duffing: lw.Structure) -> lw.Record:
-    """A force of three tones."""
-    force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
-    return lw.simulate(duffing, forces={"m1": force}, duration=4.0, rate=500.0)
-
-
-def test_the_truth_leaves_the_noise_and_a_wrong_structure_more(
-    duffing: lw.Structure, forced: lw.Record
-) -> None:
+def test_the_truth_leaves_the_noise_and_a_wrong_structure_more(forced: lw.Record) -> None:
     """From a state that the run works out: to 3 % of 1700 samples and the interpolation of the force."""
     part = forced.with_noise(40.0, seed=1)[217:]
-    run = lw.analysis.free_run(duffing, part)
+    run = lw.analysis.free_run(duffing(), part)
     assert run.rmse["x:m1"] == pytest.approx(present(part.simulated).noise["x:m1"], rel=0.06)
     assert run.motion.start == part.start and len(run.motion) == len(run.residual) == len(part)
     assert run.residual.channel("x:m1") == pytest.approx(part.channel("x:m1") - run.motion.channel("x:m1"))
@@ -38,9 +29,9 @@ def test_the_truth_leaves_the_noise_and_a_wrong_structure_more(
 
 
 @pytest.mark.slow
-def test_base_motion_velocities_and_gaps(duffing: lw.Structure) -> None:
+def test_base_motion_velocities_and_gaps() -> None:
     """A shaken mass of which only the velocity was seen, with a gap at the start and one later."""
-    shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
+    shaken = replace(duffing(), links=(replace(duffing().links[0], between=("m1", "base")),))
     base = "0.004*sin(26*t) + 0.002*cos(71*t)"
     record = lw.simulate(shaken, base=base, duration=3.0, rate=500.0, sensors=("v",))
     values = record.values.copy()
@@ -62,12 +53,12 @@ def test_a_chaotic_run_tells_its_horizon() -> None:
     assert np.std(early.channel("x:m2")) < 0.05 * run.rmse["x:m2"]
 
 
-def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) -> None:
+def test_records_that_cannot_be_run(forced: lw.Record) -> None:
     with pytest.raises(lw.RecordError, match="no response of m1 is in the record, which holds force:m1"):
-        lw.analysis.free_run(duffing, forced.select(["force:m1"]))
+        lw.analysis.free_run(duffing(), forced.select(["force:m1"]))
     message = "settling must be at least 2 and leave samples to compare, got 40 of 40 samples"
     with pytest.raises(lw.RecordError, match=message):
-        lw.analysis.free_run(duffing, forced[:40], settling=40)
+        lw.analysis.free_run(duffing(), forced[:40], settling=40)
     for missing, error, message in (
         ((300, 1), lw.IdentificationError, r"force:m1.*samples are missing.* inputs must be complete"),
         ((slice(50), 0), lw.RecordError, r"x:m1.*has no sample among the first 50"),
@@ -75,8 +66,8 @@ def test_records_that_cannot_be_run(duffing: lw.Structure, forced: lw.Record) ->
         values = forced.values.copy()
         values[missing] = np.nan
         with pytest.raises(error, match=message):
-            lw.analysis.free_run(duffing, replace(forced, values=values))
-    shaken = replace(duffing, links=(replace(duffing.links[0], between=("m1", "base")),))
+            lw.analysis.free_run(duffing(), replace(forced, values=values))
+    shaken = replace(duffing(), links=(replace(duffing().links[0], between=("m1", "base")),))
     record = lw.Record(0.0, 500.0, ("x:m1", "a:base"), forced.values)
     message = r"a:base gives the displacement of the base only up to drift"
     with pytest.raises(lw.IdentificationError, match=message):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from present import some
 from problems import chain_record
-from structures import HARDENING, host, link, oscillator, structure
+from structures import HARDENING, THREE_TONES, duffing, host, link, structure
 
 import linkwise as lw
 from linkwise.identification.validation.answer import estimated_again
@@ -17,17 +17,10 @@ from linkwise.progress import silent
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unrendered")]
 
 
-def duffing(k: float = 900.0, k3: float = 2e6, c: float = 2.0) -> lw.Structure:
-    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=k, k3=k3, c=c)
-
-
-FORCE = {"m1": "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"}
-
-
 def forced(
     structure: lw.Structure, seed: int, snr: float = 40.0, sensors: tuple[str, ...] = ("x",)
 ) -> lw.Record:
-    record = lw.simulate(structure, forces=FORCE, duration=3.0, rate=500.0, sensors=sensors)
+    record = lw.simulate(structure, forces=THREE_TONES, duration=3.0, rate=500.0, sensors=sensors)
     return record.with_noise(snr, seed=seed)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from present import some
-from structures import oscillator
+from structures import THREE_TONES, duffing
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
@@ -18,14 +18,9 @@ pytestmark = pytest.mark.usefixtures("unrendered")
 RATE = 500.0
 
 
-def duffing() -> lw.Structure:
-    return oscillator("k*d + k3*d**3 + c*v", name="spring", k=900.0, k3=2e6, c=2.0)
-
-
 def shown(seed: int, *, offset: float = 0.0, gain: float = 1.0, late: int = 0) -> lw.Record:
     """A forced motion by a displacement with these errors, `late` in samples, and an acceleration without."""
-    force = "3*sin(25*t) + 2*sin(61*t) + 2*cos(90*t)"
-    record = lw.simulate(duffing(), forces={"m1": force}, duration=3.0, rate=RATE, sensors=("x", "a"))
+    record = lw.simulate(duffing(), forces=THREE_TONES, duration=3.0, rate=RATE, sensors=("x", "a"))
     record = record.with_noise(40.0, seed=seed)
     values = record.values.copy()
     column = record.channels.index("x:m1")

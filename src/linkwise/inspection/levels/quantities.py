@@ -29,14 +29,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from linkwise.arrays import Bools, Floats, stretches
+from linkwise.arrays import Bools, Floats, bridged, stretches
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.progress import silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
-from linkwise.signals.states import bridged, channel_motion, highpass
+from linkwise.signals.states import channel_motion, highpass
 
 _BLOCKS = 8  # that fit into a record side by side
 _EXCITED = 1e-4  # of the largest power density of the force: below it there is no information
@@ -92,7 +92,7 @@ class ResponseFunction:
         ResponseFunction
             The response function.
         """
-        values, applied = bridged(record, response), record.channel(force)
+        values, applied = bridged(record.channel(response)), record.channel(force)
         block = max(min(len(record), _LEAST), 2 * len(record) // (_BLOCKS + 1))
         options = {"fs": record.rate, "nperseg": block, "detrend": "constant"}
         frequency, cross = scipy.signal.csd(applied, values, **options)
@@ -234,7 +234,7 @@ class RingDown:
     ----------
     mode : int
         Its number among the modes that ring down, from 1, in the order of frequencies.
-    channel : str
+    channel : Channel
         The response that was taken.
     unit : str
         The unit of the amplitude.
@@ -256,7 +256,7 @@ class RingDown:
     """
 
     mode: int
-    channel: str
+    channel: Channel
     unit: str
     amplitude: Floats
     frequency: Floats
@@ -561,8 +561,7 @@ def _silence_bridged(force: Floats) -> Floats:
     missing = np.isnan(force)
     if not missing.any() or missing.all():
         return force
-    index = np.arange(len(force))
-    lines = np.interp(index, index[~missing], force[~missing])
+    lines = bridged(force)
     silent = np.abs(lines) <= SILENT * np.abs(force[~missing]).max()
     return np.where(_short(missing) & silent, lines, force)
 

@@ -16,7 +16,7 @@ from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
 from linkwise.arrays import Bools, Floats
-from linkwise.expression import Expression, Number, Program, Symbol, add, call, multiply, power
+from linkwise.expression import Number, Program, Symbol, add, call
 from linkwise.simulation.integrator.formulas import (
     SCALE,
     CompiledSystem,
@@ -36,60 +36,25 @@ _FIRST = 1e-3  # of the longest step that is tried: where nothing tells a better
 
 
 @final
-class Tree:
-    """A formula as an expression tree, which the operators of Python combine."""
-
-    def __init__(self, tree: Expression) -> None:
-        self.tree = tree
-
-    def __add__(self, other: Tree | float) -> Tree:
-        return Tree(add(self.tree, _tree(other)))
-
-    def __sub__(self, other: Tree | float) -> Tree:
-        return Tree(add(self.tree, multiply(Number(-1.0), _tree(other))))
-
-    def __mul__(self, other: Tree | float) -> Tree:
-        return Tree(multiply(self.tree, _tree(other)))
-
-    def __truediv__(self, other: Tree | float) -> Tree:
-        return Tree(multiply(self.tree, power(_tree(other), -1)))
-
-    def __rtruediv__(self, other: float) -> Tree:
-        return Tree(multiply(Number(other), power(self.tree, -1)))
-
-    def __pow__(self, other: Tree | float) -> Tree:
-        return Tree(power(self.tree, other.tree if isinstance(other, Tree) else other))
-
-    def __neg__(self) -> Tree:
-        return Tree(multiply(Number(-1.0), self.tree))
-
-    __radd__, __rmul__ = __add__, __mul__
-
-
-def _tree(part: Tree | float) -> Expression:
-    return part.tree if isinstance(part, Tree) else Number(float(part))
-
-
-@final
 class TreeAlgebra:
-    """Formulas as trees."""
+    """Formulas as trees of expressions."""
 
-    time = Tree(Symbol("time"))
+    time = Symbol("time")
 
     def number(self, value: float) -> Formula:
-        return Tree(Number(float(value)))
+        return Number(float(value))
 
     def variable(self, name: str) -> Formula:
-        return Tree(Symbol(f"state {name}"))
+        return Symbol(f"state {name}")
 
     def parameter(self, index: int) -> Formula:
-        return Tree(Symbol(f"parameter {index}"))
+        return Symbol(f"parameter {index}")
 
     def total(self, parts: Sequence[Formula]) -> Formula:
-        return Tree(add(*(_tree(part) for part in parts)))
+        return add(*parts)
 
     def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
-        return Tree(call(function, *(_tree(argument) for argument in arguments)))
+        return call(function, *arguments)
 
 
 @final
@@ -102,9 +67,9 @@ class _Evaluation:
         self.parameters = np.zeros((size, lanes))
         self._time, self._state = np.zeros(lanes), np.zeros((len(variables), lanes))
         self._out = np.zeros((len(formulas), lanes))
-        states = [variable.tree.name for variable in variables]
+        states = [variable.name for variable in variables]
         names = ["time", *states, *(f"parameter {i}" for i in range(size))]
-        program = Program([formula.tree for formula in formulas], names)
+        program = Program(formulas, names)
         arrays = [self._time, *self._state, *self.parameters]
         self._operations = program.into(arrays, list(self._out)) if formulas else []
 
