@@ -159,6 +159,11 @@ def test_an_answer_says_whether_it_can_be_trusted(name: str, makers: dict[str, C
     assert "#1a7f37" in markup and "<script" not in markup  # green
 
 
+def test_no_answer_shows_all_that_it_holds() -> None:
+    generated = {name for name, kind in some(answers().items()) if hasattr(kind.__repr__, "__wrapped__")}
+    assert generated == set()  # by `dataclass`, which wraps what it makes
+
+
 def test_an_inspection_with_an_alert_says_so() -> None:
     record = chain_record(2, duration=3.0).with_noise(30.0, seed=1)
     x = record.channel("x:m1")

@@ -19,7 +19,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "estimates": (6, 1319),
     "export": (8, 769),
     "expression": (6, 1084),
-    "files": (13, 1891),
+    "files": (14, 1941),
     "identification": (13, 2339),
     "inspection": (10, 1863),
     "likelihood": (61, 14212),

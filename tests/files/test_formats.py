@@ -81,7 +81,7 @@ def test_a_damaged_file_is_one_clear_error(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("run.xyz", "unknown suffix '.xyz'; choose from .csv, .txt, .dat, .tsv, .mat"),
+        ("run.xyz", "unknown suffix '.xyz'; choose from .csv, .txt, .dat, .tsv, .asc, .mat"),
         ("run", "the file name has no suffix; choose from"),
         ("rum.mat", 'there is no such file; did you mean "run.mat"?'),
         ("other.h5", "there is no such file"),

@@ -1,4 +1,4 @@
-"""NumPy, JSON, LVM, Excel and Testlab files, and a line of units below a header: by name or by mapping, with clear errors."""
+"""NumPy, JSON, WAV, LVM, Excel and Testlab files, and a line of units below a header, by name or by mapping."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 import openpyxl
 import pytest
 from commands import document
-from scipy.io import savemat
+from scipy.io import savemat, wavfile
 
 from linkwise.errors import RecordError
 from linkwise.files import read_record
@@ -159,6 +159,24 @@ def test_json_that_is_no_record_is_refused(text: str, said: str, tmp_path: Path)
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(RecordError, match=said):
         read_record(tmp_path / "run.json")
+
+
+@pytest.mark.parametrize(
+    ("kind", "full", "middle"), [("u1", 128, 128), ("i2", 2**15, 0), ("i4", 2**31, 0), ("f4", 1, 0)]
+)
+def test_tracks_of_a_wav_file_are_parts_of_full_scale(
+    kind: str, full: int, middle: int, tmp_path: Path
+) -> None:
+    tracks = 0.5 * np.stack([X, A], axis=1)
+    wavfile.write(tmp_path / "run.wav", int(RATE), (full * tracks + middle).astype(kind))
+    record = read_record(tmp_path / "run.wav", channels={"x:m1": 1, "a:m2[g]": 2})
+    last = 1.0 / full if full > 1 else 1e-7
+    assert record.rate == RATE
+    assert record.channel("x:m1") == pytest.approx(tracks[:, 0], abs=last)
+    assert record.channel("a:m2") == pytest.approx(G * tracks[:, 1], abs=G * last)
+    (tmp_path / "cut.wav").write_bytes((tmp_path / "run.wav").read_bytes()[:36])
+    with pytest.raises(RecordError, match=r"cannot be read as a \.wav file: Unexpected end"):
+        read_record(tmp_path / "cut.wav", channels={"x:m1": 1})
 
 
 def lvm(clocks: str, rows: list[str], names: str, separator: str = "\t") -> str:

@@ -193,7 +193,7 @@ def _way(axis: DesignAxis, value: float) -> float:
     return (value - axis.low) / (axis.high - axis.low)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Design(JudgedView):
     """The result of `design`; printed, the best design and the trade-off of mass against what was minimised.
 

@@ -43,7 +43,7 @@ class Format:
 
 FORMATS = {
     ".csv": Format("linkwise.files.text:read_text", "linkwise.files.text:write_csv", header=True),
-    **dict.fromkeys((".txt", ".dat", ".tsv"), Format("linkwise.files.text:read_text", header=True)),
+    **dict.fromkeys((".txt", ".dat", ".tsv", ".asc"), Format("linkwise.files.text:read_text", header=True)),
     ".mat": Format("linkwise.files.mat:read_table", "linkwise.files.mat:write"),
     **dict.fromkeys((".h5", ".hdf5"), Format("linkwise.files.hdf5:read_table", "linkwise.files.hdf5:write")),
     ".parquet": Format("linkwise.files.parquet:read_table", "linkwise.files.parquet:write", "pyarrow"),
@@ -53,6 +53,7 @@ FORMATS = {
     ".lvm": Format("linkwise.files.text:read_lvm"),
     ".xlsx": Format("linkwise.files.xlsx:read_table", library="openpyxl", header=True),
     ".tdms": Format("linkwise.files.tdms:read_table", library="nptdms"),
+    ".wav": Format("linkwise.files.wav:read_table"),
 }
 """The formats by the suffix of their files."""
 
@@ -73,8 +74,8 @@ def read_record(
     Parameters
     ----------
     path : str or Path
-        A file with the suffix ``.csv``, ``.txt``, ``.dat``, ``.tsv``, ``.mat``, ``.h5``, ``.hdf5``, ``.parquet``, ``.uff``,
-        ``.unv``, ``.tdms``, ``.npy``, ``.npz``, ``.json``, ``.lvm`` or ``.xlsx``.
+        A file with the suffix ``.csv``, ``.txt``, ``.dat``, ``.tsv``, ``.asc``, ``.mat``, ``.h5``, ``.hdf5``, ``.parquet``,
+        ``.uff``, ``.unv``, ``.tdms``, ``.npy``, ``.npz``, ``.json``, ``.lvm``, ``.xlsx`` or ``.wav``.
     channels : mapping of str to str or int, optional
         Column of each channel, or of ``"time"``, for columns whose header does not say it: the header of the column or its
         number from 1. A channel may carry a unit in brackets: ``{"x:m1[mm]": "LVDT 3"}``. Times may be in a file of their

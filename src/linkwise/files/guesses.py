@@ -18,7 +18,7 @@ from linkwise.display import on_one_line
 from linkwise.errors import LinkwiseError
 from linkwise.files.assemble import mapped, numbers, recognised
 from linkwise.files.mapping import RecordMapping
-from linkwise.files.table import ColumnHeader, Table
+from linkwise.files.table import ColumnHeader, Table, is_unit_of_time
 from linkwise.model.toml import toml_text
 from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, is_angular
 from linkwise.units import factor_to_si
@@ -61,9 +61,25 @@ _NAMES = (
     (re.compile(r"laser|lvdt|disp|pos|weg|deflection|encoder", re.IGNORECASE), "x"),
     (re.compile(r"force|load|kraft|shaker|hammer", re.IGNORECASE), "force"),
 )
-_TIMES = re.compile(r"(?:time|zeit|t)\b|time", re.IGNORECASE)
+_TIMES = re.compile(r"(?:time|zeit|t|elapsed|seconds?)\b|time", re.IGNORECASE)
 _WORDS = re.compile(r"[^\W\d_]+|\d+")
 _BASES = {BASE, "basis", "floor", "foundation", "fundament", "ground", "boden", "table", "tisch"}
+_OTHERS = {"rel", "relative", "relativ", "gap", "spalt", "diff", "difference", "differenz", "delta", "error"}
+_OTHERS |= {
+    "setpoint",
+    "soll",
+    "sollwert",
+    "target",
+    "command",
+    "demand",
+    "ref",
+    "reference",
+    "peak",
+    "rms",
+    "mean",
+}
+_OTHERS |= {"spring", "feder", "reaction", "rpm", "weight", "gewicht"}
+"""Words of what has a unit of motion or force, and may be neither the motion of a mass nor a force that is applied to it."""
 _SENSORS = {"sensor", "signal", "channel", "ch", "ai", "dev", "mod", "cdaq", "untitled"}
 _SENSORS |= {"of", "at", "x", "y", "z"}
 _CAMEL = re.compile(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])")
@@ -82,13 +98,13 @@ def guessed_columns(
     Raises RecordError where no column holds numbers, or a column of `channels` does not exist or holds text.
     """
     numeric = {number: own.header for number, own in enumerate(table.columns) if own.values is not None}
-    headers = {number: ColumnHeader.parse(header).leaf for number, header in numeric.items()}
+    headers = {number: _parsed(header) for number, header in numeric.items()}
     if not headers:
         raise table.error("no column holds numbers, so there is nothing to map")
     given = mapped(table, channels or {})
     guesses = {
-        number: ColumnGuess(_label(table, number), "", header.unit, header=table.headers[number])
-        for number, header in headers.items()
+        number: ColumnGuess(_label(table, number), "", ColumnHeader.parse(header).unit, header=header)
+        for number, header in numeric.items()
     }
     for choice in (*given, *recognised(table, given, tuple(masses) or None)):
         if choice.column in guesses:
@@ -101,18 +117,28 @@ def guessed_columns(
         guesses[number] = replace(guesses[number], name="")
         del headers[number]
     for number, header in headers.items():
-        if not guesses[number].name and _TIMES.match(header.name) and "time" not in _names(guesses):
+        named = _TIMES.match(header.name) and is_unit_of_time(header.unit or "s")
+        if not guesses[number].name and named and "time" not in _names(guesses):
             guesses[number] = replace(guesses[number], name="time", why="name")
     for number, header in headers.items():
-        if guesses[number].name == "time" and not header.unit and not _is_plausible_in_seconds(table, number):
-            guesses[number] = replace(guesses[number], doubts=(NO_UNIT,))
+        if guesses[number].name == "time" and not guesses[number].unit:
+            unsaid = () if _is_plausible(table, number, header.unit) else (NO_UNIT,)
+            guesses[number] = replace(guesses[number], unit=header.unit, doubts=unsaid)
     kinds = {number: _guessed(header) for number, header in headers.items() if not guesses[number].name}
     for forces in (False, True):  # which act on masses that move
         for number, (kind, why) in kinds.items():
             if kind and (kind == "force") is forces:
                 place, doubts = _place(kind, number, guesses, kinds, masses)
-                doubts = (*_doubts_of_quantity(headers[number], kind, why), *doubts)
-                guess = replace(guesses[number], name=Channel(kind, place), why=why, doubts=doubts)
+                others = _OTHERS.intersection(_words(guesses[number].header)).difference(*map(_words, masses))
+                by = why if guesses[number].unit else "name"
+                doubts = (*_doubts_of_quantity(headers[number], kind, by, others), *doubts)
+                guess = replace(
+                    guesses[number],
+                    name=Channel(kind, place),
+                    unit=headers[number].unit,
+                    why=why,
+                    doubts=doubts,
+                )
                 guesses[number] = guess
             elif not kind and {*_BASES, *masses} & set(_words(guesses[number].header)):
                 guesses[number] = replace(guesses[number], doubts=(NO_QUANTITY,))
@@ -143,10 +169,18 @@ def _label(table: Table, number: int) -> str | int:
     return names[number] if table.named and names[number] and names.count(names[number]) == 1 else number + 1
 
 
-def _is_plausible_in_seconds(table: Table, number: int) -> bool:
-    """Whether a column of times without a unit would be sampled at a rate of vibrations, were it in s."""
+def _parsed(text: str) -> ColumnHeader:
+    """The last part of a header, with the unit behind its last underscore where it states none, as frame_mm does."""
+    leaf = ColumnHeader.parse(text).leaf
+    name, _, unit = leaf.name.rpartition("_")
+    stated = leaf.unit or leaf.channel or not name
+    return leaf if stated or not (_kind_of_unit(unit) or is_unit_of_time(unit)) else ColumnHeader(name, unit)
+
+
+def _is_plausible(table: Table, number: int, unit: str) -> bool:
+    """Whether a column of times would be sampled at a rate of vibrations, were it in this unit, in s without one."""
     times = np.asarray(table.columns[number].values, dtype=float)
-    steps = np.diff(times[np.isfinite(times)])
+    steps = np.diff(times[np.isfinite(times)]) * factor_to_si(unit or "s", "s")
     return bool(steps.size) and _RATES[0] <= 1.0 / max(float(np.median(steps)), 1e-300) <= _RATES[1]
 
 
@@ -175,12 +209,15 @@ def _kind_of_name(name: str) -> str:
     return next((kind for pattern, kind in _NAMES if pattern.search(name)), "")
 
 
-def _doubts_of_quantity(header: ColumnHeader, kind: str, why: str) -> tuple[str, ...]:
-    """What unit and name do not settle: names tell no unit, and may contradict it."""
+def _doubts_of_quantity(
+    header: ColumnHeader, kind: str, why: str, others: Collection[str]
+) -> tuple[str, ...]:
+    """What unit and name do not settle: names tell no unit, and may contradict it, or name something else by `others`."""
     if why == "name":
         return (NO_UNIT,)
     named = {kind for pattern, kind in _NAMES if pattern.search(header.name)}
-    return (NO_QUANTITY,) if named and kind not in named and "force" in {kind, *named} else ()
+    contradicted = named and kind not in named and "force" in {kind, *named}
+    return (NO_QUANTITY,) if contradicted or others else ()
 
 
 def _place(

@@ -1,6 +1,6 @@
 """Columns under their headers: what every format is read into before headers are interpreted.
 
-The header of a column: `time`, `x:m1`, or either with a unit, `time[ms]`, `x:m1 (mm)`.
+The header of a column: `time`, `x:m1`, or either with a unit, `time[ms]`, `x:m1 (mm)`, `x:m1 / mm`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.channel import KINDS, Channel, Rows, is_angular
 from linkwise.records.record import Record
-from linkwise.units import base_exponents, factor_to_si
+from linkwise.units import base_exponents, factor_to_si, is_unit
 
 _SHOWN = 60  # characters of a cell that a message quotes
 
@@ -102,7 +102,7 @@ class Table:
 
 
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)
-_TIME = frozenset({"time", "t"})
+_QUOTIENT = re.compile(r"^(.*\S) / (\S+)$", re.DOTALL)  # as DIN 1313 writes a quantity over its unit
 
 
 @dataclass(frozen=True)
@@ -117,14 +117,16 @@ class ColumnHeader:
         """Split a header; a text that does not end with a unit is all name."""
         text = text.strip().strip("\"'").strip()
         match = _UNIT.match(text)
-        if match is None or not match[1]:
-            return cls(text)
-        return cls(match[1].strip(), (match[2] if match[2] is not None else match[3]).strip())
+        if match is not None and match[1]:
+            return cls(match[1].strip(), (match[2] if match[2] is not None else match[3]).strip())
+        quotient = _QUOTIENT.match(text)
+        return cls(*quotient.groups()) if quotient is not None and is_unit(quotient[2]) else cls(text)
 
     @property
     def is_time(self) -> bool:
-        """Whether the name is `time` or `t`, in upper or lower case."""
-        return self.name.lower() in _TIME
+        """Whether the name is `time` or `t`, in upper or lower case; T in another unit than of time is a temperature."""
+        name = self.name.lower()
+        return name == "time" or (name == "t" and is_unit_of_time(self.unit or "s"))
 
     @property
     def channel(self) -> Channel | None:
@@ -142,6 +144,14 @@ class ColumnHeader:
     def leaf(self) -> ColumnHeader:
         """The header without the groups above it: `run1/x:m1[mm]` is x:m1 in mm."""
         return ColumnHeader(self.name.rpartition("/")[2], self.unit)
+
+
+def is_unit_of_time(unit: str) -> bool:
+    """Whether a unit is that of times."""
+    try:
+        return factor_to_si(unit, "s") > 0.0
+    except LinkwiseError:
+        return False
 
 
 def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str) -> float:

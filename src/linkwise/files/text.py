@@ -231,7 +231,7 @@ def _units(cells: list[str], headers: list[str]) -> list[str] | None:
     numbers = any(parse_number(cell) is not None for cell in cells if cell)
     if numbers or len(cells) != len(headers) or not any(cells):
         return None
-    bare = [cell.strip("[]()") for cell in cells]
+    bare = [cell.strip("[]() ") for cell in cells]
     if not all(is_unit(unit) for unit in bare if unit not in _NO_UNIT):
         return None
     return [
@@ -257,8 +257,8 @@ def _uncommented(line: str) -> str:
 def _header(lines: list[str]) -> tuple[int | None, int]:
     """Index of the header line, None without one, and of the first line that may hold data.
 
-    The header is the first line above the numbers with a column that names the time or a channel; otherwise the last line of
-    text above the numbers that is not a line of units; otherwise there is none.
+    The header is the last line above the numbers with a column that names the time or a channel, a comment only where no
+    other does; otherwise the last line of text that is not a line of units; otherwise there is none.
     """
     named: int | None = None
     texts: list[int] = []
@@ -270,10 +270,8 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
         if not comment and all(parse_number(cell) is not None for cell in cells if cell):
             header = named if named is not None else _above_units(lines, texts)
             return header, i if header is None else header + 1
-        if named is None and _names_columns(cells):
+        if _names_columns(cells) and not (comment and named is not None):
             named = i
-            if not comment:
-                return named, i + 1
         if not comment:
             texts.append(i)
     header = named if named is not None else next(i for i, line in enumerate(lines) if line.strip())
@@ -312,7 +310,9 @@ def _names_columns(cells: list[str]) -> bool:
     """Whether cells are a header that names the time or a channel; `Time;13:55:01` above a header states when it was."""
     headers = [ColumnHeader.parse(cell) for cell in cells if cell]
     named = any(header.is_time or header.channel is not None for header in headers)
-    return named and not any(header.name[:1].isdigit() for header in headers)
+    return named and not any(
+        header.name[:1].isdigit() or parse_number(header.name) is not None for header in headers
+    )
 
 
 def write_csv(record: Record, path: Path) -> None:

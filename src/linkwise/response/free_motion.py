@@ -140,7 +140,7 @@ class FreeMotion:
         return float(amplitudes(self.motion(point.unknowns), row, 1)[0][0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Backbone(JudgedView):
     """The result of `backbone`; printed, the frequency over energy.
 
@@ -479,7 +479,7 @@ _FEW = 0.01  # of all motions: such as begin on top of a barrier
 _LOOKS = 400  # after which a motion is not decided
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Basins(JudgedView):
     """The result of `basins`; printed, the share of each rest position.
 

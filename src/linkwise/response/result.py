@@ -146,7 +146,7 @@ class ResponseLevel:
         return [hz for branch in self.branches for hz in branch.folds_hz]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Response(JudgedView):
     """The result of `respond`; printed, the peaks and bifurcations of every level.
 
