@@ -83,6 +83,7 @@ def test_the_structure_is_complete_and_wrong_names_list_others(fit: lw.Estimate,
     assert fit.structure.parameters == ()
     assert fit.structure.link("nes1").values["alpha"] == fit.coefficient("nes1.alpha").value
     assert fit.structure.mass("m2").mass.value == fit.coefficient("m2.mass").value
+    assert [fit.coefficient(unknown).value for unknown in fit.parameters] == fit.values.tolist()
     assert fit.structure.link("spring1") == chain.link("spring1")
     message = r'unknown name "nes1\.gamma".*; choose from spring1\.k, .*m2\.mass'
     with pytest.raises(lw.StructureError, match=message):

@@ -515,3 +515,37 @@ def test_what_may_be_of_all_masses_or_all_sensors_is_not_taken_out_of_one() -> N
     exchanged = replace(free, values=free.values[:, ::-1], simulated=None)
     fit = lw.identify(exchanged, alike.unknown("all"))
     assert fit.added == () and not fit.trusted
+
+
+STRUCK = structure(
+    {"m1": 2.0, "m2": 0.5},
+    link("spring", "m1-ground", "k*d + c*v + k3*d**3", k=4e3, c=2.0, k3=2e7),
+    link("top", "m2-m1", "k*d + c*v", k=2e3, c=0.8),
+)
+
+
+def struck(width: float, decibel: float) -> lw.Record:
+    """Accelerations at 500 Hz behind a hit of half a sine of some width in s."""
+    fine = np.arange(round(3.0 * 16 * 500.0) + 1) / (16 * 500.0)
+    phase = (fine - 0.1007) / width
+    pulse = np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0) * 1.5 / width
+    force = lw.model.Sampled(0.0, 16 * 500.0, pulse, order=3)
+    clean = lw.simulate(STRUCK, forces={"m1": force}, duration=3.0, rate=500.0, sensors=("a",))
+    return clean.with_noise(decibel, seed=5)
+
+
+@pytest.mark.parametrize(("width", "decibel"), [(0.005, 35.0), (0.018, 60.0)])
+def test_a_hit_of_few_samples_is_left_out_where_these_do_not_tell_it(width: float, decibel: float) -> None:
+    """Right laws were refused for noise of the force, or a change of c: of two samples, and nine beside little noise."""
+    fit = lw.identify(struck(width, decibel), STRUCK.unknown("all"))
+    assert fit.trusted and np.abs(errors(fit, STRUCK)).max() < 4.5
+    assert [(cause.kind, cause.where) for cause in fit.added] == [("hits", "force:m1")]
+
+
+def test_a_scale_that_is_off_is_no_matter_of_few_samples() -> None:
+    heavy = replace(
+        STRUCK,
+        masses=tuple(replace(m, mass=coefficient(1.15 * (m.mass.value or 0.0))) for m in STRUCK.masses),
+    )
+    fit = lw.identify(struck(0.012, 40.0), heavy.unknown("all"))
+    assert not fit.trusted and "hits" not in [cause.kind for cause in fit.added]

@@ -13,6 +13,7 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
+from linkwise.likelihood.checks.judgement import Judgement
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 
@@ -148,6 +149,12 @@ def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain:
     assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     assert "but what is left follows the motion: a force like d**5 in nes1" in fit.message
+
+
+def test_laws_that_explain_nothing_of_a_mass_are_refused() -> None:
+    """What they leave is as large as all forces: an approximate answer would be one of no law at all."""
+    wrong = lw.Verdict.UNEXPLAINED_FORCES
+    assert Judgement(wrong, "", 0.9).may_be_approximate and not Judgement(wrong, "", 1.1).may_be_approximate
 
 
 def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:

@@ -157,6 +157,17 @@ def test_a_term_within_the_limit_is_not_seen_and_moves_the_coefficient_as_far_as
     assert "a force like d**5 in link" in told(lacking) and "link.k3" in told(lacking)
 
 
+def test_a_stiffness_with_a_kink_that_no_test_sees_is_told() -> None:
+    """Beside d and d**3 a force like d*abs(d) is hardly seen, and moves them by many standard errors."""
+    stated = oscillator(LAW, k=987.0, c=2.0, k3=4e5)
+    kinked = oscillator(f"{LAW} + q*d*abs(d)", k=987.0, c=2.0, k3=4e5, q=150.0)
+    decay = lw.simulate(kinked, release={"x:m1": 0.03}, duration=4.0, rate=RATE)
+    fit = lw.identify(decay.with_noise(35.0, seed=74), stated.unknown("all"))
+    off = np.abs(fit.values - truth(stated, fit.given_structure)) / np.sqrt(fit.covariance.diagonal())
+    told = next(term for term in fit.unseen_terms if term.term == "d*abs(d)")
+    assert fit.trusted and CHANCE < off.max() < told.standard_errors
+
+
 def test_records_that_bound_the_terms_tell_nothing() -> None:
     unknown = DAMPED.unknown("all")
     for bounding in (shaken(DAMPED, duration=60.0), shaken(DAMPED, noise=0.1 * NOISE)):

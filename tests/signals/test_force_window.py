@@ -5,7 +5,7 @@ import pytest
 
 import linkwise as lw
 from linkwise.errors import RecordError
-from linkwise.signals.force_window import with_force_windows
+from linkwise.signals.force_window import coarse_hits, coarseness, with_force_windows
 
 RATE, NOISE = 1000.0, 0.3
 TIME = np.arange(2000) / RATE
@@ -67,3 +67,18 @@ def test_a_window_can_be_asked_for() -> None:
     motion = record(struck(0.1)).select(["x:m1"])
     with pytest.raises(RecordError, match="no applied force was recorded"):
         with_force_windows(motion, required=True)
+
+
+def test_hits_of_few_samples_are_coarse() -> None:
+    """Of half a sine the sum over n samples is off by 1/(4 n**2 - 1) of the impulse, over all positions."""
+    rng = np.random.default_rng(3)
+    off: dict[int, list[float]] = {}
+    for width in rng.uniform(2.0, 10.0, 4000):
+        phase = (np.arange(100.0) - 20.0 - rng.uniform()) / width
+        pulse = np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0)
+        samples = coarse_hits(lw.Record(0.0, 1.0, ("force:m1",), pulse[:, None]))["force:m1"]
+        off.setdefault(samples, []).append(pulse.sum() * np.pi / 2.0 / width - 1.0)
+    for samples in (3, 5, 8):
+        assert np.std(off[samples]) == pytest.approx(coarseness(samples), rel=0.15)
+    long = np.sin(np.pi * np.clip(np.arange(100.0) / 20.0, 0.0, 1.0))
+    assert not coarse_hits(lw.Record(0.0, 1.0, ("force:m1",), long[:, None]))

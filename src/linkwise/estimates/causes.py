@@ -31,7 +31,7 @@ class Cause:
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
         them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
         ``"swapped"``, ``"relative"`` motion taken for absolute, a ``"high pass"``, a ``"clock"``, a ``"slip"`` by
-        samples that were lost or doubled, ``"clipped"`` samples, ``"spikes"``, a ``"hum"``, ``"mass"``, the
+        samples that were lost or doubled, ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, ``"mass"``, the
         ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"``
         that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel
         or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"``
@@ -45,7 +45,8 @@ class Cause:
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
         shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
         time constant for a filter, how many times too large values in another unit are, the corner of a high pass, the
-        frequency of a mode that is lacking or of a hum, the number of clipped samples or spikes, of those that were
+        frequency of a mode that is lacking or of a hum, the number of clipped samples or spikes,
+        of samples of the shortest hit, of those that were
         lost or, below 0, doubled, 0 for a sign, a relative motion and channels that are swapped, the standard
         deviation of noise, the spectral density of an ambient force, the root mean square of what that of a coloured
         one departs from its mean by, and the square of that of an unsteady one, the correlation of two forces, what a
@@ -199,6 +200,7 @@ CLOCK: Final = "clock"
 SLIP: Final = "slip"
 HARMONIC: Final = "harmonic force"
 CLIPPED: Final = "clipped"
+HITS: Final = "hits"
 SPIKES: Final = "spikes"
 HUM: Final = "hum"
 
@@ -224,6 +226,10 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}{remark}", "ppm"),
         SLIP: CauseKind("{0.where} that {lost} {size:.0f} sample{plural} at {0.source}", "1"),
         CLIPPED: CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
+        HITS: CauseKind(
+            "hits of {0.where} whose {size:.0f} samples do not tell their force, without which the record was taken",
+            "1",
+        ),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),
         "mass": CauseKind(f"a mass of {_OFF}{{remark}}", "1", relative=True),

@@ -385,13 +385,13 @@ class Estimate(JudgedView):
         of_sensors = (EstimatedError(error.kind, error.channel) for error in self.sensor_errors)
         return unanswered_alerts((self.record, *self.more_records), (*of_sensors, *self.disturbances))
 
-    def coefficient(self, name: str) -> CoefficientEstimate:
+    def coefficient(self, name: str | Parameter) -> CoefficientEstimate:
         """Estimate of a coefficient.
 
         Parameters
         ----------
-        name : str
-            Full name, such as "nes1.alpha" or "m1.mass".
+        name : str or Parameter
+            Full name, such as "nes1.alpha" or "m1.mass", or one of `parameters`.
 
         Returns
         -------
@@ -403,8 +403,9 @@ class Estimate(JudgedView):
         StructureError
             If there is no such coefficient.
         """
-        require_known("name", name, self._coefficients, StructureError)
-        return self._coefficients[name]
+        key = str(name.name) if isinstance(name, Parameter) else name
+        require_known("name", key, self._coefficients, StructureError)
+        return self._coefficients[key]
 
     def link(self, name: str) -> LinkEstimate:
         """Estimate of a link.

@@ -18,7 +18,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, LinkwiseError
-from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HUM, SPIKES, Cause, SensorErrorEstimate
+from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HITS, HUM, SPIKES, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
@@ -52,6 +52,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import part
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
+from linkwise.signals.force_window import coarse_hits, coarseness, without_hits
 from linkwise.units import base_exponents
 from linkwise.verdict import Grade, Verdict
 
@@ -65,10 +66,16 @@ _CALIBRATED = (
     0.2  # relative: what sensors are off by, of which the record does not tell which, to the first order
 )
 _WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
+_BY_HITS = (
+    3.0  # standard deviations of an impulse by few samples: a scale that is off by more is no matter of these
+)
 _SCALES = ("mass", "force gain", "gain")
 _TRIED = 3  # causes that are as likely
 _OF_STIFFNESS = -2.0  # the power of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
+
+OF_HITS = "as of hits of"
+"""How the remark on a force begins whose hits have too few samples to tell their impulse."""
 
 Rung = TypeVar("Rung")
 
@@ -242,7 +249,10 @@ def explained_answer(
         return stated
     answer = found.reported
     as_stated = all(
-        cause.is_instrument and cause.kind not in (*FREED, "force gain") for cause in answer.added
+        cause.is_instrument
+        and cause.kind not in FREED
+        and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
+        for cause in answer.added
     )
     return answer if as_stated else replace(stated, alternative=answer)
 
@@ -272,6 +282,34 @@ def _by_slip(first: _Model) -> _Model | None:
     return rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
 
 
+def _by_hits(first: _Model) -> _Model | None:
+    """The gains of forces whose hits have too few samples to tell their impulse, or the records between these hits, and errors
+    of sensors beside that; None without such hits, or where a scale is off by more than these leave open.
+    """
+    shortest: dict[str, int] = {}
+    for record in first.records:
+        shortest |= {name: min(n, shortest.get(name, n)) for name, n in coarse_hits(record).items()}
+    scales = [abs(cause.size) for cause in first.answer.diagnosis if cause.kind in _SCALES]
+    open_ = not set(shortest) & {*first.options.gains, *first.options.delays}
+    if not (shortest and open_) or max(scales, default=0.0) > _BY_HITS * max(
+        map(coarseness, shortest.values())
+    ):
+        return None
+    calibration = {**first.options.calibration, **{name: coarseness(n) for name, n in shortest.items()}}
+    options = replace(first.options, gains=(*first.options.gains, *shortest), calibration=calibration)
+    gains = (
+        Cause("force gain", name, 0.0, "1", 0.0, 0.0, remark=f"{OF_HITS} {samples} samples")
+        for name, samples in shortest.items()
+    )
+    scaled = first.beside(*gains, options=options)
+    if scaled is not None and (scaled := _with_errors(scaled)).is_explained:
+        return scaled
+    pieces = [piece for record in first.records for piece in without_hits(record, shortest)]
+    hits = (Cause(HITS, name, float(samples), "1", 0.0, 0.0) for name, samples in shortest.items())
+    between = first.beside(*hits, records=pieces) if pieces else None
+    return None if between is None else _with_errors(between)
+
+
 def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
     """Noise of inputs, and errors of sensors and inputs that the diagnosis names first, one after another."""
     return explained(first, partial(_beside_error, first), most)
@@ -289,6 +327,7 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_alerts,
     _by_channel,
     _by_slip,
+    _by_hits,
     _with_errors,
     _by_causes,
 )

@@ -7,7 +7,7 @@ D. J. Ewins, Modal Testing, 2nd ed. (2000), section 3.10.3, for windows of trans
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,10 @@ _FEWEST = 40  # samples without a hit, from which the noise is known to within a
 _FLANK = 0.25
 _LAGS = 10  # of the autocorrelation by which noise is judged to be white
 _CHANCE = 1e-4  # of what is white
+_FOOT = 0.05  # of the peak of a force, above which samples belong to a hit
+_LARGE = 0.2  # of it, which a hit reaches that counts
+_BESIDE = 4  # samples beside these, where the band limit of a sensor still shows a hit
+_COARSE = 12  # samples of half a sine, whose sum gives its impulse to within 0.2 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,60 @@ def force_window(
     if not hits and not (_is_white(quiet) and abs(mean) < deviation):
         return None
     return ForceWindow(channel, inside, deviation, mean)
+
+
+def coarse_hits(record: Record) -> dict[str, int]:
+    """The forces of hits with so few samples that these do not tell the impulse, and how many the shortest has.
+
+    Such a pulse is not band-limited between its samples.
+    """
+    hits = {str(name): _hits(record.channel(name)) for name in record.forces}
+    shortest = {name: min(hit.stop - hit.start for hit in own) for name, own in hits.items() if own}
+    return {name: samples for name, samples in shortest.items() if samples < _COARSE}
+
+
+def without_hits(record: Record, forces: Collection[str]) -> list[Record]:
+    """The pieces of a record behind the hits of some forces, without the channels of these.
+
+    What is before the first hit as a rule rests, and tells nothing.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    forces : collection of str
+        The channels of forces that are zero but for hits.
+
+    Returns
+    -------
+    list of Record
+        The pieces of at least 40 samples.
+    """
+    acting = np.zeros(len(record), dtype=bool)
+    for name in forces:
+        for hit in _hits(record.channel(name)):
+            acting[max(hit.start - _BESIDE, 0) : hit.stop + _BESIDE] = True
+    kept = record.select(name for name in record.channels if str(name) not in forces)
+    return [
+        kept[piece] for piece in stretches(~acting) if piece.start and piece.stop - piece.start >= _FEWEST
+    ]
+
+
+def _hits(force: Floats) -> list[slice]:
+    """The hits of a force that is quiet for most of the time; none of another one."""
+    size = np.abs(np.nan_to_num(force))
+    loud = size > _FOOT * size.max(initial=0.0)
+    if np.mean(loud) > 1.0 - _QUIET:
+        return []
+    return [hit for hit in stretches(loud) if size[hit].max() > _LARGE * size.max()]
+
+
+def coarseness(samples: int) -> float:
+    """The standard deviation of the impulse of half a sine by the sum over so many samples of it, relative to it.
+
+    Over all positions of the samples in a pulse, by the first alias of its spectrum.
+    """
+    return 1.0 / (4.0 * samples**2 - 1.0)
 
 
 def _widened(loud: Bools, margin: int | None) -> Bools:

@@ -41,6 +41,8 @@ _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
 _CONTRADICTED = frozenset({"sign", "unit", "swapped", "relative", "high pass", "clipped"})
 """The same of a sign, a unit, a place or a range of a sensor, which no small size makes harmless."""
+_NOTHING = 1.0
+"""Of the forces on a mass: laws that leave more in the mean square are no better than none, which leave all of it."""
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
 AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
@@ -90,11 +92,13 @@ class Judgement:
 
     @property
     def may_be_approximate(self) -> bool:
-        """Whether the scatter between parts of the records gives intervals: not where what was stated is contradicted."""
+        """Whether the scatter between parts of the records gives intervals: not where what was stated is contradicted, or
+        the laws explain nothing of a mass.
+        """
         contradicted = self.verdict is Verdict.MEASUREMENT_ERROR and any(
             map(_contradicts, self.diagnosis[:1])
         )
-        return self.verdict.grade is Grade.APPROXIMATE and not contradicted
+        return self.verdict.grade is Grade.APPROXIMATE and not contradicted and self.model_error < _NOTHING
 
     @property
     def leaves_noise(self) -> bool:
@@ -211,6 +215,9 @@ class Examined:
     @property
     def explained(self) -> str:
         """How far the laws explain the records, in words."""
+        if self.share >= _NOTHING:
+            times = f"{self.share:.3g} times as large as all of them"
+            return f"The structure explains none of the forces on a mass: what it leaves is {times}"
         if self.fit.model_error > 0.0:
             return f"The structure explains the record to within {format_percent(self.share)} of its forces"
         laws = "The laws and the random forces explain" if self.fit.random_forces else "The laws explain"

@@ -492,13 +492,13 @@ def _with_points(motion: Floats, points: Floats) -> Floats:
 _TERMS = tuple(
     map(
         Law.parse,
-        ("1", "d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
+        ("1", "d", "d*abs(d)", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
     )
 )
 BETWEEN_MODES = "damping between modes"
 """The kind of a hypothesis of damping that a host lacks, whose place is the link that would hold it."""
 
-_USUAL = ("d**3", "d**5", "v*abs(v)", "sign(v)", *MEMORY_TERMS)
+_USUAL = ("d*abs(d)", "d**3", "d**5", "v*abs(v)", "sign(v)", *MEMORY_TERMS)
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order
