@@ -413,3 +413,63 @@ def test_damping_that_one_sensor_and_one_tone_do_not_rule_out_is_told() -> None:
     for term in some(told):
         assert term.term == "v" and 0.0 < term.share <= 1.0 and term.standard_errors > 3.0
         assert "damping between the modes 1 and 2 of wing" in term.description
+
+
+AIRCRAFT = {
+    "exc": (0.024, 0.018, 0.037, 0.019),
+    "wing": (0.034, 0.031, 0.077, 0.067),
+    "pay": (0.032, 0.027, 0.074, 0.058),
+}
+SLIP = "k*d + F*z", {"z": "(v - 0.5*abs(v)*z - 0.5*v*abs(z))/x0"}
+
+
+def aircraft(*links: lw.Link, known: bool = True) -> lw.Structure:
+    """A wing by four modes, all of it known, or to within what a test at a low level gives."""
+
+    def within(value: float, part: float) -> lw.Coefficient:
+        return number(value) if known else lw.Coefficient.unknown(value, sigma=part * value)
+
+    modes = [
+        lw.model.HostMode(
+            within(frequency, 0.005),
+            within(damping, 0.2),
+            {point: shape[mode] for point, shape in AIRCRAFT.items()},
+            {} if known else {point: 0.01 * shape[mode] for point, shape in AIRCRAFT.items()},
+        )
+        for mode, (frequency, damping) in enumerate(((3.5, 0.015), (5.2, 0.008), (7.3, 0.005), (9.2, 0.007)))
+    ]
+    return structure({}, *links, hosts=[lw.Host("ac", tuple(modes))])
+
+
+def test_laws_that_leave_much_more_than_the_noise_of_quiet_sensors_are_fitted_beside_what_they_leave(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beside noise of a thousandth what is known of the modes counts for nothing, and the search creeps."""
+    samples, law = 600, lw.Law.parse(*SLIP)
+    spectrum = np.fft.rfft(np.random.default_rng(1).standard_normal(samples))
+    spectrum[(np.arange(len(spectrum)) < 12) | (np.arange(len(spectrum)) > 84)] = 0.0  # 2 to 14 Hz
+    force = np.fft.irfft(spectrum, samples)
+    record = lw.simulate(
+        aircraft(
+            link("joint", "ac.wing-ground", law, k=-2e4, F=20.0, x0=1e-3),
+            link("gap", "ac.pay-ground", "k2*d*abs(d)", k2=3e6),
+        ),
+        forces={"ac.exc": lw.model.Sampled(0.0, 100.0, 80.0 * force / force.std(), band_limited=True)},
+        duration=(samples - 1) / 100.0,
+        rate=100.0,
+        sensors=[f"a:ac.{point}" for point in AIRCRAFT],
+    ).with_noise(60.0, seed=2)
+    starts = {
+        name: lw.Coefficient.unknown(start, lower=lower)
+        for name, start, lower in (("k", -1e4, -np.inf), ("F", 20.0, 0.0), ("x0", 2e-3, 1e-6))
+    }
+    asked = aircraft(link("joint", "ac.wing-ground", law, **starts), known=False)
+    monkeypatch.setattr("linkwise.likelihood.search.with_model_error", lambda *_: None)  # none is found
+    fit = lw.identify(record, asked, as_stated=True)
+    assert fit.grade is lw.Grade.APPROXIMATE and fit.verdicts == (lw.Verdict.NOISE_MISMATCH,)
+    assert present(fit.chi_square_per_sample) > 30.0 and present(fit.coefficient("joint.k").value) < 0.0
+    for mode, frequency in enumerate((3.5, 5.2, 7.3, 9.2), start=1):
+        found = fit.coefficient(f"ac.mode{mode}.frequency")
+        assert abs(present(found.value) - frequency) < 4.0 * present(found.standard_error) < 0.03 * frequency
+    monkeypatch.setattr("linkwise.likelihood.search.with_noise_of_misfit", lambda *_: None)
+    assert lw.identify(record, asked, as_stated=True).grade is lw.Grade.REFUSED

@@ -125,6 +125,8 @@ class LikelihoodFit:
         The standard deviations of the noise in the first record, by channel.
     chi_square, chi_square_off : float, bool
         Chi-square per degree of freedom with the noise stated or estimated beforehand, and whether it is far from 1.
+    of_misfit : bool
+        Whether the noise is what the laws leave: beside that which was stated or found no search ended.
     model_error : float
         The relaxation q of the flow where the laws leave residuals that are not noise, else 0.
     force_error : array of shape (n,)
@@ -168,6 +170,7 @@ class LikelihoodFit:
     random_forces: tuple[RandomForceEstimate, ...] = ()
     shape: CostShape = CostShape.UNKNOWN
     untold: tuple[str, ...] = ()
+    of_misfit: bool = False
     options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
 
     @property
@@ -404,6 +407,7 @@ def _fitted(
         noise=_found_noise(segments, fit, tuple(sensing.frames[0].names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
+        of_misfit=explained.of_misfit,
         model_error=explained.model_error,
         force_error=_force_error(fit, segments.system, segments),
         error_ratios=None if ratios is None else ratios[:p],

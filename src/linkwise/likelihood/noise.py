@@ -279,6 +279,30 @@ def with_noise_of_residuals(
     return replace(again, path=(*fit.path, *again.path))
 
 
+_ROUNDS = 4  # of a search with the noise that the one before left
+_EVEN = 0.05  # by which that differs at most where it has settled
+
+
+def with_noise_of_misfit(
+    segments: Segments, start: Iterate, fit: AnnealingFit, annealer: Annealer
+) -> AnnealingFit | None:
+    """The fit of exact laws from a `start`, with what a `fit` that did not converge left of each channel as its noise.
+
+    Beside noise that is far below what laws leave, what is known beforehand, as of the modes of a host, counts for nothing:
+    the search creeps along directions that the records hardly determine. None where it does not converge either.
+    """
+    point, schedule = start, AnnealingSchedule()
+    counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    for _ in range(_ROUNDS):
+        levels = np.sqrt(np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts)
+        if fit.status is AnnealingStatus.CONVERGED and np.abs(levels - 1.0).max() < _EVEN:
+            break
+        levels = np.where(levels > 0.0, levels, 1.0)
+        fit = annealer(segments, point, replace(fit.scales, sigma=fit.scales.sigma * levels), schedule)
+        point, schedule = fit.point, AnnealingSchedule(initial_q=fit.q, final_q=fit.q)
+    return fit if fit.status is AnnealingStatus.CONVERGED else None
+
+
 _HIGHEST_ORDER = 24  # that is tried: differenced noise needs as many to be white to 3 % of its power
 _SMOOTHED = 100  # lags of what an autoregression leaves: its spectrum is then known to 10 % from 6000 samples
 _SAMPLES_PER_LAG = 50  # at least

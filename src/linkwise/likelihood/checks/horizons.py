@@ -65,7 +65,7 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     """
     if fit.optimum.segments.random is not None:
         return None
-    path = list(_path(fit))
+    path = list(_from_exact(fit))[::-1] if fit.of_misfit else list(_path(fit))
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves or min(moves) > _LARGEST:
         return None
@@ -91,16 +91,40 @@ def _path(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
     loosest = _LOOSE if exact else optimum.q
     tighter = {q: reach for q, reach in _REACH.items() if q < loosest}
     for q, reach in [(loosest, 1), *tighter.items()]:
-        if optimum.segments.count < _INDEPENDENT * reach * BLOCKS[0]:
-            return
-        found = optimum_at(optimum, q, _STEPS)
-        if found.status is not AnnealingStatus.CONVERGED:
-            return
-        horizon = _by_blocks(fit, found)
+        horizon = _at_horizon(fit, optimum, q, reach)
         if horizon is None:
             return
         optimum = horizon.optimum
         yield horizon
+
+
+def _from_exact(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
+    """A fit of exact laws, and the optima at looser and looser relaxations as long as they are found: over short horizons
+    a record may not tell what it does over long ones, as the motion of many modes by few sensors.
+    """
+    yield fit
+    optimum = fit.optimum
+    for q, reach in reversed(_REACH.items()):
+        if q > _LOOSE or not _has_blocks(optimum, reach):
+            continue
+        horizon = _at_horizon(fit, optimum, q, reach)
+        if horizon is None:
+            return
+        optimum = horizon.optimum
+        yield horizon
+
+
+def _has_blocks(optimum: Optimum, reach: int) -> bool:
+    """Whether blocks are long beside the segments that the error of a state reaches."""
+    return optimum.segments.count >= _INDEPENDENT * reach * BLOCKS[0]
+
+
+def _at_horizon(fit: LikelihoodFit, start: Optimum, q: float, reach: int) -> LikelihoodFit | None:
+    """The fit at a relaxation, searched from an optimum at another one; None where there is none, or no blocks."""
+    if not _has_blocks(start, reach):
+        return None
+    found = optimum_at(start, q, _STEPS)
+    return _by_blocks(fit, found) if found.status is AnnealingStatus.CONVERGED else None
 
 
 def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit:
