@@ -38,7 +38,9 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.terms import (
     ERRORS,
     PPM,
+    Delay,
     Disturbance,
+    Gain,
     Hum,
     known_to_within,
     late_beside_clocks,
@@ -290,13 +292,13 @@ def _by_hits(first: _Model) -> _Model | None:
     for record in first.records:
         shortest |= {name: min(n, shortest.get(name, n)) for name, n in coarse_hits(record).items()}
     scales = [abs(cause.size) for cause in first.answer.diagnosis if cause.kind in _SCALES]
-    open_ = not set(shortest) & {*first.options.gains, *first.options.delays}
+    open_ = not any(isinstance(one, Gain | Delay) and one.channel in shortest for one in first.options.errors)
     if not (shortest and open_) or max(scales, default=0.0) > _BY_HITS * max(
         map(coarseness, shortest.values())
     ):
         return None
-    calibration = {**first.options.calibration, **{name: coarseness(n) for name, n in shortest.items()}}
-    options = replace(first.options, gains=(*first.options.gains, *shortest), calibration=calibration)
+    scaling = (Gain(name, coarseness(samples)) for name, samples in shortest.items())
+    options = replace(first.options, errors=(*first.options.errors, *scaling))
     gains = (
         Cause("force gain", name, 0.0, "1", 0.0, 0.0, remark=f"{OF_HITS} {samples} samples")
         for name, samples in shortest.items()
