@@ -16,7 +16,7 @@ from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_p
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
-from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.terms import ERRORS, Delay, Drift, Gain, Term
 from linkwise.likelihood.tests.columns import (
     FittedMotion,
@@ -70,8 +70,10 @@ def column_of_test(record: lw.Record, kind: str, channel: str) -> Floats:
     misfit = evaluate(posed.segments, posed.start, posed.scales, Gaussian())
     optimum = Optimum(posed.segments, misfit, posed.scales, 1.0, 1.0, Gaussian())
     motion = FittedMotion(optimum, PAIR, record.channels)
-    sensors = errors_of_sensors(SensorErrors.of(posed.segments, misfit), record.responses)
-    named = {(one.error.kind, one.error.where): one for one in chain(inertia_and_inputs(motion), sensors)}
+    named = {
+        (one.error.kind, one.error.where): one
+        for one in chain(inertia_and_inputs(motion), errors_of_sensors(motion))
+    }
     columns = TestedColumns.of([named[kind, channel]])
     rows, _ = whitened_jacobian(
         posed.segments,
