@@ -301,12 +301,9 @@ def motion_of(
     x = orbit.states[every, 0, mass]
     v = orbit.states[every, 1, mass] / step
     a = orbit.accelerations[every, mass]
-    if kind == X:
-        return x, v
-    if kind == V:
-        return v, a
-    assert kind == A
-    return _with_rate(a, step * segments.refine)
+    if kind == A:
+        return _with_rate(a, step * segments.refine)
+    return (x, v) if kind == X else (v, a)
 
 
 def _with_rate(shown: Floats, step: Floats) -> tuple[Floats, Floats]:
