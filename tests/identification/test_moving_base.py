@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -165,6 +165,22 @@ def test_gain_of_an_absolute_accelerometer_is_found_with_the_rest() -> None:
     assert fit.trusted and near(fit)
     [remark] = (remark for remark in fit.remarks if remark.startswith("a:m1"))
     assert float(remark.split()[2]) == pytest.approx(1.02, abs=4.0 * 0.01 / np.sqrt(len(record)))
+
+
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ({"drifts": ["rel:x:m1"]}, "rel:x:m1 drifts over"),
+        ({"hums": {"rel:x:m1": 50.0}}, "rel:x:m1 has a hum of"),
+        ({"corners": ["rel:x:m1"]}, "rel:x:m1 is behind a high pass"),
+    ],
+    ids=["drift", "hum", "high pass"],
+)
+def test_what_is_added_to_a_relative_sensor_is_found_and_told(option: dict[str, Any], told: str) -> None:
+    """Its channel was looked for by the name that the equations give it, which the record lacks."""
+    fit = lw.identify(measured("rel:x", "a:base", duration=1.0), two_storeys().unknown("all"), **option)
+    assert fit.trusted and near(fit)
+    assert any(remark.startswith(told) for remark in fit.remarks)
 
 
 def test_discovery_offers_the_base_in_place_of_the_ground() -> None:

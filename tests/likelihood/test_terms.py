@@ -1,23 +1,25 @@
-"""What is unknown of sensors and inputs: each kind is tested by the column that estimates it."""
+"""What is unknown of sensors and inputs: each kind is one class, and tested by the column that estimates it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 import pytest
 from present import present
-from problems import truth
+from problems import chain_record, truth
 from structures import row_of_masses
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.estimates.causes import CAUSE_KINDS, FOUND, CauseKind
 from linkwise.likelihood.options import OF_FORCE
 from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
-from linkwise.likelihood.shooting.residuals import SensorErrors, evaluate
-from linkwise.likelihood.terms import ERRORS, Delay, Drift, Gain, Term
+from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.terms import ERRORS, Delay, Drift, Gain, Shown, Term, Waveform
 from linkwise.likelihood.tests.columns import (
     FittedMotion,
     TestedColumns,
@@ -70,8 +72,10 @@ def column_of_test(record: lw.Record, kind: str, channel: str) -> Floats:
     misfit = evaluate(posed.segments, posed.start, posed.scales, Gaussian())
     optimum = Optimum(posed.segments, misfit, posed.scales, 1.0, 1.0, Gaussian())
     motion = FittedMotion(optimum, PAIR, record.channels)
-    sensors = errors_of_sensors(SensorErrors.of(posed.segments, misfit), record.responses)
-    named = {(one.error.kind, one.error.where): one for one in chain(inertia_and_inputs(motion), sensors)}
+    named = {
+        (one.error.kind, one.error.where): one
+        for one in chain(inertia_and_inputs(motion), errors_of_sensors(motion))
+    }
     columns = TestedColumns.of([named[kind, channel]])
     rows, _ = whitened_jacobian(
         posed.segments,
@@ -110,3 +114,33 @@ def test_each_kind_is_tested_by_the_column_that_estimates_it(kind: str, record: 
     difference = (-column if kind.startswith(OF_FORCE) else column).ravel() - first
     difference -= others @ np.linalg.lstsq(others, difference, rcond=None)[0]
     assert np.linalg.norm(difference) < (2e-2 if kind == "clock" else 5e-3) * np.linalg.norm(first)
+
+
+@dataclass(frozen=True)
+class Bend(Waveform):
+    """A sensor that shows a part of the square of its motion as well."""
+
+    kind, argument = "bend", "admit"
+
+    def columns(self, shown: Shown) -> list[Floats]:
+        return [shown.value**2]
+
+
+def test_a_kind_of_error_is_a_class_and_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ERRORS, Bend.kind, Bend)
+    monkeypatch.setitem(CAUSE_KINDS, Bend.kind, CauseKind("a bend of {0.where} by {0.size:.3g} 1/m", "1/m"))
+    monkeypatch.setitem(FOUND, Bend.kind, "shows {0.value:.3g} 1/m of the square of its motion as well")
+    clean, chain = chain_record(2, duration=2.0).with_noise(40.0, seed=5), lw.bnes_chain(2)
+    sink = clean.channel("x:m2")
+    bent = replace(
+        clean, values=np.column_stack([clean.channel("x:m1"), sink + 1.5 * sink**2]), simulated=None
+    )
+    lacking = lw.identify(bent, chain.unknown("all"), as_stated=True)
+    assert (lacking.diagnosis[0].kind, lacking.diagnosis[0].where) == ("bend", "x:m2")
+    fit = lw.identify(bent, chain.unknown("all"), admit=["bend"])
+    [error] = fit.sensor_errors
+    assert error.value == pytest.approx(1.5, rel=0.05)  # along samples with their noise
+    assert (
+        error.description.startswith(f"x:m2 shows {error.value:.3g} 1/m of the square")
+        and error.unit == "1/m"
+    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, Final, Literal, TypeAlias, get_args
+from typing import Any, Final
 
 import numpy as np
 
@@ -270,6 +270,16 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
 )
 """What a diagnosis may name."""
 
+FOUND = {
+    "offset": "is off by {0.value:.4g}{unit} throughout",
+    "gain": "shows {0.value:.6g} of its {shown}",
+    "delay": "is late by {ms:.4g} ms",
+    HIGH_PASS: "is behind a high pass with its corner at {0.value:.4g} Hz",
+    CLOCK: "has a clock that runs {size:.4g} ppm {faster}",
+    HARMONIC: "has a harmonic force at {0.value:.6g} Hz that was not recorded",
+}
+"""What is said of a channel whose error of a kind is estimated with the laws (see `SensorErrorEstimate.description`)."""
+
 
 _TOLD = 3  # coefficients, or masses; the others are listed
 _OF_TERMS = "larger amplitudes, a longer record or less noise tell whether they lack such a term"
@@ -382,9 +392,6 @@ def _remark(terms: Sequence[UnseenTerm], stated: str, kind: str, advice: str) ->
     )
 
 
-ErrorKind: TypeAlias = Literal["offset", "gain", "delay", "high pass", "clock", "harmonic force"]
-
-
 @dataclass(frozen=True)
 class SensorErrorEstimate:
     """A constant error of a sensor, its gain or its delay, found with the coefficients.
@@ -409,7 +416,7 @@ class SensorErrorEstimate:
     """
 
     channel: str
-    kind: ErrorKind
+    kind: str
     value: float
     standard_error: float
     unit: str
@@ -417,18 +424,14 @@ class SensorErrorEstimate:
     @property
     def description(self) -> str:
         """In words, with its standard error."""
-        kind, late = self.channel.partition(":")[0], self.kind == "delay"
+        kind = self.channel.partition(":")[0]
         shown = {"force": "force", "f": "force", "state": "value"}.get(kind, "motion")
-        size = {
-            "offset": f"is off by {self.value:.4g} {self.unit.replace('?', '')}".rstrip() + " throughout",
-            "gain": f"shows {self.value:.6g} of its {shown}",
-            "delay": f"is late by {1e3 * self.value:.4g} ms",
-            HARMONIC: f"has a harmonic force at {self.value:.6g} Hz that was not recorded",
-            CLOCK: f"has a clock that runs {abs(self.value):.4g} ppm {'fast' if self.value > 0.0 else 'slow'}",
-            HIGH_PASS: f"is behind a high pass with its corner at {self.value:.4g} Hz",
-        }[self.kind]
-        unit = {CLOCK: " ppm", HARMONIC: " Hz"}.get(self.kind, "")
-        error = f"{1e3 * self.standard_error:.2g} ms" if late else f"{self.standard_error:.2g}{unit}"
+        words = {"shown": shown, "unit": f" {self.unit}".replace("?", "").rstrip()}
+        words["faster"] = "fast" if self.value > 0.0 else "slow"
+        size = FOUND[self.kind].format(self, size=abs(self.value), ms=1e3 * self.value, **words)
+        units = {"delay": (1e3, " ms"), CLOCK: (1.0, " ppm"), HARMONIC: (1.0, " Hz")}
+        scale, unit = units.get(self.kind, (1.0, ""))
+        error = f"{scale * self.standard_error:.2g}{unit}"
         return f"{self.channel} {size} (estimated with the other unknowns, standard error {error})."
 
     @classmethod
@@ -451,7 +454,7 @@ class SensorErrorEstimate:
             If something is missing, of another type, or not finite.
         """
         kind, value, error = document["kind"], float(document["value"]), float(document["standard_error"])
-        if kind not in get_args(ErrorKind) or not (isfinite(value) and isfinite(error) and error >= 0.0):
+        if kind not in FOUND or not (isfinite(value) and isfinite(error) and error >= 0.0):
             raise ValueError(f"not an error of a sensor: {dict(document)}")
         return cls(str(document["channel"]), kind, value, error, str(document["unit"]))
 

@@ -307,7 +307,7 @@ def _hums(
         for wave in (np.cos, np.sin)
     ]
     channel = np.repeat([channel for _, channel in hums], 2 * len(records))
-    return SensorErrors(channel, ("hum",) * len(channel), np.full(len(channel), -1), np.stack(waves, axis=1))
+    return SensorErrors(channel, np.stack(waves, axis=1))
 
 
 def _refined_hum(
@@ -359,7 +359,7 @@ class _Unknowns:
         with one_blas_thread():
             columns, units = _columns(optimum, records, forces)
             augmented = augmented_quadratic(optimum, columns, hums)
-        units = np.append(units, np.ones(0 if hums is None else len(hums.kind)))
+        units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
         p = len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)
         curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, auto
 from math import inf, isinf
-from typing import Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
 import scipy
@@ -20,7 +20,7 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import CLOCK, HIGH_PASS, HUM, ErrorKind, SensorErrorEstimate
+from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, HUM, SensorErrorEstimate
 from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, interpolated
 from linkwise.records.record import Record
 from linkwise.registry import Registry
@@ -120,10 +120,13 @@ class Term(ABC):
     channel: str
     kind: ClassVar[str]
     argument: ClassVar[str]
-    unit: ClassVar[str] = ""
-    """Of its size; empty where it is that of the channel."""
     block: ClassVar[Block] = Block.WAVEFORMS
     null: ClassVar[float] = 0.0
+
+    @property
+    def unit(self) -> str:
+        """That of its size; empty where it is that of the channel."""
+        return CAUSE_KINDS[self.kind].unit
 
     @property
     def known(self) -> tuple[float, float]:
@@ -161,7 +164,7 @@ class Term(ABC):
 
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         """How its size is reported, in the unit of the channel or its own; None of what is told in sentences or was stated."""
-        return SensorErrorEstimate(self.channel, cast(ErrorKind, self.kind), value, error, self.unit or unit)
+        return SensorErrorEstimate(self.channel, self.kind, value, error, self.unit or unit)
 
     def beside(self, errors: Sequence[Term], record: Record) -> tuple[Term, ...] | None:
         """The errors with this one, of which nothing is known; None where it is there, or is that of a base."""
@@ -204,7 +207,7 @@ class Offset(Constant):
 class Gain(Constant):
     """The factor by which a sensor, or the channel of a force, is too large."""
 
-    kind, argument, unit = "gain", "gains", "1"
+    kind, argument = "gain", "gains"
     block = Block.GAINS
     null = 1.0
 
@@ -224,7 +227,7 @@ class Delay(Constant):
 
     taken_out: float = 0.0
     near: bool = False
-    kind, argument, unit = "delay", "delays", "s"
+    kind, argument = "delay", "delays"
     block = Block.DELAYS
 
     @property
@@ -398,7 +401,7 @@ class HighPass(Waveform):
 
     corner: float | None = None
     shown: Sequence[Floats] = field(default=(), compare=False, repr=False)
-    kind, argument, unit = HIGH_PASS, "corners", "Hz"
+    kind, argument = HIGH_PASS, "corners"
     wrong = "the corner of {name} must be a positive frequency in Hz, got {number!r}"
 
     @property
@@ -428,7 +431,7 @@ class Clock(Waveform):
     ratio: float | None = None
     members: tuple[str, ...] = ()
     taken_out: float = 0.0
-    kind, argument, unit = CLOCK, "clocks", "ppm"
+    kind, argument = CLOCK, "clocks"
     wrong = (
         "the clock of {name} must run fast by a number of ppm, negative for a slow one, and by less than "
         f"{_FASTEST:g} ppm, got {{number!r}}"

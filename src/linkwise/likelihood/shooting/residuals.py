@@ -6,7 +6,7 @@ optimum, and the same samples in segments several times as long have the same on
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -30,7 +30,7 @@ from linkwise.likelihood.shooting.segments import (
     cost_of_starts,
 )
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.likelihood.terms import ERRORS, Shown, integrated
+from linkwise.likelihood.terms import Shown, integrated
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,80 +192,47 @@ def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Traje
     return forces
 
 
-_COUPLED = 8  # channels up to which crosstalk between every two of them is tested
-
-
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
-    """c errors of unit size: `channel` (c,), `kind` (c,) of a `Cause`, and `values` (M, c, K) what they add to its samples.
-
-    A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a
-    delay in s, crosstalk the part of the channel number `other` (c,), of the same unit, that is seen as well; -1 for the rest.
-    """
+    """c errors of unit size: `channel` (c,), and `values` (M, c, K) what each adds to its samples."""
 
     channel: Indices
-    kind: tuple[str, ...]
-    source: Indices
     values: Floats
 
     @classmethod
-    def of(cls, segments: Segments, misfit: Misfit) -> SensorErrors:
-        """All kinds of errors of all channels along the fitted motion."""
-        ramp = _ramp(segments)
-        sensors = segments.sensors
-        motions = [_shown(segments, misfit, channel) for channel in range(len(sensors.kind))]
-        rows = [
-            (channel, kind, -1, error.tested(shown))
-            for channel, shown in enumerate(_along(segments, *motion, ramp) for motion in motions)
-            for kind, error in ERRORS.items()
-        ]
-        if len(motions) <= _COUPLED:
-            rows += [
-                (channel, "crosstalk", source, motions[source][0])
-                for channel in range(len(motions))
-                for source in range(len(motions))
-                if channel != source and sensors.kind[channel] == sensors.kind[source]
-            ]
-        channel, kind, source, values = zip(*rows, strict=True)
-        return cls(np.array(channel), kind, np.array(source), np.stack(values, axis=1))
-
-    def of_kind(self, kind: str) -> SensorErrors:
-        """Those of one kind, of sensors of masses."""
-        which = np.array([one == kind for one in self.kind])
-        return SensorErrors(
-            self.channel[which], (kind,) * int(which.sum()), self.source[which], self.values[:, which]
-        )
+    def of(cls, samples: Iterable[tuple[int, Floats]]) -> SensorErrors | None:
+        """Those that add something (M, K) to channels by number; None without any."""
+        channels, values = [], []
+        for channel, added in samples:
+            channels.append(channel)
+            values.append(added)
+        return cls(np.array(channels, dtype=int), np.stack(values, axis=1)) if channels else None
 
 
-def _along(segments: Segments, value: Floats, rate: Floats, ramp: Floats) -> Shown:
-    """What a channel shows in some segments."""
-    return Shown(value, ramp, _elapsed(segments), lambda: rate, lambda: _integrated(segments, value))
+def shown_motion(segments: Segments, misfit: Misfit) -> list[Shown]:
+    """What each channel shows (M, K)."""
+    ramp, elapsed = _ramp(segments), _elapsed(segments)
+    motions = [_shown(segments, misfit, channel) for channel in range(len(segments.sensors.kind))]
+    return [_along(segments, *motion, ramp, elapsed) for motion in motions]
 
 
-def common_filter(segments: Segments, misfit: Misfit) -> SensorErrors:
-    """What a filter that all sensors share does to each channel beside a delay: the second derivative of what it shows.
+def _along(segments: Segments, value: Floats, rate: Floats, ramp: Floats, elapsed: Floats) -> Shown:
+    return Shown(value, ramp, elapsed, lambda: rate, lambda: _integrated(segments, value))
+
+
+def filtered_motion(segments: Segments, misfit: Misfit) -> list[Floats]:
+    """What a filter that all sensors share does to each channel (M, K) beside a delay: the second derivative of what it shows.
 
     A low pass of first order with the time constant T takes exp(i w t) to (1 - T^2 w^2 / 2) exp(i w (t - T)) at low
     frequencies, so its size here, in s^2, is T^2 / 2.
     """
-    sensors = segments.sensors
-    values = []
-    for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True)):
-        if kind == X and segments.carried is None:
-            values.append(motion_of(segments, misfit, V, int(mass))[1])
-        else:
-            rate = _shown(segments, misfit, channel)[1]
-            values.append(_with_rate(rate, segments.step * segments.refine)[1])
-    count = len(values)
-    return SensorErrors(np.arange(count), ("filter",) * count, np.full(count, -1), np.stack(values, axis=1))
-
-
-def relative_to_gain(filtered: SensorErrors, errors: SensorErrors) -> float:
-    """Largest ratio, among the channels, of what a common filter does per unit of its size to what a gain does."""
-    gains = np.array([kind == "gain" for kind in errors.kind])
-    power = np.mean(errors.values[:, gains] ** 2, axis=(0, 2))
-    changed = np.mean(filtered.values[:, errors.channel[gains]] ** 2, axis=(0, 2))
-    return float(np.sqrt(np.max(changed / np.maximum(power, np.finfo(float).tiny))))
+    sensors, step = segments.sensors, segments.step * segments.refine
+    return [
+        motion_of(segments, misfit, V, int(mass))[1]
+        if kind == X and segments.carried is None
+        else _with_rate(_shown(segments, misfit, channel)[1], step)[1]
+        for channel, (kind, mass) in enumerate(zip(sensors.kind, sensors.mass, strict=True))
+    ]
 
 
 def estimated_errors(
@@ -334,12 +301,9 @@ def motion_of(
     x = orbit.states[every, 0, mass]
     v = orbit.states[every, 1, mass] / step
     a = orbit.accelerations[every, mass]
-    if kind == X:
-        return x, v
-    if kind == V:
-        return v, a
-    assert kind == A
-    return _with_rate(a, step * segments.refine)
+    if kind == A:
+        return _with_rate(a, step * segments.refine)
+    return (x, v) if kind == X else (v, a)
 
 
 def _with_rate(shown: Floats, step: Floats) -> tuple[Floats, Floats]:

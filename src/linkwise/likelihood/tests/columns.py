@@ -12,19 +12,28 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import chain, combinations
+from itertools import combinations, permutations
 
 import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
+from linkwise.estimates.causes import CLOCK
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import UncertainForces
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, carried_by, motion_of
+from linkwise.likelihood.shooting.residuals import (
+    Misfit,
+    SensorErrors,
+    carried_by,
+    filtered_motion,
+    motion_of,
+    shown_motion,
+)
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.terms import ERRORS, Shown
 from linkwise.likelihood.tests.score_test import (
     BETWEEN_MODES,
     AugmentedQuadratic,
@@ -86,6 +95,25 @@ class FittedMotion:
         force = np.empty_like(d)
         self.mechanics.force(d, v, memory, force, np.empty_like(memory))
         return force
+
+    @cached_property
+    def shown(self) -> list[Shown]:
+        """What each channel shows."""
+        return shown_motion(self.segments, self.misfit)
+
+    @cached_property
+    def filtered(self) -> list[Floats]:
+        """(M, K) what a filter of unit size that all sensors share does to each channel."""
+        return filtered_motion(self.segments, self.misfit)
+
+    @property
+    def attenuation(self) -> float:
+        """Largest ratio, among the channels, of what that filter does to what a gain does."""
+        power = [
+            (np.mean(one.value**2), np.mean(own**2))
+            for one, own in zip(self.shown, self.filtered, strict=True)
+        ]
+        return float(np.sqrt(max(changed / max(shown, np.finfo(float).tiny) for shown, changed in power)))
 
     @property
     def _links(self) -> tuple[Floats, Floats, Floats]:
@@ -157,22 +185,16 @@ class TestedColumns:
             for k, (added, scale) in enumerate(kept)
             for channel, values in added.samples
         ]
-        everyone, candidates, errors = np.eye(len(kept)), None, None
+        everyone, candidates = np.eye(len(kept)), None
         if forces:
             _, firsts, seconds, along = zip(*forces, strict=True)
             both = np.stack(along, axis=1)
             candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
-        if samples:
-            _, channels, shown = zip(*samples, strict=True)
-            count = len(samples)
-            errors = SensorErrors(
-                np.array(channels), ("",) * count, np.full(count, -1), np.stack(shown, axis=1)
-            )
         return cls(
             [added.error for added, _ in kept],
             1.0 / np.array([scale for _, scale in kept]),
             candidates,
-            errors,
+            SensorErrors.of((channel, values) for _, channel, values in samples),
             everyone[[k for k, *_ in forces]],
             everyone[[k for k, *_ in samples]],
         )
@@ -188,8 +210,6 @@ class TestedColumns:
         every = motion.segments.tangent_refine
         errors = SensorErrors(
             np.array([cells[hypotheses[k].where] for k in measured], dtype=int),
-            ("load cell",) * len(measured),
-            np.full(len(measured), -1),
             candidates.starts[::every, measured][: len(motion.segments.samples)].astype(float),
         )
         everyone = np.eye(len(hypotheses))
@@ -206,8 +226,6 @@ class TestedColumns:
             reduce(CandidateForces.joined, forces) if forces else None,
             SensorErrors(
                 np.concatenate([part.channel for part in errors]),
-                tuple(chain.from_iterable(part.kind for part in errors)),
-                np.concatenate([part.source for part in errors]),
                 np.concatenate([part.values for part in errors], axis=1),
             )
             if errors
@@ -238,12 +256,28 @@ class TestedColumns:
         return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
 
 
-def errors_of_sensors(errors: SensorErrors, shown: Sequence[Channel]) -> Iterator[Added]:
-    """Each error of a sensor alone, by the channels that are `shown`."""
-    places = zip(errors.kind, errors.channel.tolist(), errors.source.tolist(), strict=True)
-    for number, (kind, channel, source) in enumerate(places):
-        hypothesis = Hypothesis(kind, shown[channel], source="" if source < 0 else shown[source])
-        yield Added(hypothesis, samples=[(channel, errors.values[:, number])])
+_COUPLED = 8  # channels up to which crosstalk between every two of them is tested
+
+
+def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
+    """All kinds of errors of each sensor alone; the filter that they share, and the clock of the only input.
+
+    A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a delay
+    in s, crosstalk the part of another channel of the same kind that is seen as well.
+    """
+    shown, kinds = motion.shown, motion.segments.sensors.kind
+    names, inputs = ([name for name in motion.channels if name.is_input is which] for which in (False, True))
+    for channel, one in enumerate(shown):
+        for kind, error in ERRORS.items():
+            yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
+    for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):
+        if kinds[channel] == kinds[source]:
+            crosstalk = Hypothesis("crosstalk", names[channel], source=names[source])
+            yield Added(crosstalk, samples=[(channel, shown[source].value)])
+    yield Added(Hypothesis("filter", "all channels"), samples=[*enumerate(motion.filtered)])
+    if len(inputs) == 1:
+        early = [(channel, -ERRORS[CLOCK].tested(one)) for channel, one in enumerate(shown)]
+        yield Added(Hypothesis(CLOCK, inputs[0]), samples=early)
 
 
 _ROUNDING = 1e-9  # of a force

@@ -37,13 +37,9 @@ from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.normal_equations import block_ends
 from linkwise.likelihood.shooting.residuals import (
     LongerSegments,
-    SensorErrors,
-    common_filter,
-    relative_to_gain,
 )
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.columns import (
-    Added,
     FittedMotion,
     TestedColumns,
     base_errors,
@@ -449,41 +445,28 @@ def tested_causes(
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     optimum = in_longer_segments(fit)
-    motion, at = FittedMotion(optimum, identified, channels), (optimum.segments, optimum.misfit)
-    errors, filtered = SensorErrors.of(*at), common_filter(*at)
-    columns = TestedColumns.joined(_columns(motion, errors, filtered, terms=terms))
+    motion = FittedMotion(optimum, identified, channels)
+    columns = TestedColumns.joined(_columns(motion, terms=terms))
     # which are those of terms and sensors at least
     assert columns.forces is not None and columns.errors is not None
     blocks = blocks_in(optimum.segments, fit.segments)
     augmented = augmented_quadratic(optimum, columns.forces, columns.errors, blocks)
     equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
-    named, of_filter = in_units_of(columns.hypotheses, identified), relative_to_gain(filtered, errors)
-    return TestedCauses(named, columns.units, *equations, of_filter, augmented.model, optimum)
+    named = in_units_of(columns.hypotheses, identified)
+    return TestedCauses(named, columns.units, *equations, motion.attenuation, augmented.model, optimum)
 
 
-def _columns(
-    motion: FittedMotion, errors: SensorErrors, filtered: SensorErrors, *, terms: bool
-) -> list[TestedColumns]:
-    """Missing terms, errors of masses and inputs, of sensors, of all channels together, of the base and of hosts."""
-    channels, estimated = motion.channels, motion.segments.system.parameters.names
+def _columns(motion: FittedMotion, *, terms: bool) -> list[TestedColumns]:
+    """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts."""
+    estimated = motion.segments.system.parameters.names
     lacking = (missing_forces if terms else usual_terms)(motion.structure, estimated)
-    together = [Added(Hypothesis("filter", "all channels"), samples=_samples(filtered))]
-    timed, inputs = errors.of_kind(CLOCK), [name for name in channels if name.is_input]
-    if len(inputs) == 1 and timed.kind:
-        early = replace(timed, values=-timed.values)
-        together.append(Added(Hypothesis(CLOCK, inputs[0]), samples=_samples(early)))
-    of_sensors = errors_of_sensors(errors, [name for name in channels if not name.is_input])
     of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
     return [
         TestedColumns.of_terms(motion, lacking),
         TestedColumns.of(
-            chain(inertia_and_inputs(motion), of_sensors, together, base_errors(motion), *of_hosts)
+            chain(inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
         ),
     ]
-
-
-def _samples(errors: SensorErrors) -> list[tuple[int, Floats]]:
-    return list(zip(errors.channel.tolist(), np.moveaxis(errors.values, 1, 0), strict=True))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
