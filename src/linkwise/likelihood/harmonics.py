@@ -132,7 +132,7 @@ def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
     sensor is in its channel alone.
     """
     masses = [name for name in structure.mass_names if name not in structure.modes]
-    if structure.hosts or not fit.has_errors:
+    if structure.hosts or not masses or not fit.has_errors:
         return
     lines, count = _lines(fit, records)
     known = [force.frequency for force in fit.options.harmonics]
