@@ -14,7 +14,7 @@ TESTS = 34_000  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2223),
     "analysis": (4, 522),
-    "cli": (20, 1864),
+    "cli": (20, 1867),
     "discovery": (19, 3667),
     "estimates": (6, 1319),
     "export": (8, 769),
@@ -28,7 +28,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "paper": (3, 368),
     "plot": (12, 1909),
     "records": (7, 1366),
-    "report": (10, 940),
+    "report": (10, 945),
     "response": (11, 1692),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 961),
     "signals": (6, 880),
