@@ -11,6 +11,7 @@ import pytest
 from commands import said
 from present import present
 from record_faults import chain
+from structures import torsion_chain
 
 import linkwise as lw
 from linkwise.report.discovery import discovery_page
@@ -40,6 +41,14 @@ def test_verdict_comes_first_and_what_was_found_before_what_was_known(fitted: lw
     assert "<svg" not in body  # no link was to be pictured
 
 
+def test_moments_stand_in_units_of_the_angle() -> None:
+    truth = torsion_chain()
+    record = lw.simulate(truth, release={"v:disc1": 1.0}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
+    page = re.sub(r"[\d.]+ ± [\d.e-]+", "#", page_of(lw.identify(record, truth.unknown("sink"))))
+    assert '"law">alpha = -# N m/rad, beta = # N m/rad^3, c = # N m s/rad</p>' in page
+    assert "well 1 = -# rad, well 2 = # rad, barrier = # mJ, frequency in well 1 = # Hz" in page
+
+
 def test_a_bad_answer_is_said_to_be_one(fitted: lw.Estimate) -> None:
     bad = replace(fitted, fit_verdicts=(lw.Verdict.NOT_CONVERGED,), message="The cost still falls.")
     assert not bad.trusted
@@ -64,19 +73,13 @@ def test_one_sentence_says_what_could_still_be_wrong_and_by_how_much(fitted: lw.
 def test_a_force_without_elongation_is_drawn_over_the_rate(fitted: lw.Estimate) -> None:
     """Over the elongation there is nothing to see of a dashpot."""
     sink = fitted.structure.link("nes1")
-    coefficients = {
-        **sink.coefficients,
-        "alpha": lw.Coefficient.number(0.0),
-        "beta": lw.Coefficient.number(0.0),
-    }
-    links = (fitted.structure.links[0], replace(sink, coefficients=coefficients))
+    given = {**sink.coefficients, **dict.fromkeys(("alpha", "beta"), lw.Coefficient.number(0.0))}
+    links = (fitted.structure.links[0], replace(sink, coefficients=given))
     motion = replace(fitted.motion, structure=replace(fitted.structure, links=links))
-    figures = estimate_figures(Reported(replace(fitted, compute_motion=lambda: motion)))
-    assert present(figures["force_nes1"].figure)().axes[0].get_xlabel() == "rate v, m/s"
-    assert (
-        present(estimate_figures(Reported(fitted))["force_nes1"].figure)().axes[0].get_xlabel()
-        == "elongation d, mm"
-    )
+    damped = replace(fitted, compute_motion=lambda: motion)
+    for answer, label in ((damped, "rate v, m/s"), (fitted, "elongation d, mm")):
+        drawn = present(estimate_figures(Reported(answer))["force_nes1"].figure)()
+        assert drawn.axes[0].get_xlabel() == label
 
 
 def test_page_needs_nothing_else(answer_folder: Path) -> None:
@@ -88,9 +91,7 @@ def test_page_needs_nothing_else(answer_folder: Path) -> None:
     assert len(page) < 1.5e6
 
 
-def test_large_figures_lie_beside(
-    fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_big_figures_lie_beside(fitted: lw.Estimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So that no page is larger than 1.5 MB, however many links and channels there are."""
     monkeypatch.setattr("linkwise.report.page._PAGE", 40)
     page = (lw.report.write_result(fitted, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
@@ -120,9 +121,7 @@ def test_result_json_is_that_of_the_interface(answer_folder: Path, fitted: lw.Es
     assert len(sink["wells"]) == 2 and len(sink["wells"][0]["interval"]) == 2
     assert sink["barrier"]["unit"] == "J"
     assert set(result["nmse_percent"]) == {"spring1", "nes1"}
-    assert result["files"] == sorted(
-        path.name for path in answer_folder.iterdir() if path.name != "result.json"
-    )
+    assert result["files"] == sorted({path.name for path in answer_folder.iterdir()} - {"result.json"})
 
 
 def test_force_file_is_the_curve_with_its_band(answer_folder: Path, fitted: lw.Estimate) -> None:
@@ -136,14 +135,12 @@ def test_force_file_is_the_curve_with_its_band(answer_folder: Path, fitted: lw.E
 
 def test_progress_reaches_the_end_and_never_goes_back(fitted: lw.Estimate, tmp_path: Path) -> None:
     fractions: list[float] = []
-    lw.report.write_result(
-        fitted, tmp_path / "answer", progress=lambda report: fractions.append(report.fraction)
-    )
+    lw.report.write_result(fitted, tmp_path / "answer", progress=lambda one: fractions.append(one.fraction))
     # four files are written, the last report is before the last of them
     assert fractions == sorted(fractions) and fractions[0] >= 0.0 and 0.8 < fractions[-1] <= 1.0
 
 
-def test_a_discovery_of_memory_is_written(
+def test_discovery_of_memory_is_written(
     discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path
 ) -> None:
     """Its figures are not compared with the true forces, which the motion alone does not tell."""
@@ -181,9 +178,8 @@ def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Pat
     folder = lw.report.write_result(inspection, tmp_path / "looked")
     names = {path.name for path in folder.iterdir()}
     assert {"inspection.json", "report.html"} <= names
-    assert {
-        f"{kind}_{n}.png" for kind in ("histories", "spectra", "maps", "coherence") for n in (1, 2)
-    } <= names
+    kinds = ("histories", "spectra", "maps", "coherence")
+    assert {f"{kind}_{n}.png" for kind in kinds for n in (1, 2)} <= names
     document = json.loads((folder / "inspection.json").read_text())
     assert document["alerts"] == [alert.to_dict() for alert in inspection.alerts]
     page = (folder / "report.html").read_text(encoding="utf-8")

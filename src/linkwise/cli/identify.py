@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import UsageError
@@ -13,10 +13,15 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
 from linkwise.cli.options import FILE, grouped, method_options, nmse_lines, option_name, screen, stated, typed
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
-from linkwise.identification import compare as comparisons
 from linkwise.identification.identify import METHODS
 from linkwise.model import link
 from linkwise.output import COMPARISON, RESULT
+from linkwise.registry import lazy_module
+
+if TYPE_CHECKING:
+    from linkwise.identification import compare as comparisons
+else:  # its free runs and simulations load where methods are compared
+    comparisons = lazy_module("linkwise.identification.compare")
 
 
 @dataclass(frozen=True)
