@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_360  # lines of all files of tests
+TESTS = 34_480  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -26,9 +26,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 867),
     "model": (16, 2896),
     "paper": (3, 368),
-    "plot": (12, 1909),
+    "plot": (12, 1910),
     "records": (7, 1366),
-    "report": (10, 955),
+    "report": (10, 1010),
     "response": (11, 1692),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 944),
     "signals": (6, 887),
