@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1910),
     "records": (7, 1366),
     "report": (10, 1010),
-    "response": (11, 1692),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (11, 1703),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (12, 944),
     "signals": (6, 887),
     "simulation": (9, 1686),
