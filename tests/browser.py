@@ -30,7 +30,8 @@ PROBE = """<script>addEventListener("load", () => {
   for (const image of document.images) image.dataset.width = image.naturalWidth;
   for (const figure of document.querySelectorAll("svg[role=img]"))
     figure.dataset.width = Math.round(figure.getBoundingClientRect().width);
-  const texts = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), range = document.createRange();
+  const texts = [], wrapped = [], range = document.createRange();
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walker.nextNode()) {
     const node = walker.currentNode, drawn = node.parentElement.closest("text");
     if (!node.data.trim() || node.parentElement.closest("script, style")) continue;
@@ -38,11 +39,13 @@ PROBE = """<script>addEventListener("load", () => {
     for (const box of drawn ? [drawn.getBoundingClientRect()] : range.getClientRects()) {
       const inset = 0.15 * Math.min(box.width, box.height);  // letters are smaller than the box of their font
       texts.push([node.data.trim(), box.left + inset, box.right - inset, box.top + inset, box.bottom - inset]);
+      if (!node.parentElement.closest("pre")) wrapped.push(texts.at(-1));  // a file scrolls
     }
   }
   const over = texts.flatMap(([a, l, r, t, b], i) => texts.slice(i + 1).filter(
     ([, left, right, top, bottom]) => left < r && l < right && top < b && t < bottom).map(([other]) => `${a} | ${other}`));
   document.body.dataset.overlaps = over.slice(0, 9).join("; ");
+  document.body.dataset.cut = wrapped.filter(([, , right]) => right > innerWidth).map(([text]) => text).slice(0, 9).join("; ");
   document.body.dataset.loaded = "yes";
 })</script>"""
 LOADED = 'data-loaded="yes"'
@@ -61,6 +64,12 @@ class Shown:
     def overlaps(self) -> str:
         """Texts that overlap, two by two."""
         [found] = re.findall(r'<body[^>]* data-overlaps="([^"]*)"', self.document)
+        return str(found)
+
+    @property
+    def cut(self) -> str:
+        """Texts that end beyond the window."""
+        [found] = re.findall(r'<body[^>]* data-cut="([^"]*)"', self.document)
         return str(found)
 
     @property

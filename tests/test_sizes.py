@@ -14,7 +14,7 @@ TESTS = 34_360  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2223),
     "analysis": (4, 522),
-    "cli": (20, 1864),
+    "cli": (20, 1867),
     "discovery": (19, 3667),
     "estimates": (6, 1329),
     "export": (8, 769),
@@ -26,10 +26,10 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 867),
     "model": (16, 2896),
     "paper": (3, 368),
-    "plot": (12, 1909),
+    "plot": (12, 1910),
     "records": (7, 1366),
-    "report": (10, 943),
-    "response": (11, 1692),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (10, 1000),
+    "response": (11, 1703),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 961),
     "signals": (6, 905),
     "simulation": (9, 1661),

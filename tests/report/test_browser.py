@@ -1,5 +1,6 @@
 """Pages in a real browser that has no network: they render, with their figures, and the console stays silent."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from browser import CHROMIUM, Shown, show
 from problems import chain_record
 
 import linkwise as lw
+from linkwise.identification.compare import compare
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
 
@@ -16,7 +18,8 @@ def shown(folder: Path, scratch: Path, *, figures: int, width: int = 1000) -> Sh
     """The page of a folder: it renders without a word on the console, with its figures at their size."""
     scratch.mkdir()
     page = show(folder / "report.html", scratch, width)
-    assert page.console == () and page.overlaps == ""
+    assert page.console == () and page.overlaps == "" and page.cut == ""
+    assert (folder / "report.html").stat().st_size < 1.5e6
     assert page.shades > 50  # text and lines are smoothed: an empty page has one
     assert len(page.pictures) == figures and min(width for _, width in page.pictures) > 400
     return page
@@ -24,16 +27,53 @@ def shown(folder: Path, scratch: Path, *, figures: int, width: int = 1000) -> Sh
 
 @pytest.mark.parametrize("width", [800, 1280])
 def test_identify_page(width: int, tmp_path: Path) -> None:
-    """Everything is unfolded, no two texts overlap, and the page is small."""
+    """Everything is unfolded, no two texts overlap, none is cut, and the page is small."""
     chain = lw.bnes_chain(2)
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=1)
     folder = lw.report.write_result(lw.identify(record, chain.unknown("all")), tmp_path / "answer")
     shown(folder, tmp_path / "browser", figures=5, width=width)
-    assert (folder / "report.html").stat().st_size < 1.5e6
 
 
-def test_study_page(paper_report: Path, tmp_path: Path) -> None:
-    page = shown(paper_report, tmp_path / "browser", figures=8)
+PLANE = {"x:m2": (-0.02, 0.02), "v:m2": (-0.2, 0.2)}
+PAGES: dict[str, tuple[Callable[[lw.Structure, lw.Record, lw.Estimate], Any], int]] = {  # and figures
+    "inspect": (lambda chain, record, fit: lw.inspect(record), 4),
+    "validate": (lambda chain, record, fit: lw.validate(record, fit), 4),
+    "compare": (lambda chain, record, fit: compare(record, chain.unknown("nes")), 1),
+    "respond": (
+        lambda chain, record, fit: lw.respond(chain, force={"m1": 0.3}, hz=(21.0, 24.0), starts=0, levels=(0.1, 0.3)),
+        1,
+    ),
+    "backbone": (lambda chain, record, fit: lw.backbone(fit, 1, to_energy=1e-3), 1),
+    "basins": (lambda chain, record, fit: lw.response.basins(chain, PLANE, points=4), 1),
+    "design": (
+        lambda chain, record, fit: lw.design(
+            chain,
+            {"nes1.alpha": (-300.0, -20.0), "m2.mass": (0.005, 0.02)},
+            "rms",
+            lw.absorption.DesignOptions(evaluations=20),
+            release={"v:m1": 1.0},
+            duration=0.5,
+        ),
+        3,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("question", PAGES)
+def test_pages_say_what_follows(
+    question: str, chain: lw.Structure, fitted: lw.Estimate, tmp_path: Path
+) -> None:
+    answer, figures = PAGES[question]
+    record = chain_record(2, duration=1.0).with_noise(30.0, seed=2)
+    folder = lw.report.write_result(answer(chain, record, fitted), tmp_path / "answer")
+    for width in (800, 1280):
+        page = shown(folder, tmp_path / f"{width}", figures=figures, width=width)
+        assert "<b>Next:</b>" in page.body
+
+
+@pytest.mark.parametrize("width", [800, 1280])
+def test_study_page(width: int, paper_report: Path, tmp_path: Path) -> None:
+    page = shown(paper_report, tmp_path / "browser", figures=8, width=width)
     assert "The paper's results are reproduced, and surpassed." in page.body
     names = [name.partition(":")[0] for name, _ in page.pictures]
     assert names == [f"Figure {number}" for number in range(2, 10)]
@@ -74,6 +114,9 @@ def test_faults_and_an_empty_page_would_be_seen(tmp_path: Path) -> None:
     page.write_text(html.format('<p>Words</p><p style="margin-top: -2em">over others</p>'))
     (tmp_path / "over").mkdir()
     assert show(page, tmp_path / "over").overlaps == "Words | over others"
+    page.write_text(html.format('<p style="margin-left: 99vw; white-space: nowrap">beyond the window</p>'))
+    (tmp_path / "cut").mkdir()
+    assert show(page, tmp_path / "cut").cut == "beyond the window"
     (tmp_path / "again").mkdir()
     page.write_text(html.format(""))
     empty = show(page, tmp_path / "again")

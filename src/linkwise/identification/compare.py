@@ -115,7 +115,7 @@ class Comparison(JudgedView):
         shown = [answer.estimate for answer in answers]
         table.append(("grade", *map(_grade, shown), ""))
         squares = ["" if one is None else _number(one.chi_square_per_sample) for one in shown]
-        table.append(("chi-square", *squares, "1"))
+        table.append(("chi-square", *squares, ""))
         for channel in self.record.responses:
             errors = [_number(answer.prediction.get(channel), 100.0) for answer in answers]
             table.append((f"free run of {channel}", *errors, "%"))

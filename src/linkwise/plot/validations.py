@@ -226,6 +226,7 @@ def prediction_spectrum(
     require_known("spectrum of", channel, validation.spectra, RecordError)
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
+    power = f"{score.unit}²" if score.unit.isalpha() else f"({score.unit})²"
     with axes_for(ax, legend=legend) as axes:
         axes.plot(spectrum.frequency, spectrum.measured, color=MEASURED, lw=1.4, label="measured")
         axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
@@ -233,7 +234,7 @@ def prediction_spectrum(
         log_scale(axes, "y")
         axes.set(xlim=spectrum.frequency[[1, -1]], xlabel="frequency, Hz")
         log_scale(axes, "x")
-        axes.set_ylabel(f"{literal(channel)}, ({score.unit})²/Hz")
+        axes.set_ylabel(f"{literal(channel)}, {power}/Hz")
     return axes
 
 

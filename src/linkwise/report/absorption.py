@@ -27,11 +27,9 @@ from linkwise.plot.absorptions import (
     map_figure,
     trade_off,
 )
-from linkwise.plot.responses import response_figure
 from linkwise.plot.style import single
 from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
-from linkwise.response.result import headline as response_headline
-from linkwise.response.result import peak_rows
+from linkwise.report.response import amplitude_sections
 
 
 def _sections(result: Answer) -> dict[str, Section]:
@@ -118,11 +116,8 @@ def _design_sections(result: Design) -> dict[str, Section]:
         sections["trade_off"] = Section("Trade-off", [text], rows=rows, figure=figure)
     text = "Every design that was simulated; where neighbours differ, thresholds or chance decide, and no surface is smooth."
     sections["designs"] = Section("Designs", [text], figure=partial(designs_figure, result))
-    if (response := result.response) is not None:
-        rows, figure = peak_rows(response), partial(response_figure, response)
-        sections["response"] = Section(
-            "Steady motion of the best", response_headline(response), rows=rows, figure=figure
-        )
+    if result.response is not None:
+        sections |= amplitude_sections(result.response, "Steady motion of the best")
     rows, figure = mass_rows(result.absorption), partial(decay_figure, result.absorption)
     sections["decay"] = Section("Motion of the best", rows=rows, figure=figure)
     return sections

@@ -27,7 +27,7 @@ from linkwise.plot.levels import (
 )
 from linkwise.plot.records import coherences_figure, histories_figure, spectra_figure, spectrograms_figure
 from linkwise.plot.style import single
-from linkwise.report.page import Head, Section, sectioned
+from linkwise.report.page import Head, Section, in_units_of_figures, sectioned
 
 PICTURED = 8  # records with figures; the others have their table
 
@@ -71,7 +71,8 @@ def _of_record(inspection: Inspection, number: int) -> dict[str, Section]:
     """What is shown of one record: a table of its channels and their histories, and of the first records further figures."""
     record, name = inspection.records[number], labels(inspection.records)[number]
     text = f"{len(record)} samples at {record.rate:g} Hz, from {record.start:g} to {record.start + record.duration:g} s."
-    rows = [HEAD, *(channel_row(channel) for channel in inspection.channels_of(number))]
+    rows = [HEAD, *in_units_of_figures([*map(channel_row, inspection.channels_of(number))], slice(3, 7))]
+    rows = [*zip(*(column for column in zip(*rows, strict=True) if any(column[1:])), strict=True)]
     if number >= PICTURED:
         return {"histories": Section(name, [text], record.notes, rows)}
     of = f" of {name}" if len(inspection.records) > 1 else ""

@@ -92,19 +92,18 @@ def _picture(name: str, section: Section, folder: Path, most: int) -> Markup:
     figure = section.figure()
     png, svg = style.encoded(figure, "png", "svg")
     (folder / f"{name}.png").write_bytes(png)
-    drawing, still = _ABOUT.sub("", svg.decode("utf-8").partition("<svg")[2]), embedded(png)
+    picture = embedded(png, svg, section.title, figure.get_figwidth())
+    return picture if len(picture) <= most else Markup('<p><a href="{0}">{0}</a></p>').format(f"{name}.png")
+
+
+def embedded(png: bytes, svg: bytes, title: str, width: float) -> Markup:
+    """A figure of this width in inches as a part of a page that needs nothing else: the smaller of drawing and pixels."""
+    drawing = _ABOUT.sub("", svg.decode("utf-8").partition("<svg")[2])
     drawing = _PATH.sub(lambda path: _FINE.sub("", path[0]), drawing)
-    if min(len(drawing), len(still)) > most:
-        return Markup('<p><a href="{0}">{0}</a></p>').format(f"{name}.png")
+    still = f"data:image/png;base64,{b64encode(png).decode('ascii')}"
     if len(drawing) < len(still):
-        return Markup('<svg role="img" aria-label="{}"').format(section.title) + Markup(drawing)
-    width = round(_PIXELS * figure.get_figwidth())
-    return Markup('<img src="{}" alt="{}" width="{}">').format(still, section.title, width)
-
-
-def embedded(png: bytes) -> str:
-    """The content of a PNG file as an address that holds it, for a page that needs nothing else."""
-    return f"data:image/png;base64,{b64encode(png).decode('ascii')}"
+        return Markup('<svg role="img" aria-label="{}"').format(title) + Markup(drawing)
+    return Markup('<img src="{}" alt="{}" width="{}">').format(still, title, round(_PIXELS * width))
 
 
 def rendered(template: str, **parts: Any) -> str:
@@ -179,6 +178,46 @@ class Head:
     title: str = ""
 
 
+def in_units_of_figures(rows: Sequence[Sequence[str]], columns: slice) -> list[tuple[str, ...]]:
+    """`rows` that end in an SI unit, with the numbers of `columns` in the unit that a figure of them has, as mm."""
+    scaled = []
+    for *cells, unit in rows:
+        numbers = [float(cell) if cell else None for cell in cells[columns]]
+        factor, shown = style.scale(max((abs(number) for number in numbers if number), default=0.0), unit)
+        cells[columns] = ["" if number is None else f"{factor * number:.4g}" for number in numbers]
+        scaled.append((*cells, shown or unit))
+    return scaled
+
+
+_DESIGN = ("find the coefficients and masses at which the sinks absorb best (design).",)
+_FOLLOWING = {
+    "Absorption": _DESIGN,
+    "AbsorptionIntervals": _DESIGN,
+    "AbsorptionMap": _DESIGN,
+    "Backbone": (
+        "lay a measured decay over the curve (backbone --levels), or compute what a force does (respond).",
+    ),
+    "Basins": ("compute what a force does there (respond).",),
+    "Comparison": (
+        "predict a second record with structure.toml, the answer of maximum likelihood (validate).",
+        "add what is missing to the structure, and identify again.",
+    ),
+    "Design": (
+        "structure.toml is the best design: compare it with and without its sinks (absorb), or under a force (respond).",
+    ),
+    "Inspection": (
+        "identify a structure from the record (identify), or find its links (discover).",
+        "mend what the alerts name, or state it (--sensor), and inspect again.",
+    ),
+    "Response": ("sweep slowly over a fold in a test and lay it over these curves (respond --record).",),
+    "Validation": (
+        "compute with the answer; respond, absorb, design and export take its folder.",
+        "see below where in the motion it fails, and identify again with what acts there.",
+    ),
+}
+"""What to do next by the type of a result; the last is for one that is not trusted."""
+
+
 def sectioned(
     mark: str,
     head: Callable[[R], Head],
@@ -194,7 +233,8 @@ def sectioned(
             "section_page.html.jinja",
             title=shown.title or (shown.structure and shown.structure.name) or "structure",
             head=shown,
-            trusted=result.trusted,
+            grade=result.grade.value,
+            following=_FOLLOWING[type(result).__name__][0 if result.trusted else -1],
             sections=sections,
             pictures=pictures,
             structure="" if shown.structure is None else format_structure(shown.structure),

@@ -11,7 +11,8 @@ import numpy as np
 from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.plot.responses import backbone_figure, basins, response_figure
-from linkwise.plot.style import single
+from linkwise.plot.style import scale, single
+from linkwise.records.channel_units import unit_in
 from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
 from linkwise.response.free_motion import (
     Backbone,
@@ -23,16 +24,37 @@ from linkwise.response.free_motion import (
 )
 from linkwise.response.result import Branch, Response, headline, peak_rows
 
+_LEVELS, _CHANNELS = 4, 3  # of which the head of a page says how large the motion is
 
-def _amplitudes(result: Response) -> dict[str, Section]:
-    """Amplitudes over frequency."""
+
+def _largest(result: Response) -> Iterator[str]:
+    """How large stable motion is at each level, in the units of the figure."""
+    for level in result.levels[:_LEVELS]:
+        stable = [branch for branch in level.branches if branch.stable.any()]
+        if not stable:
+            continue
+        hz = np.concatenate([branch.hz[branch.stable] for branch in stable])
+        amplitude = np.concatenate([branch.amplitude[branch.stable] for branch in stable])
+        peaks = []
+        for channel, at in list(zip(result.channels, amplitude.argmax(axis=0), strict=True))[:_CHANNELS]:
+            size = amplitude[at, result.channels.index(channel)]
+            factor, unit = scale(size, unit_in(result.structure, channel))
+            peaks.append(f"{channel} to {factor * size:.4g} {unit} at {hz[at]:.5g} Hz")
+        yield f"At {level.size:g} {result.drive.unit} stable motion reaches: {', '.join(peaks)}."
+
+
+def amplitude_sections(result: Response, title: str = "Amplitude over frequency") -> dict[str, Section]:
+    """Amplitudes over frequency, and a table of the branches."""
     text = (
         "Amplitude is half of peak to peak over a period. Unstable motion, which no test shows, is dotted; between folds "
         "the motion jumps from one stable branch to another."
     )
     text += " Grey points are measured." if result.measured else ""
     figure = partial(response_figure, result)
-    return {"response": Section("Amplitude over frequency", [text], rows=peak_rows(result), figure=figure)}
+    return {
+        "response": Section(title, [text], figure=figure),
+        "branches": Section("Branches", rows=peak_rows(result), folded=True),
+    }
 
 
 def _write_data(result: Response, folder: Path) -> None:
@@ -63,8 +85,8 @@ def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
 
 RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
     RESPONSE,
-    lambda result: Head(headline(result), result.structure, result.findings),
-    _amplitudes,
+    lambda result: Head((*headline(result), *_largest(result)), result.structure, result.findings),
+    amplitude_sections,
     _write_data,
 )
 """What `respond` hands over."""
@@ -74,7 +96,10 @@ def _curve(result: Backbone) -> dict[str, Section]:
     """Amplitudes over the frequency of a mode."""
     text = ["Grey points are measured."] if result.measured else []
     figure = partial(backbone_figure, result)
-    return {"backbone": Section("Amplitude over frequency", text, rows=backbone_rows(result), figure=figure)}
+    return {
+        "backbone": Section("Amplitude over frequency", text, figure=figure),
+        "points": Section("Points of the curve", rows=backbone_rows(result), folded=True),
+    }
 
 
 def _write_backbone_data(result: Backbone, folder: Path) -> None:

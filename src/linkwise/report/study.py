@@ -101,7 +101,7 @@ class StudyReport:
 def study_page(report: StudyReport, illustrations: Mapping[str, Sequence[Mapping[str, str]]]) -> str:
     """The page as text: HTML that asks nobody for anything.
 
-    `illustrations` are figures by the heading above them: name, title, caption, and the address that holds the picture.
+    `illustrations` are figures by the heading above them: name, title, caption, and the picture.
     """
     comparison, table = report.comparison, report.table
     return rendered(
@@ -187,7 +187,7 @@ def _coverages(table: StudySummary) -> list[tuple[str, float, Mapping[str, str]]
         texts = lines.setdefault((cell.structure, cell.snr_db), dict.fromkeys(methods, "–"))
         if cell.intervals:
             texts[cell.method] = covered(cell.coverage, cell.intervals)
-    return [(*key, texts) for key, texts in lines.items() if set(texts.values()) != {"–"}]
+    return [(*key, texts) for key, texts in lines.items() if set(texts.values()) - {"–"}]
 
 
 _MOST_NAMED = 12  # structures whose names fit below a panel; without names, numbers of masses fit
@@ -308,9 +308,10 @@ def write_study_report(folder: str | Path, *, progress: Progress = silent) -> Pa
         progress(ProgressReport(number / len(figures), f"figure {name}"))
         figure = entry.draw()
         if figure is not None:
-            png, _ = save(figure, home / _FIGURES / name)
-            picture = {"name": name, "title": entry.title, "address": embedded(png.read_bytes())}
-            shown.setdefault(entry.heading, []).append({**picture, "caption": entry.caption})
+            png, svg = save(figure, home / _FIGURES / name)
+            picture = embedded(png.read_bytes(), svg.read_bytes(), entry.title, figure.get_figwidth())
+            own = {"name": name, "title": entry.title, "picture": picture, "caption": entry.caption}
+            shown.setdefault(entry.heading, []).append(own)
     progress(ProgressReport(1.0, "page"))
     if report.comparison.cells:
         _write_table(report.comparison, report.table.methods, home / "table_2.csv")

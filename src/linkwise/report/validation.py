@@ -24,7 +24,7 @@ from linkwise.plot.validations import (
     prediction_profile_figure,
     prediction_spectrum_figure,
 )
-from linkwise.report.page import Head, ResultFolder, Section, sectioned
+from linkwise.report.page import Head, ResultFolder, Section, in_units_of_figures, sectioned
 
 
 def _sections(validation: Validation) -> dict[str, Section]:
@@ -37,7 +37,8 @@ def _sections(validation: Validation) -> dict[str, Section]:
         "predictions one sample ahead. NMSE is the squared RMSE over the variance of the measured "
         "samples, fit is 100 % minus its root."
     )
-    rows, figure = [CHANNEL_HEAD, *channel_rows(validation)], partial(prediction_figure, validation)
+    rows = [CHANNEL_HEAD, *in_units_of_figures(channel_rows(validation), slice(1, 5))]
+    figure = partial(prediction_figure, validation)
     sections = {"prediction": Section("Prediction", [text], record.notes, rows, figure)}
     if validation.findings:
         sections["findings"] = Section("Findings", items=validation.findings)

@@ -153,6 +153,7 @@ def _searched(
         for start in random_starts(wells, reach, omega, states, rng, options.starts):
             search.take(np.append(start, omega))
             search.settle(shooting, start, omega)
+    search.settle_between_tori(shooting)
     return search
 
 

@@ -33,6 +33,7 @@ _PERIODS = (1, 2, 3, 4)  # turns of a period that are looked for
 _REPEATS = 0.02  # of its size: a motion that comes back so near repeats, or will
 _SAME = 1e-5  # of its size: two motions so near are one
 _ON_CURVE = 1e-3  # of its size: a curve passes so near through a motion that is on it
+_ASIDE = 0.01  # of its size: a simulation so far from an unstable motion leaves it
 _WILD = 100.0  # multiplier from which a motion is one of the endless unstable ones of a chaotic structure
 _BRANCH_STEPS = (_LONGEST, _LONGEST / 4, _LONGEST / 16)  # onto another curve
 _MOST_CURVES, _MOST_POINTS = 24, 600  # at a level, and of a curve each way
@@ -142,6 +143,17 @@ class LevelSearch:
         motion = irregular_motion(shooting, state, omega)
         if motion is not None:
             self.irregular.append(motion)
+
+    def settle_between_tori(self, shooting: Shooting) -> None:
+        """Simulate from the middle of unstable stretches between Neimark-Sacker bifurcations, unless their motion is known."""
+        for curve in list(self.curves):
+            marks = [number for number, (_, name) in enumerate(curve.points) if name == TORUS]
+            for first, last in pairwise(marks):
+                point = curve.points[(first + last) // 2][0]
+                low, high = sorted(curve.points[mark][0].parameter for mark in (first, last))
+                known = any(low <= motion.omega <= high for motion in self.irregular)
+                if not known and np.abs(curve.equations.multipliers(point)).max() > 1.0:
+                    self.settle(shooting, point.unknowns[:-1] + _ASIDE * point.sizes[:-1], point.parameter)
 
     def _attracts(self, shooting: Shooting, state: Floats, omega: float) -> bool:
         """Whether there is a stable periodic motion near a state."""
