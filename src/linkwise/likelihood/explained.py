@@ -46,6 +46,7 @@ from linkwise.likelihood.terms import (
     late_beside_clocks,
     of_kind,
 )
+from linkwise.likelihood.tests.diagnosis import likeliest_first
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
@@ -491,8 +492,8 @@ def _beside_cause(model: _Model) -> _Model | None:
         return scaled
     causes = () if model.is_explained else model.answer.diagnosis
     named = [c for c in causes if _can_be_added(c) and (model.added or not c.is_instrument)]
-    least = max(_ALIKE * causes[0].gain, named[0].gain - _AS_LIKELY) if named else 0.0
-    tried = [cause for cause in named if cause.gain > least][:_TRIED]
+    least = max(_ALIKE * causes[0].gain, -likeliest_first(named[0]) - _AS_LIKELY) if named else 0.0
+    tried = [cause for cause in named if -likeliest_first(cause) > least][:_TRIED]
     if tried and not (model.added or causes[0].is_instrument):
         errors = (cause for cause in causes if is_admissible(cause) and _can_be_added(cause))
         tried += [cause for cause in errors if cause.gain > _NEARLY * causes[0].gain][:1]

@@ -6,7 +6,7 @@ by other values to each motion that it meets (a test of homogeneity: Cochran, Bi
 nearly independent, and their product says more than either (Fisher, "Statistical methods for research workers", 1932).
 Where they doubt the laws, intervals are as wide as blocks scatter, and hold what usual terms would make of the coefficients.
 
-Terms are added to the linearised equations one at a time, always the one that explains most of what those before it leave.
+Terms are added to the linearised equations one at a time, always the likeliest beside those before it.
 With values c_D of the terms D so found the coefficients move by G c_D, and G c_D c_D' G' is added to their covariance: the
 second moment of the c_D about the zero that the laws as stated give them (Berk et al., Ann. Statist. 41, 2013).
 
@@ -32,6 +32,7 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.tests.columns import largest_damping
 from linkwise.likelihood.tests.diagnosis import (
     LARGEST,
+    PRICES,
     Hint,
     TestedCauses,
     beyond_white,
@@ -108,10 +109,11 @@ def _added(
         among = np.ix_(order, order)
         gains = single_tests(curvature[among], slope[order], curvature[among], position).gains
         beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2
-        excess = np.where(beyond > least[order[position:] - p], beyond, 0.0)
-        if not excess.any():
+        enough = beyond > least[order[position:] - p]
+        if not enough.any():
             break
-        best = position + int(np.argmax(excess))
+        prices = np.array([PRICES.get(hypotheses[number - p].term, 0.0) for number in order[position:]])
+        best = position + int(np.argmax(np.where(enough, beyond - prices, -np.inf)))
         order[[position, best]] = order[[best, position]]
         added += 1
     if not added:

@@ -336,7 +336,7 @@ _SHIFTED = 3.0  # standard errors that it, or a mass, changes a coefficient by: 
 _FROM_ZERO = 2.0  # standard errors by which a coefficient differs from zero, or changes
 _LISTED = 3  # hypotheses in a sentence
 _NOTHING_TESTED = " Errors of sensors and missing terms were not tested: at these values the equations for them are singular."
-_PRICES = {**dict.fromkeys(MEMORY_TERMS, PRICE_OF_REACH), "d*abs(d)": 9.0}
+PRICES = {**dict.fromkeys(MEMORY_TERMS, PRICE_OF_REACH), "d*abs(d)": 9.0}
 """Of -2 log likelihood, that a force loses beside a smooth function: by three standard errors these are told apart."""
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
@@ -377,7 +377,7 @@ def likeliest_first(cause: Cause) -> float:
     """By gain; a force with memory, whose reach is free beside its size, and one with a kink, which no spring has that is
     not preloaded, come after what gains nearly as much.
     """
-    return _PRICES.get(cause.term, 0.0) - cause.gain
+    return PRICES.get(cause.term, 0.0) - cause.gain
 
 
 def least_gain(causes: int) -> float:
