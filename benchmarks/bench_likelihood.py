@@ -2,13 +2,18 @@
 
 The cost is that of the whole call, from record to intervals, in the unit U: one NumPy product of two different matrices,
 1771 x 6000 by 6000 x 1771, in the same run. Nothing of it is compiled: the flow is NumPy, and the simulation that makes the
-record is not counted.
+record is not counted. Where LINKWISE_OLDER is the folder of a work tree of another commit (``git worktree add --detach``), the
+two are timed in turn as well.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
@@ -25,6 +30,31 @@ FIRST, SEEDS = 1000, 20
 MANY = 250  # records of the statistics of one structure
 CHANCE = 0.014  # on each side of a share of them: two deviations, from 0.92 to 0.98
 DURATION, RATE = 6.0, 1000.0
+OLDER = os.environ.get("LINKWISE_OLDER", "")
+HERE = str(Path(__file__).parents[1])
+BESIDE = {2: (10, 3), 4: (10, 3), 10: (5, 3), 20: (3, 2), 40: (1, 1), 100: (1, 1)}
+"""Records of a chain of so many masses, and rounds of processes, in which two commits are timed in turn."""
+GOALS = {2: 1.05, 4: 1.05, 10: 1.05, 20: 1.05, 40: 1.3, 100: 1.3}  # times the older commit
+SLOWEST = 1.5  # times the older commit: more is a fault
+TIMED = """
+import resource, sys, time
+from dataclasses import replace
+import numpy as np
+import linkwise as lw
+
+masses, records, values = int(sys.argv[1]), int(sys.argv[2]), np.load(sys.argv[3])
+small = lw.bnes_chain(2)
+short = lw.simulate(small, release={"v:m1": 1.0}, duration=0.5, rate=1000.0).with_noise(30.0, seed=1)
+lw.identify(short, small.unknown("all")).trusted
+chain = lw.bnes_chain(masses)
+clean = lw.simulate(chain, release={"v:m1": 1.0}, duration=2.0, rate=1000.0)
+for seed in range(records):
+    record = replace(clean, values=values).with_noise(20.0, seed=seed)
+    started = time.process_time()
+    lw.identify(record, chain.unknown("nes")).trusted
+    print(time.process_time() - started)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
+"""
 
 
 @dataclass(frozen=True)
@@ -198,3 +228,31 @@ def test_the_cost_of_a_diagnosis(n: int, monkeypatch: pytest.MonkeyPatch) -> Non
         f"wall time than one without, of at most 15 %; the diagnosis alone {100.0 * np.median(own):.0f} % of processor time"
     )
     assert processor < 0.4
+
+
+@pytest.mark.skipif(not OLDER, reason="LINKWISE_OLDER is no work tree of another commit")
+@pytest.mark.parametrize("masses", BESIDE)
+def test_times_beside_an_older_commit(masses: int, tmp_path: Path) -> None:
+    """Processor time of identify on the same records of two seconds, in turn, with one thread of BLAS.
+
+    The motion of many masses is chaotic, so that both commits take that which this one simulates.
+    """
+    chain, values = lw.bnes_chain(masses), tmp_path / "values.npy"
+    release = {"v:m1": 1.0 if masses == 2 else 3.0}
+    np.save(values, lw.simulate(chain, release=release, duration=2.0, rate=RATE).values)
+    records, rounds = BESIDE[masses]
+
+    def timed(tree: str) -> list[float]:
+        command = [sys.executable, "-c", TIMED, str(masses), str(records), str(values)]
+        environment = os.environ | {"PYTHONPATH": str(Path(tree) / "src"), "OPENBLAS_NUM_THREADS": "1"}
+        run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+        return [float(word) for word in run.stdout.split()]
+
+    both = np.array([[timed(tree) for tree in (OLDER, HERE)] for _ in range(rounds)])
+    (before, now), memory = both[..., :-1].min(axis=0), both[..., -1].max(axis=0)
+    ratio = float(np.median(now / before))
+    print(
+        f"\nn = {masses}: {np.median(before):.3f} s before, {np.median(now):.3f} s now, {ratio:.2f} times, goal "
+        f"{GOALS[masses]:g}; at most {memory[0]:.2f} GB before, {memory[1]:.2f} GB now"
+    )
+    assert ratio < SLOWEST
