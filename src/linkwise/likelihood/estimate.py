@@ -541,14 +541,12 @@ class MaximumLikelihood(Estimator):
             fit = self._searched(structure, louder, options)
             louder = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = self._searched(structure, louder, options)
-        if (
-            options.motions and fit.converged
-        ):  # weighed by what noise of the motion does with the values found
-            again = replace(options, nodes=fit.optimum.point.nodes)
-            fit = likelihood_fit(records, structure, fit.values, options=again)
         for _ in range(_DENOISED if options.corners else 0):
-            shown = denoised(fit, records, options.corners)
-            fit = self._searched(structure, records, replace(options, denoised=shown))
+            options = replace(options, denoised=denoised(fit, records, options.corners))
+            fit = self._searched(structure, records, options)
+        if options.motions and fit.converged:  # weighed by noise of the motion with the values found
+            again = replace(options, nodes=fit.optimum.point.nodes, deviations=fit.weights)
+            fit = likelihood_fit(records, structure, fit.values, options=again)
         return fit
 
     def _searched(
