@@ -456,8 +456,9 @@ class MaximumLikelihood(Estimator):
             If an unknown has no starting value, the records lack channels or differ in them, or nothing sets the scale of the
             forces.
         """
-        answer = (self._on_rig if structure.on_rig else self._in_motion)(records, structure, progress)
-        return with_profiles(answer, progress) if self.profile else answer
+        with one_blas_thread():
+            answer = (self._on_rig if structure.on_rig else self._in_motion)(records, structure, progress)
+            return with_profiles(answer, progress) if self.profile else answer
 
     @property
     def _admitted(self) -> Sequence[str]:

@@ -253,7 +253,8 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
     """Where powers (R, F) are far above their mean, and how far above the median of their neighbours."""
     rows, at = np.nonzero(power > _SCREENED * uniform_filter1d(power, _NEIGHBOURS, axis=1, mode="nearest"))
     padded = np.pad(power, ((0, 0), (_NEIGHBOURS // 2, _NEIGHBOURS // 2)), mode="edge")
-    level = np.median(sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at], axis=1)
+    around = sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at]
+    level = np.partition(around, _NEIGHBOURS // 2, axis=1)[:, _NEIGHBOURS // 2]
     return rows, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny)
 
 
