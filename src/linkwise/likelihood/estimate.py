@@ -399,13 +399,15 @@ class MaximumLikelihood(Estimator):
             If an unknown has no starting value, the records lack channels or differ in them, or nothing sets the scale of the
             forces.
         """
-        if structure.on_rig:
-            of_cells = [name for name in self.offsets if name != BASE_CHANNEL]
-            identify = replace(self, offsets=of_cells)._in_motion
-            answer = rig_estimate(identify, records, structure, progress, off=of_cells != [*self.offsets])
-        else:
-            answer = self._in_motion(records, structure, progress)
-        return with_profiles(answer, progress) if self.profile else answer
+        with one_blas_thread():
+            if structure.on_rig:
+                of_cells = [name for name in self.offsets if name != BASE_CHANNEL]
+                identify = replace(self, offsets=of_cells)._in_motion
+                off = of_cells != [*self.offsets]
+                answer = rig_estimate(identify, records, structure, progress, off=off)
+            else:
+                answer = self._in_motion(records, structure, progress)
+            return with_profiles(answer, progress) if self.profile else answer
 
     @property
     def _admitted(self) -> Sequence[str]:

@@ -254,7 +254,8 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
     padded = np.pad(power, ((0, 0), (_NEIGHBOURS // 2, _NEIGHBOURS // 2)), mode="edge")
     near = np.full(_NEIGHBOURS, _SCREENED / _NEIGHBOURS)
     rows, at = np.nonzero(power > np.stack([np.convolve(row, near, "valid") for row in padded]))
-    level = np.median(sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at], axis=1)
+    around = sliding_window_view(padded, _NEIGHBOURS, axis=1)[rows, at]
+    level = np.partition(around, _NEIGHBOURS // 2, axis=1)[:, _NEIGHBOURS // 2]
     return rows, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny)
 
 
