@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1941),
     "identification": (13, 2339),
     "inspection": (10, 1863),
-    "likelihood": (63, 14148),
+    "likelihood": (63, 14170),
     "modal": (5, 867),
     "model": (16, 2896),
     "paper": (3, 368),

@@ -290,18 +290,20 @@ def with_noise_of_misfit(
     """The fit of exact laws from a `start`, with what a `fit` that did not converge left of each channel as its noise.
 
     Beside noise that is far below what laws leave, what is known beforehand, as of the modes of a host, counts for nothing:
-    the search creeps along directions that the records hardly determine. None where it does not converge either.
+    the search creeps along directions that the records hardly determine. None where it does not converge either; an interrupt
+    from the keyboard ends it where it is.
     """
     point, schedule = start, AnnealingSchedule()
     counts = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
     for _ in range(_ROUNDS):
         levels = np.sqrt(np.sum(fit.misfit.residuals**2, axis=(0, 2)) / counts)
-        if fit.status is AnnealingStatus.CONVERGED and np.abs(levels - 1.0).max() < _EVEN:
+        settled = fit.status is AnnealingStatus.CONVERGED and np.abs(levels - 1.0).max() < _EVEN
+        if settled or fit.status is AnnealingStatus.INTERRUPTED:
             break
         levels = np.where(levels > 0.0, levels, 1.0)
         fit = annealer(segments, point, replace(fit.scales, sigma=fit.scales.sigma * levels), schedule)
         point, schedule = fit.point, AnnealingSchedule(initial_q=fit.q, final_q=fit.q)
-    return fit if fit.status is AnnealingStatus.CONVERGED else None
+    return fit if fit.status in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED) else None
 
 
 _HIGHEST_ORDER = 24  # that is tried: differenced noise needs as many to be white to 3 % of its power

@@ -427,6 +427,7 @@ def explained_fit(
     coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
     candidate = None
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
+    unlimited = inexact and options.steps >= AnnealingSchedule.max_steps
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
     if inexact and (known or unreached or off_by_laws):
         candidate = with_model_error(segments, fit, start, annealer)
@@ -440,7 +441,7 @@ def explained_fit(
         off = _is_off(segments, fit, annealer.loss, limit, lowest)
     elif candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
-    elif inexact and unreached and (louder := with_noise_of_misfit(segments, start, fit, annealer)):
+    elif unlimited and unreached and (louder := with_noise_of_misfit(segments, start, fit, annealer)):
         power = np.square(louder.misfit.residuals).sum(axis=2) * (louder.scales.sigma / fit.scales.sigma) ** 2
         chi_square = float(power.sum()) / freedom(segments)
         return ExplainedFit(louder, louder.covariance, chi_square, chi_square_off=True, of_misfit=True)
