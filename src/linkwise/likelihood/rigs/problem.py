@@ -152,7 +152,7 @@ class StateEquations:
 
 @dataclass(frozen=True, eq=False)
 class LinkPath:
-    """A link along a motion: `states` (J, S), `converged` if they are found."""
+    """A link along a motion: `states` (J, S), behind them the signals that its law names, `converged` if they are found."""
 
     law: Law
     values: tuple[float, ...]
@@ -194,7 +194,7 @@ class LinkPath:
     def force(self) -> Floats:
         """Force (J,) in N at the nodes."""
         named = dict(zip(self.law.coefficients, self.values, strict=True))
-        named |= dict(zip(self.law.states, self.states.T, strict=True))
+        named |= dict(zip((*self.law.states, *self.law.signals), self.states.T, strict=True))
         return self.law.force(self.d, self.v, named)
 
     def tangents(self, free: Sequence[str]) -> LinkTangents:
