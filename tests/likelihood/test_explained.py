@@ -10,7 +10,8 @@ import pytest
 import scipy
 from present import present
 from problems import truth
-from structures import HARDENING, NES, coefficient, host, link, structure
+from random_signals import random_force
+from structures import HARDENING, NES, coefficient, host, link, named, oscillator, structure, with_links
 from within import errors
 
 import linkwise as lw
@@ -499,6 +500,33 @@ def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() ->
     )
     assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [("high pass", "x:m2")]
     assert np.abs(errors(fit, STATED)).max() < FAR
+
+
+HARD = oscillator("k*d + c*v + k3*d**3", name="spring", k=3000.0, c=4.0, k3=3e6)
+
+
+def accelerations(subject: lw.Structure, corner: float = 0.0) -> lw.Record:
+    """A mass under a random force at 35 dB, its accelerometer behind a high pass at a corner in Hz if there is one."""
+    force = random_force(np.random.default_rng(1), 6.0, 200.0)
+    clean = lw.simulate(subject, forces={"m1": force}, duration=6.0, rate=200.0, sensors=["a"])
+    values, column = clean.values.copy(), clean.channels.index("a:m1")
+    if corner:
+        sections = scipy.signal.butter(1, corner, "high", fs=200.0, output="sos")
+        values[:, column] = scipy.signal.sosfilt(sections, values[:, column])
+    return replace(clean, values=values, simulated=None).with_noise(35.0, seed=1)
+
+
+def test_a_high_pass_that_a_term_hides_to_the_first_order_is_taken_into_the_model() -> None:
+    """At 1.9 Hz v*d**2 explained more by its score, and made a second answer with the high pass beside it."""
+    fit = lw.identify(accelerations(HARD, 1.9), HARD.unknown("all"))
+    assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [("high pass", "a:m1")]
+    assert np.abs(errors(fit, HARD)).max() < FAR
+
+
+def test_a_relaxation_is_no_high_pass() -> None:
+    relaxing = named("mount", "m1-ground", "maxwell", k=300.0, c=15.0)
+    fit = lw.identify(accelerations(with_links(HARD, relaxing)), HARD.unknown("all"))
+    assert not fit.trusted and "high pass" not in [cause.kind for cause in fit.added]
 
 
 def test_what_may_be_of_all_masses_or_all_sensors_is_not_taken_out_of_one() -> None:

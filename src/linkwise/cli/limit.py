@@ -36,7 +36,7 @@ class PlannedTest(SamplingOptions):
     ----------
     noise : tuple[str, ...]
         Signal-to-noise ratio expected in every sensor in dB, or for each sensor the standard deviation, as in
-        x:m1=0.01mm. Repeatable.
+        x:m1=0.01mm, and for inputs with noise, as in force:m1=0.2. Repeatable.
     unknown : tuple[str, ...]
         The unknowns: all, nes, a link, nes1.alpha, mass:m2. Repeatable. By default the unknowns of STRUCTURE, at
         their starting values, or all if it has none.

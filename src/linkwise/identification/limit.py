@@ -14,12 +14,12 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, expect
 from linkwise.identification.limit_result import Limit, true_path
+from linkwise.identification.noisy_inputs import noise_of_inputs, random_inputs
 from linkwise.likelihood.fisher_information import Precision, fisher_information
 from linkwise.likelihood.shooting.segmentation import cut_segments
-from linkwise.likelihood.shooting.segments import Iterate, Scales
+from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.excitation import Impulse
-from linkwise.model.link import refuse_signals
 from linkwise.model.named_laws import LAG
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -104,6 +104,7 @@ def _has_lost(longer: Precision, shorter: Precision) -> bool:
 _LARGEST_PHASE = 0.25  # rad of the fastest motion in one step of the sensitivities
 _MOST_STEPS = 64  # of the sensitivities between two samples
 _SHORTEST = 8  # steps of a piece between two impulses that is used
+_NOISY = 500  # samples of a segment beside noise of inputs, of which each sample is one more unknown
 _STATE = 1e-6  # of the motion of the fastest mass: the unit of a state at rest
 
 
@@ -128,7 +129,8 @@ def limit(
     duration, rate : float
         Length of the test in s and samples per second in Hz.
     noise : float or mapping of str to float
-        A signal-to-noise ratio in dB for every channel (METHODS section 2), or standard deviations by channel, in SI units.
+        A signal-to-noise ratio in dB for every sensor (METHODS section 2), or standard deviations by channel, in SI units: of
+        every sensor, and of inputs that are recorded with noise, such as ``"force:m1"``, ``"x:base"`` or ``"signal:u"``.
     unknown : sequence of str
         What is to be identified, as `Structure.unknown` takes it: "all", "nes", "nes1.alpha", "mass:m2". By default the
         unknowns of the structure, or every coefficient of its links if there are none.
@@ -140,7 +142,7 @@ def limit(
     progress : Progress
         Called with a `ProgressReport` at every step.
     **excitation
-        `release`, `impulses`, `forces` and `base`, as in `simulate`.
+        `release`, `impulses`, `forces`, `base` and `signals`, as in `simulate`.
 
     Returns
     -------
@@ -170,6 +172,7 @@ def limit(
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     test = partial(simulate, true, sensors=sensors, **excitation)
     record = test(duration=duration, rate=rate, progress=part(progress, 0.0, 0.2))
+    of_inputs = noise_of_inputs(record, true, noise if isinstance(noise, Mapping) else {})
     sigma = _noise(record, noise)
     states = System.of(true).dimension
     least = states // max(1, len(record.responses)) + 1
@@ -190,40 +193,40 @@ def limit(
     progress(ProgressReport(0.5, "sensitivities"))
     system = System.of(unknown_structure, lag=LAG * record.step)
     names = [f"{true.links[index].name}.{state}" for index, state in system.states]
+    known = np.array([parameter.sigma for parameter in unknown_structure.parameters])
     units = np.where(values == 0.0, 1.0, np.abs(values))
     scales = Scales(np.array(list(sigma.values())), _units(record, names), units)
 
-    def bound(count: int) -> Precision | None:
-        return _precision(pieces, unknown_structure, system, values, scales, count * refinement)
+    def bound(count: int, of_inputs: Mapping[str, float] | None = None) -> Precision | None:
+        cut = _cut(pieces, unknown_structure, system, values, count * refinement)
+        random = random_inputs(*cut, scales, true, of_inputs, refinement) if of_inputs else None
+        with np.errstate(over="ignore", invalid="ignore"):
+            information = fisher_information(*cut, scales, random).with_prior(known)
+        return information.precision if np.isfinite(information.fisher).all() else None
 
     if segment is None:
         precision, samples = longest_resolved(record, least, refinement, bound)
     else:
         precision = as_asked(record, samples, least, bound)
+    if of_inputs:
+        samples = min(samples, _NOISY) if segment is None else samples
+        precision = bound(samples, of_inputs) or precision
     length = samples * record.step if segment is None else segment
     return Limit(true, unknown_structure.parameters, values, precision, sigma, record, length)
 
 
-def _precision(
-    pieces: list[Record], unknown: Structure, system: System, values: Floats, scales: Scales, samples: int
-) -> Precision | None:
-    """The covariance at the bound with segments of so many samples of the refined `pieces`, each with a free start.
-
-    None where sensitivities grow beyond all numbers.
-    """
+def _cut(
+    pieces: list[Record], unknown: Structure, system: System, values: Floats, samples: int
+) -> tuple[Segments, Iterate]:
+    """The test in segments of so many samples of the refined `pieces`, and the states and values that are expected."""
     names = [f"{unknown.links[index].name}.{state}" for index, state in system.states]
     segments = cut_segments(pieces, unknown, system, samples=samples, refine=1)
-    point = Iterate(_nodes(pieces, samples, names), values, np.zeros(0))
-    prior = np.array([parameter.sigma for parameter in unknown.parameters])
-    with np.errstate(over="ignore", invalid="ignore"):
-        information = fisher_information(segments, point, scales).with_prior(prior)
-    return information.precision if np.isfinite(information.fisher).all() else None
+    return segments, Iterate(_nodes(pieces, samples, names), values, np.zeros(0))
 
 
 def _planned(structure: Structure, unknown: tuple[str, ...]) -> tuple[Structure, Structure]:
     """The structure with all its numbers, and the same with its unknowns."""
     refuse_rig(structure, "limits of accuracy")
-    refuse_signals(structure.links, "limits of accuracy", "put its mean into the law as a coefficient")
     without_number = [parameter.name for parameter in structure.parameters if parameter.start is None]
     if without_number:
         raise IdentificationError(
@@ -240,7 +243,7 @@ def _noise(record: Record, noise: float | Mapping[str, float]) -> dict[str, floa
     """Standard deviation by response channel."""
     if isinstance(noise, Mapping):
         missing = [name for name in record.responses if name not in noise]
-        extra = [name for name in noise if name not in record.responses]
+        extra = [name for name in noise if name not in record.channels]
         wrong = [name for name, sigma in noise.items() if not (np.isfinite(sigma) and sigma > 0.0)]
         if missing or extra:
             raise IdentificationError(

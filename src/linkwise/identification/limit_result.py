@@ -23,7 +23,7 @@ from linkwise.estimates.link_estimate import (
 from linkwise.likelihood.fisher_information import Precision
 from linkwise.likelihood.rigs.paths import LinkPath
 from linkwise.model.coefficient import Name
-from linkwise.model.link import Link
+from linkwise.model.link import Link, refuse_signals
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
@@ -45,8 +45,8 @@ class LinkLimit:
     nmse : float
         The expected NMSE of its force in %.
     force_error : float
-        Root mean square, over the motion, of the standard deviation of its force at rest, in N; with memory, of its force
-        along the motion, from which its states follow.
+        Root mean square, over the motion, of the standard deviation of its force at rest, in N; with memory or signals, of
+        its force along the motion, from which its states follow.
     estimate : LinkEstimate
         Coefficients, wells, barrier and in-well frequencies with the intervals that an estimate at the bound would have.
 
@@ -183,10 +183,11 @@ class Limit(JudgedView):
         Raises
         ------
         StructureError
-            If there is no such link.
+            If there is no such link, or its law names a signal.
         """
         d = np.asarray(d, dtype=float)
         link = self.structure.link(name)
+        refuse_signals([link], "forces at rest", "its `force_error` is that along the motion")
         slopes = link.law.partials(d, 0.0, {**link.values, **link.zero_states}).by_coefficient
         return self._deviation(self.structure.links.index(link), slopes, d.shape)
 
@@ -298,7 +299,7 @@ class Limit(JudgedView):
 
     def _link(self, index: int) -> LinkLimit:
         link, (d, v) = self.structure.links[index], true_motion(self.record, index)
-        if link.law.states:
+        if not link.law.is_plain:
             path, names = true_path(link, index, self.record), link.law.coefficients
             force, slopes = path.force(), path.tangents(names).by_unknowns()
             deviation = self._deviation(index, dict(zip(names, slopes.T, strict=False)), d.shape)
@@ -335,9 +336,10 @@ def true_path(link: Link, index: int, record: Record) -> LinkPath:
     truth, (d, v) = record.simulated, true_motion(record, index)
     assert truth is not None
     states = [truth.states[f"{link.name}.{name}"] for name in link.law.states]
+    signals = tuple(record.channel(f"signal:{name}") for name in link.law.signals)
     ordered = tuple(link.values[name] for name in link.law.coefficients)
     inside = np.stack(states, axis=1) if states else np.zeros((len(d), 0))
-    return LinkPath(link.law, ordered, d, v, record.step, inside, True)
+    return LinkPath(link.law, ordered, d, v, record.step, inside, True, signals)
 
 
 def _coefficient(name: Name, unit: str, value: float, error: float) -> CoefficientEstimate:

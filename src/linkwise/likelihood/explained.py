@@ -18,7 +18,17 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, LinkwiseError
-from linkwise.estimates.causes import CLIPPED, CLOCK, HARMONIC, HITS, HUM, SPIKES, Cause, SensorErrorEstimate
+from linkwise.estimates.causes import (
+    CLIPPED,
+    CLOCK,
+    HARMONIC,
+    HIGH_PASS,
+    HITS,
+    HUM,
+    SPIKES,
+    Cause,
+    SensorErrorEstimate,
+)
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
@@ -313,6 +323,22 @@ def _by_hits(first: _Model) -> _Model | None:
     return None if between is None else _with_errors(between)
 
 
+def _by_high_pass(first: _Model) -> _Model | None:
+    """A high pass that the diagnosis names behind what resembles it to the first order, and errors beside it.
+
+    None where a term or another error explains as much.
+    """
+    diagnosis = first.answer.diagnosis
+    for cause in [cause for cause in diagnosis[1:] if cause.kind == HIGH_PASS][:_TRIED]:
+        options = with_error(first.options, cause, first.records[0])
+        passed = None if options is None else first.beside(cause, options=options)
+        if passed is not None and (passed := _with_errors(passed)).is_explained:
+            rival = explained(first, _beside_cause, 1)
+            alike = rival.is_explained and rival.misfit < passed.misfit + _AS_LIKELY
+            return None if alike else passed
+    return None
+
+
 def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
     """Noise of inputs, and errors of sensors and inputs that the diagnosis names first, one after another."""
     return explained(first, partial(_beside_error, first), most)
@@ -331,6 +357,7 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_channel,
     _by_slip,
     _by_hits,
+    _by_high_pass,
     _with_errors,
     _by_causes,
 )

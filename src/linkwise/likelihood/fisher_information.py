@@ -16,6 +16,16 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import chunks, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.tangents import CandidateForces
+
+
+@dataclass(frozen=True, eq=False)
+class RandomInputs:
+    """Forces (c) beside the laws, and what makes `sums` (c, d) of them: d independent normal amplitudes of size one."""
+
+    forces: CandidateForces
+    sums: Floats
+
 
 _SINGULAR = 1e-9  # eigenvalue, relative to the information with known states, that single precision cannot tell from 0
 _IN_NULL_SPACE = 1e-3  # share of a combination in the null space that makes it unidentifiable
@@ -105,20 +115,32 @@ class Precision:
         return tuple(undetermined[labels == label] for label in range(labels.max(initial=-1) + 1))
 
 
-def fisher_information(segments: Segments, point: Iterate, scales: Scales) -> FisherInformation:
+def fisher_information(
+    segments: Segments, point: Iterate, scales: Scales, random: RandomInputs | None = None
+) -> FisherInformation:
     """The information on theta in `segments` (one step of the flow a sample) at the truth, `point`, for any initial states.
 
     The sensitivities of a segment are reduced by QR, not by normal equations, which projects the initial states out without
-    loss of digits; of order 4 in the step, as the tangents are.
+    loss of digits; of order 4 in the step, as the tangents are. Amplitudes of `random` inputs are projected out with them.
     """
-    p, m = segments.system.parameters.size, len(scales.state)
+    p, m, d = (
+        segments.system.parameters.size,
+        len(scales.state),
+        0 if random is None else random.sums.shape[1],
+    )
+    forces = None if random is None else random.forces
     misfit, loss = evaluate(segments, point, scales, Gaussian()), Gaussian()
     fisher, diagonal = np.zeros((p, p)), np.zeros(p)
-    for part in chunks(segments, p):
-        rows, _ = whitened_jacobian(segments, misfit, scales, loss, part)
-        triangle: Floats = np.asarray(np.linalg.qr(rows[..., :-1].astype(float), mode="r"))
-        projected = triangle[:, m:, m:].reshape(-1, p)
+    for part in chunks(segments, p + (0 if forces is None else len(forces.first))):
+        rows, _ = whitened_jacobian(segments, misfit, scales, loss, part, forces)
+        states, theta, acting = np.split(rows[..., :-1].astype(float), [m, m + p], axis=2)
+        if random is not None:
+            known = np.broadcast_to(np.eye(d), (len(rows), d, d))
+            acting = np.concatenate([acting @ random.sums, known], axis=1)
+            states, theta = (np.pad(own, ((0, 0), (0, d), (0, 0))) for own in (states, theta))
+        triangle: Floats = np.asarray(np.linalg.qr(np.concatenate([states, acting, theta], axis=2), mode="r"))
+        projected = triangle[:, m + d :, m + d :].reshape(-1, p)
         fisher += projected.T @ projected
-        diagonal += np.sum(triangle[..., m:] ** 2, axis=(0, 1))
+        diagonal += np.sum(theta**2, axis=(0, 1))
     unit = scales.theta
     return FisherInformation(fisher / np.outer(unit, unit), diagonal / unit**2)

@@ -1,11 +1,13 @@
 """The bound of a planned test: equal to a dense Fisher matrix, scaling as information does, silent about nothing."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from present import present, some
+from random_signals import random_force
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from structures import link, oscillator, structure
@@ -266,3 +268,61 @@ def test_needs_numbers_to_plan_around_and_names_that_are_there(chain: lw.Structu
     message = 'nothing is unknown in a link "spring1" of this test; choose from nes1'
     with pytest.raises(lw.IdentificationError, match=message):
         limit.link("spring1")
+
+
+def valve() -> tuple[lw.Structure, dict[str, Any]]:
+    """A damper whose valve is moved while a force shakes it, and its test."""
+    subject = lw.rig(
+        {"body": 12.0},
+        {"strut": "body - ground: k*d + (c0 + cu*u)*v"},
+        {"strut.k": 9000.0, "strut.c0": 25.0, "strut.cu": 18.0},
+        signals={"u": "V"},
+    )
+    return subject, {
+        "duration": 4.0,
+        "rate": 200.0,
+        "forces": {"body": "60*sin(12*t) + 60*sin(31*t)"},
+        "signals": {"u": "1.5 + sin(2.3*t)"},
+    }
+
+
+def test_a_law_with_a_signal_is_planned_as_it_is_identified() -> None:
+    subject, test = valve()
+    planned = lw.limit(subject, noise=40.0, **test)
+    fit = lw.identify(lw.simulate(subject, **test).with_noise(40.0, seed=3), subject.unknown("all"))
+    stated = np.sqrt(fit.covariance.diagonal())
+    assert fit.trusted and planned.standard_errors == pytest.approx(stated, rel=0.1)
+    assert planned.link("strut").force_error > 0.0
+    with pytest.raises(lw.StructureError, match="which is not supported in forces at rest"):
+        planned.force_deviation("strut", 0.0)
+
+
+@pytest.mark.slow
+def test_noise_of_a_force_is_in_the_limit_as_in_the_scatter_of_tests() -> None:
+    """The scatter of 30 estimates is known to within an eighth; linked segments are a little better than free ones."""
+    subject = oscillator("k*d + c*v", name="spring", k=3000.0, c=4.0)
+    rng = np.random.default_rng(8)
+    force = random_force(rng, 6.0, 200.0)
+    test: dict[str, Any] = {"duration": 6.0, "rate": 200.0, "forces": {"m1": force}}
+    clean = lw.simulate(subject, **test)
+    noise = {"x:m1": 0.01 * float(clean.channel("x:m1").std()), "force:m1": 0.2}
+    planned = lw.limit(subject, noise=noise, **test).standard_errors
+    alone = lw.limit(subject, noise={"x:m1": noise["x:m1"]}, **test).standard_errors
+    deviations = [noise[str(name)] for name in clean.channels]
+    values = []
+    for _ in range(30):
+        shown = clean.values + deviations * rng.standard_normal(clean.values.shape)
+        record = replace(clean, values=shown, simulated=None)
+        values.append(lw.identify(record, subject.unknown("all"), as_stated=True).values)
+    scatter = np.std(values, axis=0, ddof=1)
+    assert np.all(scatter > 0.6 * planned) and np.all(scatter < 1.4 * planned)
+    assert np.all(planned > 2.0 * alone)
+
+
+def test_noise_of_a_signal_in_a_rate_is_refused() -> None:
+    law = lw.Law.parse("k*d - Bl*i", {"i": "(u - R*i)/L"}, signals={"u": "V"})
+    motor = lw.Link("motor", ("cone", "ground"), law, {"k": 2300.0, "Bl": 5.3, "R": 6.4, "L": 4e-4})
+    subject = lw.Structure("speaker", (lw.Mass("cone", "12 g"),), (motor,))
+    noise = {"x:cone": 1e-5, "signal:u": 0.1}
+    with pytest.raises(lw.IdentificationError, match="noise of signal:u is not allowed for"):
+        lw.limit(subject, duration=0.1, rate=4000.0, noise=noise, signals={"u": "8*sin(300*t)"})

@@ -85,13 +85,13 @@ class FittedMotion:
     @cached_property
     def slopes(self) -> tuple[Floats, Floats]:
         """(2 J + 1, L, K) derivatives of the forces of the links by their elongations and rates."""
-        partials = self.mechanics.partials(*self._links)
+        partials = self.mechanics.partials(*self.links)
         return partials.by_d, partials.by_v
 
     @cached_property
     def forces(self) -> Floats:
         """(2 J + 1, L, K) forces of the links in N."""
-        d, v, memory = self._links
+        d, v, memory = self.links
         force = np.empty_like(d)
         self.mechanics.force(d, v, memory, force, np.empty_like(memory))
         return force
@@ -116,7 +116,8 @@ class FittedMotion:
         return float(np.sqrt(max(changed / max(shown, np.finfo(float).tiny) for shown, changed in power)))
 
     @property
-    def _links(self) -> tuple[Floats, Floats, Floats]:
+    def links(self) -> tuple[Floats, Floats, Floats]:
+        """(2 J + 1, L, K) elongations and rates of the links, and (2 J + 1, S, K) states."""
         orbit = self.misfit.trajectories.thinned(self.segments.flow_steps_per_tangent)
         links = in_turn(orbit.links, orbit.middle_links)
         return links[:, 0], links[:, 1], in_turn(orbit.memory, orbit.middle_memory)
