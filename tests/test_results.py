@@ -45,7 +45,7 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "TermScore": "a comparison with a truth that is given",
 }
 
-LATE = {"Structure": lw.Structure}  # what a module imports for type checkers alone
+LATE = {kind.__name__: kind for kind in (lw.Structure, lw.inspection.LevelComparison)}  # for type checkers
 
 
 def classes(annotation: object) -> Iterator[type]:

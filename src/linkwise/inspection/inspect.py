@@ -13,7 +13,6 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
-from linkwise.inspection.levels.quantities import labels
 from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
 from linkwise.inspection.result import Alert, ChannelSummary, Inspection
 from linkwise.inspection.samples import (
@@ -33,7 +32,7 @@ from linkwise.inspection.samples import (
 )
 from linkwise.inspection.spectra import aliasing, coloured, few_samples, hum, short, unit
 from linkwise.records.channel import ClippedSamples
-from linkwise.records.joining import record_list
+from linkwise.records.joining import labels, record_list
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 

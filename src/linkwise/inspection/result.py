@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from linkwise.display import JudgedView, align_columns, remark_lines
 from linkwise.errors import RecordError
-from linkwise.inspection.levels.compare import LevelComparison
-from linkwise.inspection.levels.quantities import labels
+from linkwise.records.joining import labels
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict
+
+if TYPE_CHECKING:  # what it is made of loads where levels are compared
+    from linkwise.inspection.levels.compare import LevelComparison
 
 
 @dataclass(frozen=True)

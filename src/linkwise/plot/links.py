@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,6 @@ from linkwise.errors import LinkwiseError, StructureError
 from linkwise.estimates.curves import ForceCurve, force_curve, force_loop
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkEstimate
-from linkwise.identification.compare import Comparison
 from linkwise.model.structure import Link, Structure
 from linkwise.plot.style import (
     IDENTIFIED,
@@ -39,6 +38,9 @@ from linkwise.plot.style import (
     wrap_title,
     wrapped,
 )
+
+if TYPE_CHECKING:
+    from linkwise.identification.compare import Comparison
 
 
 def force(

@@ -394,3 +394,12 @@ def _stated_by_both(record: Record, added: Record) -> dict[str, Any]:
     """The attributes of channels of either, by field of `Record`."""
     stated = (kind for kind, attribute in OF_CHANNELS.items() if not attribute.of_samples)
     return {kind: {**getattr(added, kind), **getattr(record, kind)} for kind in stated}
+
+
+def labels(records: Sequence[Record], kind: str = "record") -> tuple[str, ...]:
+    """A name for each record: its source, or its kind and number where it has none or shares it."""
+    sources = [record.source for record in records]
+    return tuple(
+        source if source and sources.count(source) == 1 else f"{kind} {number}"
+        for number, source in enumerate(sources, start=1)
+    )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -27,7 +27,6 @@ from linkwise.estimates.curves import GRID, fitted_channels, has_loop
 from linkwise.estimates.estimate import Estimate, grade_comment
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
-from linkwise.identification.compare import Comparison
 from linkwise.likelihood.noise import whiteness_text
 from linkwise.model.structure_file import format_structure
 from linkwise.output import COMPARISON
@@ -45,6 +44,9 @@ from linkwise.report.page import (
     sectioned,
 )
 from linkwise.verdict import Grade, status_of
+
+if TYPE_CHECKING:
+    from linkwise.identification.compare import Comparison
 
 PICTURED = 24  # links with figures; the others have their numbers and their force file
 FIRST = 3  # links whose laws stand on the first screen

@@ -15,7 +15,6 @@ from linkwise.inspection.levels.compare import (
     ring_down_rows,
 )
 from linkwise.inspection.levels.compare import headline as level_headline
-from linkwise.inspection.levels.quantities import labels
 from linkwise.inspection.result import HEAD, Inspection, alert_text, channel_row, headline
 from linkwise.output import INSPECTION
 from linkwise.plot.levels import (
@@ -27,6 +26,7 @@ from linkwise.plot.levels import (
 )
 from linkwise.plot.records import coherences_figure, histories_figure, spectra_figure, spectrograms_figure
 from linkwise.plot.style import single
+from linkwise.records.joining import labels
 from linkwise.report.page import Head, Section, in_units_of_figures, sectioned
 
 PICTURED = 8  # records with figures; the others have their table

@@ -26,14 +26,13 @@ from linkwise.inspection.levels.quantities import (
     differ,
     distortion,
     forces_bridged,
-    labels,
     motions,
     ring_downs,
 )
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.records.joining import record_list
+from linkwise.records.joining import labels, record_list
 from linkwise.records.record import Record
 from linkwise.signals.gaps import short_gaps_bridged
 from linkwise.signals.noise import channel_noise

@@ -497,15 +497,6 @@ def acceleration_surfaces(
     return tuple(surfaces[:_MOST_CHANNELS])
 
 
-def labels(records: Sequence[Record], kind: str = "record") -> tuple[str, ...]:
-    """A name for each record: its source, or its kind and number where it has none or shares it."""
-    sources = [record.source for record in records]
-    return tuple(
-        source if source and sources.count(source) == 1 else f"{kind} {number}"
-        for number, source in enumerate(sources, start=1)
-    )
-
-
 _SHORT = 6  # samples, as in responses
 
 
