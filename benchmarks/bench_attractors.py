@@ -17,7 +17,7 @@ import linkwise as lw
 SEED, PER_PLACE = 9_000_000, int(os.environ.get("LINKWISE_SEEDS", "3"))  # a seed of no test
 LEVELS, HZ = (0.3, 1.0, 3.0, 6.0), np.linspace(20.4, 35.6, 20)
 CHAIN = lw.bnes_chain(2)
-SETTLING, SAMPLES, TURNS = 500, 64, 24  # turns that are left out, samples in a turn, turns that are looked at
+SETTLING, SAMPLES, TURNS = 800, 64, 24  # turns that are left out, samples in a turn, turns that are looked at
 SAME = 0.02  # of an amplitude: what has decayed so far, and how far points of a branch are from the line between them
 LOOKS = 1.3  # Hz: between the frequencies at which `respond` starts
 

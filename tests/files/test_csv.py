@@ -195,6 +195,7 @@ REFUSED = [
     (text("time,left,right", body()), "map columns of other names, as in channels={'x:m1': 'laser'}"),
     (text("time,x:m1,x:m1", body()), "line 1, channel x:m1: columns 2 and 3 both have this name; rename one"),
     (text("clock,x:m1,force:m1", body()), "there is no time column; the columns are clock, x:m1, force:m1. Name it `time`"),
+    (changed(4, "time,x:m1,v:m2"), "line 6, channel x:m1: 'x:m1' is not a number; the header stands there again"),
     (changed(4, "0.04,abc,1"), "line 6, channel x:m1: 'abc' is not a number; leave the cell of a missing"),
     (changed(4, "noon,0.1,1"), "line 6, channel time: 'noon' is not a number; times are in seconds; for clock"),
     (changed(4, "0.04,0.1,inf"), "line 6, channel force:m1: the value is infinite; leave the cell of an overloaded sample"),

@@ -14,7 +14,7 @@ from linkwise.identification.compare import compare
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
 
 
-def shown(folder: Path, scratch: Path, *, figures: int, width: int = 1000) -> Shown:
+def shown(folder: Path, scratch: Path, *, figures: int, width: int = 800) -> Shown:
     """The page of a folder: it renders without a word on the console, with its figures at their size."""
     scratch.mkdir()
     page = show(folder / "report.html", scratch, width)

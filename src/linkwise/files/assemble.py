@@ -356,6 +356,8 @@ def numbers(table: Table, choice: ColumnChoice) -> NDArray[Any]:
             advice = "times are in seconds; for clock times give the sampling rate instead (`rate`)"
         arguments = ("rate",) if choice.name == "time" else ()
         text, line = (column.bad.text, column.bad.line) if column.bad else ("", None)
+        if text == column.header:
+            advice, arguments = "the header stands there again: keep the lines of one record in the file", ()
         raise table.error(f"{text!r} is not a number; {advice}", *arguments, line=line, channel=choice.name)
     _refuse_overloads(table, choice.name, column.values)
     return column.values

@@ -100,7 +100,7 @@ def guessed_columns(
     numeric = {number: own.header for number, own in enumerate(table.columns) if own.values is not None}
     headers = {number: _parsed(header) for number, header in numeric.items()}
     if not headers:
-        raise table.error("no column holds numbers, so there is nothing to map")
+        raise table.error(f"no column holds numbers alone, so there is nothing to map: {not_numbers(table)}")
     given = mapped(table, channels or {})
     guesses = {
         number: ColumnGuess(_label(table, number), "", ColumnHeader.parse(header).unit, header=header)
