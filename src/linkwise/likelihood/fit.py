@@ -18,7 +18,7 @@ from math import inf, isinf
 from typing import TypeVar
 
 import numpy as np
-from scipy.linalg import solve_banded
+import scipy
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
@@ -371,7 +371,9 @@ def _passed(motion: Floats, step: float, corner: float) -> Floats:
     """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
     half = np.pi * corner * step
     bands = np.array([[1.0 + half], [half - 1.0]]).repeat(len(motion), axis=1)
-    integral = solve_banded((1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1])))
+    integral = scipy.linalg.solve_banded(
+        (1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1]))
+    )
     return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 

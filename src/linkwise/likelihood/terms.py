@@ -15,7 +15,7 @@ from math import inf, isinf
 from typing import Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
@@ -467,7 +467,7 @@ class Clock(Waveform):
         if name in frame.carried:
             value = value + frame.carried[name][0]
         spectrum = np.fft.rfft(value)
-        power = uniform_filter1d(np.abs(spectrum) ** 2 / len(value), _BINS)
+        power = scipy.ndimage.uniform_filter1d(np.abs(spectrum) ** 2 / len(value), _BINS)
         passed = np.clip(1.0 - noise[name] ** 2 / np.maximum(power, _TINY), 0.0, 1.0)
         return np.fft.irfft(passed * spectrum, len(value))
 
@@ -551,14 +551,12 @@ def with_integrated(errors: Sequence[Term], frames: Sequence[FramedRecord]) -> t
     return (*(one for one in errors if not (isinstance(one, Drift) and one.channel in integrals)), *drifts)
 
 
-def known_to_within(
-    errors: Sequence[Term], channels: Collection[str], deviation: float
-) -> tuple[Term, ...] | None:
-    """The errors with gains of channels that are known to a relative deviation; None where nothing is known of one of them."""
-    if {*channels} & {*unknown_gains(errors)}:
+def known_to_within(errors: Sequence[Term], deviations: Mapping[str, float]) -> tuple[Term, ...] | None:
+    """The errors with gains of channels, known to relative deviations; None where nothing is known of one of them."""
+    if {*deviations} & {*unknown_gains(errors)}:
         return None
-    others = (one for one in errors if not (isinstance(one, Gain) and one.channel in channels))
-    return (*others, *(Gain(name, deviation) for name in channels))
+    others = (one for one in errors if not (isinstance(one, Gain) and one.channel in deviations))
+    return (*others, *(Gain(name, deviation) for name, deviation in deviations.items()))
 
 
 def unknown_gains(errors: Iterable[Term]) -> list[str]:
