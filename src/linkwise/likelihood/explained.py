@@ -495,7 +495,7 @@ def _beside_scale(model: _Model) -> _Model | None:
         else mass
         for mass in structure.masses
     ]
-    errors = known_to_within(model.options.errors, (*forces, *sensors), most)
+    errors = known_to_within(model.options.errors, dict.fromkeys((*forces, *sensors), most))
     if errors is None:
         return None
     open_ = [("mass", name) for name in known] + [("force gain", name) for name in forces]
@@ -588,13 +588,11 @@ def _first_error(model: _Model) -> _Rung | None:
         more = harmonic_forces({line.where: line.size}, records[0], current.given_structure)
         known = tuple(replace(force, amplitudes=()) for force in options.harmonics)
         return replace(options, harmonics=(*known, *more)), (line,)
-    gains = (
-        ()
-        if any(cause.known_within for cause in model.added)
-        else _shared_gain(current.diagnosis, records[0])
-    )
+    is_open = any(cause.known_within for cause in model.added)
+    gains = () if is_open else _shared_gain(current.diagnosis, records[0])
     most = abs(line.size) if line is not None else 0.0
-    calibrated = known_to_within(options.errors, [gain.where for gain in gains], most) if gains else None
+    sigmas = dict.fromkeys([gain.where for gain in gains], most)
+    calibrated = known_to_within(options.errors, sigmas) if gains else None
     if calibrated is not None:
         return replace(options, errors=calibrated), tuple(replace(gain, known_within=most) for gain in gains)
     first = _distinct_error(current.diagnosis)

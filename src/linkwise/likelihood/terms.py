@@ -551,14 +551,12 @@ def with_integrated(errors: Sequence[Term], frames: Sequence[FramedRecord]) -> t
     return (*(one for one in errors if not (isinstance(one, Drift) and one.channel in integrals)), *drifts)
 
 
-def known_to_within(
-    errors: Sequence[Term], channels: Collection[str], deviation: float
-) -> tuple[Term, ...] | None:
-    """The errors with gains of channels that are known to a relative deviation; None where nothing is known of one of them."""
-    if {*channels} & {*unknown_gains(errors)}:
+def known_to_within(errors: Sequence[Term], deviations: Mapping[str, float]) -> tuple[Term, ...] | None:
+    """The errors with gains of channels, known to relative deviations; None where nothing is known of one of them."""
+    if {*deviations} & {*unknown_gains(errors)}:
         return None
-    others = (one for one in errors if not (isinstance(one, Gain) and one.channel in channels))
-    return (*others, *(Gain(name, deviation) for name in channels))
+    others = (one for one in errors if not (isinstance(one, Gain) and one.channel in deviations))
+    return (*others, *(Gain(name, deviation) for name, deviation in deviations.items()))
 
 
 def unknown_gains(errors: Iterable[Term]) -> list[str]:
