@@ -539,12 +539,8 @@ class MaximumLikelihood(Estimator):
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         by_links = knows_masses and not structure.hosts and needs_integration(framed_ones[0], structure)
 
-        def fit(
-            kind: FindStarts,
-        ) -> LikelihoodFit:
-            with one_blas_thread():
-                starts = kind(framed_ones, structure, given)
-            return fit_from_starts(search, starts)
+        def fit(kind: FindStarts) -> LikelihoodFit:
+            return fit_from_starts(search, kind(framed_ones, structure, given))
 
         kinds = [
             *[memory_starts_by_links] * by_links,
