@@ -83,10 +83,11 @@ class PrescribedMotion:
         speed = float(np.std(self.v)) or 1.0
         return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
 
-    def liveliest(self, count: int) -> int:
-        """First of the `count` samples in a row that move most."""
+    def liveliest(self, count: int) -> slice:
+        """The `count` samples in a row that move most."""
         power = np.concatenate([[0.0], np.cumsum(self.v[:: self.substeps] ** 2)])
-        return int(np.argmax(power[count:] - power[:-count]))
+        first = int(np.argmax(power[count:] - power[:-count])) if count < self.samples else 0
+        return slice(first, first + count)
 
     def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
         """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
@@ -233,7 +234,7 @@ class NoiseOfMotion:
         return np.hypot(self.unit, self.added)
 
     def unexplained(self, residuals: Floats, limit: float) -> float:
-        """Standard deviation in N of what is left of residuals (M, C, K) in N beside noise, 0 up to a `limit` of chi-square."""
+        """Standard deviation in N of what is left of residuals (M, C, K) in N beside noise; 0 within `limit` of chi-square."""
         count, squares = np.count_nonzero(residuals), np.sum(residuals**2, axis=0)
         if np.sum(squares / self.both**2) <= (1.0 + limit) * count:
             return 0.0
