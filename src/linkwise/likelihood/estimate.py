@@ -96,6 +96,7 @@ from linkwise.model.coefficient import Name
 from linkwise.model.link import refuse_signals
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
+from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -262,9 +263,11 @@ def estimated_disturbances(fit: LikelihoodFit) -> tuple[EstimatedError, ...]:
 
 def _disturbances(fit: LikelihoodFit, record: Record) -> Iterator[str]:
     """What was found of drifts and hums of channels of a record."""
+    given: dict[str, str] = {Channel(name.kind, name.place): name for name in record.responses}
     for disturbance, (sizes, deviations) in with_sizes(fit.disturbances, fit.waveforms):
         if not (disturbance.high_pass or disturbance.clock):
-            yield disturbance.describe(sizes, deviations, record.unit(disturbance.channel))
+            named = replace(disturbance, channel=given.get(disturbance.channel, disturbance.channel))
+            yield named.describe(sizes, deviations, record.unit(named.channel))
 
 
 def _unused_bounds(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[str]:
