@@ -254,11 +254,10 @@ def main() -> None:
     for number, cells in enumerate(rows(asked.only)):
         lines += [f"| {' | '.join(cells)} |", *["|---" * len(cells) + "|"] * (number == 0)]
         print(lines[-1] if number else "\n".join(lines), flush=True)
-    if asked.write:
-        before, _, rest = asked.write.read_text().partition(BEGIN)
-        asked.write.write_text(
-            "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{rest.partition(END)[2]}"])
-        )
+        if asked.write:
+            before, _, rest = asked.write.read_text().partition(BEGIN)
+            behind = rest.partition(END)[2]
+            asked.write.write_text("\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{behind}"]))
 
 
 if __name__ == "__main__":

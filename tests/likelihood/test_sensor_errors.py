@@ -378,3 +378,19 @@ def test_what_is_no_corner_is_refused() -> None:
         lw.identify(record, unknown, corners={"a:m1": -1.0})
     with pytest.raises(lw.IdentificationError, match=r"no high pass of a:m2 can be estimated"):
         lw.identify(record, unknown, corners=["a:m2"])
+
+
+def test_a_hum_of_a_sensor_on_the_base_is_told_by_its_own_name() -> None:
+    known = oscillator("k*d + c*v", to="base", k=400.0, c=0.5)
+    record = lw.simulate(
+        known,
+        duration=4.0,
+        rate=100.0,
+        base="0.01*sin(15*t) + 0.01*sin(27*t)",
+        sensors=["rel:v:m1", "a:base"],
+    ).with_noise(30.0, seed=1)
+    values = record.values.copy()
+    values[:, record.channels.index("rel:v:m1")] += 0.05 * np.sin(2.0 * np.pi * 9.0 * record.time)
+    humming = lw.Record(0.0, 100.0, record.channels, values)
+    fit = lw.identify(humming, known.unknown("all"), hums={"rel:v:m1": 9.0}, as_stated=True)
+    assert any(remark.startswith("rel:v:m1 has a hum of 0.05") for remark in fit.remarks)
