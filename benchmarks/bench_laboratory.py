@@ -47,6 +47,8 @@ def told(case: Faulty) -> Told:
     far = float(np.abs(case.errors(fit)).max()) if fit.trusted else 0.0
     gain = max((cause.gain for cause in causes), default=0.0 if fit.trusted else np.inf)
     named = bool(causes) and case.names(causes[0])
+    if case.fault == "clock" and fit.trusted and causes and causes[0].kind.endswith("delay"):
+        gain = 0.0  # beside half of the final slip as a delay it raises nothing
     said = f"{fit.verdicts[0].name} {[(cause.kind, cause.where, cause.term, round(cause.size, 4)) for cause in causes[:2]]}"
     return Told(gain, named, fit.trusted, far, said)
 

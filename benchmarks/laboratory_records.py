@@ -54,7 +54,8 @@ def of_sensor(kind: str, seed: int) -> Faulty:
     rng = np.random.default_rng([seed, 4949])
     record, truth, channel = _of_sensor(kind, seed, rng)
     values, column = record.values.copy(), list(map(str, record.channels)).index(channel)
-    where, size = (channel,), float("nan")
+    where: tuple[str, ...] = (channel,)
+    size = float("nan")
     match kind:
         case "high pass":
             size = float(np.exp(rng.uniform(np.log(0.1), np.log(2.0))))
@@ -110,7 +111,7 @@ def with_machine(seed: int) -> Faulty:
     shown = [place for place, name in enumerate(record.channels) if not name.is_force or shaken]
     for place, name in enumerate(record.channels):
         if name.is_force:
-            values[:, place] = drive[::4]
+            values[:, place] = drive[::4][: len(values)]
     names = tuple(record.channels[place] for place in shown)
     record = lw.Record(record.start, record.rate, names, values[:, shown])
     return Faulty(truth, truth.unknown("all"), record, "harmonic force", ("m1",), hz)
