@@ -185,9 +185,9 @@ def _first_force(estimate: Estimate, pictures: Mapping[str, Markup]) -> str:
 
 
 def _length(link: LinkEstimate) -> str:
-    """The unit of length of the figure of a link."""
+    """The unit of length of the figure of a link; the meters of a moment stay."""
     of_d = link.link.law.motion_units[0]
-    return style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else of_d
+    return style.scale(max(map(abs, link.d_range)), of_d)[1] if of_d == "m" else "m"
 
 
 def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
