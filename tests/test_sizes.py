@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (13, 1891),
     "identification": (13, 2339),
     "inspection": (10, 1869),
-    "likelihood": (62, 14098),
+    "likelihood": (62, 14099),
     "modal": (5, 867),
     "model": (16, 2896),
     "paper": (3, 368),
