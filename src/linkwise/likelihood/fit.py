@@ -347,6 +347,9 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
+        if options.deviations is not None:
+            weights = options.deviations / problem.scales.sigma[:, None]
+            problem = replace(problem, segments=replace(problem.segments, relative_noise=weights))
         fit = _fitted(problem, records, structure, spread, sensing, options, annealer)
         return replace(fit, options=options)
 
@@ -397,9 +400,6 @@ def _fitted(
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> LikelihoodFit:
-    if options.deviations is not None:
-        weights = options.deviations / problem.scales.sigma[:, None]
-        problem = replace(problem, segments=replace(problem.segments, relative_noise=weights))
     segments, start, fit, limit = searched(problem, spread, options, annealer)
     known, lowest = sensing.stated(records), sensing.lowest(records)
     if segments.random is not None:
@@ -408,8 +408,9 @@ def _fitted(
         fit = with_noise_of_residuals(segments, fit, annealer, lowest)
     if options.motions:
         noise = _noise_on_rig(options, structure, sensing, segments, fit)
-        exact = not options.model_error
-        explained = explained_on_rig(segments, fit, noise, annealer, limit=limit, exact=exact)
+        explained = explained_on_rig(
+            segments, fit, noise, annealer, limit=limit, exact=not options.model_error
+        )
     else:
         explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
