@@ -324,7 +324,7 @@ def _by_hits(first: _Model) -> _Model | None:
 
 
 def _by_high_pass(first: _Model) -> _Model | None:
-    """A high pass that the diagnosis names behind what resembles it to the first order, and errors beside it.
+    """A high pass that the diagnosis names behind what resembles it to the first order, and that alone leaves noise.
 
     None where a term or another error explains as much.
     """
@@ -332,7 +332,7 @@ def _by_high_pass(first: _Model) -> _Model | None:
     for cause in [cause for cause in diagnosis[1:] if cause.kind == HIGH_PASS][:_TRIED]:
         options = with_error(first.options, cause, first.records[0])
         passed = None if options is None else first.beside(cause, options=options)
-        if passed is not None and (passed := _with_errors(passed)).is_explained:
+        if passed is not None and passed.is_explained:
             rival = explained(first, _beside_cause, 1)
             alike = rival.is_explained and rival.misfit < passed.misfit + _AS_LIKELY
             return None if alike else passed
