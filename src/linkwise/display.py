@@ -160,7 +160,7 @@ def enumerated(names: Sequence[str]) -> str:
 def near_miss(typed: str, names: Iterable[str]) -> str:
     """'; did you mean "x"?' for the name closest to `typed`, or an empty text."""
     near = get_close_matches(typed, list(names), n=1)
-    return f'; did you mean "{near[0]}"?' if near else ""
+    return f'; did you mean "{near[0]}"?' if near and near[0] != typed else ""
 
 
 _GOOD, _BAD, _NEUTRAL = "#1a7f37", "#b42318", "#57606a"

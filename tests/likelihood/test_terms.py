@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_record, truth
-from structures import row_of_masses
+from structures import link, row_of_masses, structure
 
 import linkwise as lw
 from linkwise.arrays import Floats
@@ -144,3 +144,28 @@ def test_a_kind_of_error_is_a_class_and_its_words(monkeypatch: pytest.MonkeyPatc
         error.description.startswith(f"x:m2 shows {error.value:.3g} 1/m of the square")
         and error.unit == "1/m"
     )
+
+
+def test_a_channel_that_is_not_there_is_no_matter_of_the_record(record: lw.Record) -> None:
+    """Every refusal was read as a fault of the record, and a wrong sign of a sensor named beside it."""
+    with pytest.raises(lw.IdentificationError) as refused:
+        lw.identify(record, ASKED, offsets=["x:m9"])
+    assert (
+        str(refused.value)
+        == 'no offset of x:m9 can be estimated; did you mean "x:m2"?: the record has x:m1, x:m2'
+    )
+    assert refused.value.arguments == ("offsets",)
+
+
+def test_a_high_pass_of_a_sensor_beside_a_recorded_acceleration_of_the_base() -> None:
+    """A constant and a ramp belong to the drift of the integrals there, and made the equations singular."""
+    hung = structure(
+        {"m1": 1.0, "m2": 0.5},
+        link("a", "m1-base", "k*d + c*v", k=400.0, c=1.5),
+        link("b", "m2-m1", "k*d + k3*d**3 + c*v", k=200.0, k3=2e5, c=0.8),
+    )
+    base = "0.01*sin(6*t*(1 + 0.3*t)) + 0.006*sin(23*t)"
+    sensors = ["x:m1", "x:m2", "a:base"]
+    record = lw.simulate(hung, duration=3.0, rate=250.0, base=base, sensors=sensors).with_noise(45.0, seed=3)
+    fit = lw.identify(record, hung.unknown("all"), corners=["x:m1"])
+    assert fit.trusted and np.isfinite(fit.covariance).all()

@@ -477,7 +477,7 @@ class MaximumLikelihood(Estimator):
         try:
             stated = answer(structure, options, records)
         except IdentificationError as refusal:
-            if self.as_stated or admitted:
+            if self.as_stated or admitted or refusal.arguments:  # of what was asked, no matter of the records
                 raise
             return beside_exchange(answer, structure, options, records, refusal)
         if self.as_stated or admitted:

@@ -63,7 +63,7 @@ def harmonic_forces(
             if mass not in structure.mass_names or mass in structure.modes:
                 raise IdentificationError(
                     f"no harmonic force on {mass} can be estimated{near_miss(mass, structure.mass_names)}: the masses are "
-                    f"{', '.join(structure.mass_names)}",
+                    f"{', '.join(structure.mass_names) or 'none'}",
                     arguments=("harmonics",),
                 )
             if not 2.0 / record.duration <= frequency <= _HIGHEST * record.rate:

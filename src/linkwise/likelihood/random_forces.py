@@ -120,7 +120,7 @@ def random_forces(
     for name, value in _by_name(ambient, names).items():
         if name not in names:
             raise IdentificationError(
-                f"no ambient force can act on {name}{near_miss(name, names)}: the masses are {', '.join(names)}; "
+                f"no ambient force can act on {name}{near_miss(name, names)}: the masses are {', '.join(names) or 'none'}; "
                 f'"{ALL}" stands for each of them',
                 arguments=("ambient",),
             )

@@ -147,9 +147,9 @@ class Term(ABC):
         sensors = self.sensors(records[0])
         if self.channel in sensors:
             return ""
-        return (
-            f"no {self.kind} of {self.channel} can be estimated{near_miss(self.channel, sensors)}: the record has "
-            f"{', '.join(sensors)}"
+        there = ", ".join(name for name in sensors if name != COMMON)
+        return f"no {self.kind} of {self.channel} can be estimated{near_miss(self.channel, sensors)}: " + (
+            f"the record has {there}" if there else "the record has no sensor with one"
         )
 
     def sensors(self, record: Record) -> Sequence[str]:
@@ -396,11 +396,13 @@ class HighPass(Waveform):
     """A high pass of first order, whose `corner` in Hz may be stated.
 
     It takes off a channel its corner times the integral of what that shows, beside a constant and a ramp from its state and
-    its mean before. Noise adds up in the integral, so that a fit is repeated with what the one before has `shown`, by record.
+    its mean before, which a `drift` from anywhere holds. Noise adds up in the integral, so that a fit is repeated with what
+    the one before has `shown`, by record.
     """
 
     corner: float | None = None
     shown: Sequence[Floats] = field(default=(), compare=False, repr=False)
+    drift: bool = field(default=False, compare=False)
     kind, argument = HIGH_PASS, "corners"
     wrong = "the corner of {name} must be a positive frequency in Hz, got {number!r}"
 
@@ -409,7 +411,8 @@ class HighPass(Waveform):
         return (self.null, inf) if self.corner is None else (self.corner, _STATED * self.corner)
 
     def columns(self, shown: Shown) -> list[Floats]:
-        return [-2.0 * np.pi * shown.integral(), np.ones_like(shown.ramp), shown.ramp]
+        slow = [] if self.drift else [np.ones_like(shown.ramp), shown.ramp]
+        return [-2.0 * np.pi * shown.integral(), *slow]
 
     def refusal(self, records: Sequence[Record]) -> str:
         return super().refusal(records) or self.gaps_in(records)
@@ -548,7 +551,15 @@ def with_integrated(errors: Sequence[Term], frames: Sequence[FramedRecord]) -> t
     held = {one.channel for one in of_kind(errors, Offset) if isinf(one.deviation)}
     stated = {one.channel: one for one in of_kind(errors, Drift)}
     drifts = [replace(stated.get(name, Drift(name)), anywhere=name not in held) for name in integrals]
-    return (*(one for one in errors if not (isinstance(one, Drift) and one.channel in integrals)), *drifts)
+    anywhere = {one.channel for one in drifts if one.anywhere}
+    others = (one for one in errors if not (isinstance(one, Drift) and one.channel in integrals))
+    return (
+        *(
+            replace(one, drift=True) if isinstance(one, HighPass) and one.channel in anywhere else one
+            for one in others
+        ),
+        *drifts,
+    )
 
 
 def known_to_within(errors: Sequence[Term], deviations: Mapping[str, float]) -> tuple[Term, ...] | None:
