@@ -57,6 +57,23 @@ def test_show_tells_masses_links_and_rests() -> None:
     assert "and 4 more stable ones" in shown(lw.bnes_chain(6))
 
 
+def test_a_result_folder_stands_for_its_structure(answer_folder: Path, tmp_path: Path) -> None:
+    file = answer_folder / "structure.toml"
+    assert said(f"structure show {answer_folder}").out == said(f"structure show {file}").out
+    said(f"simulate {answer_folder} --duration 0.01 --rate 1000 --release v:m1=1 -o {tmp_path}/short.csv")
+    partial = lw.model.read_partial_structure
+    assert partial(answer_folder).links == partial(file).links
+    for line in (
+        "identify run.csv FOLDER",
+        "compare run.csv FOLDER",
+        "identify run.csv s.toml --truth FOLDER",
+    ):
+        err = said(line.replace("FOLDER", str(answer_folder)), 2).err
+        assert "is a directory" not in err and "there is no such file" in err
+    with pytest.raises(lw.StructureError, match=r"no structure\.toml in this folder"):
+        partial(tmp_path)
+
+
 def test_show_tells_which_coefficient_is_shared() -> None:
     text = lw.model.format_structure(lw.bnes_chain(2).unknown("nes1.c"))
     out = shown(text.replace("c = 1.0", 'c = "=nes1.c"'))

@@ -12,7 +12,16 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
-from linkwise.cli.options import grouped, method_options, number, pairs, stated, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    STRUCTURE,
+    grouped,
+    method_options,
+    number,
+    pairs,
+    stated,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
 from linkwise.output import ABSORPTION
 
@@ -77,7 +86,7 @@ def _values(text: str) -> list[float]:
 
 
 @click.command()
-@click.argument("structure", type=click.Path(path_type=Path))
+@click.argument("structure", type=STRUCTURE)
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @grouped(RepetitionOptions, "repetition")
 @drive_options

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import linkwise as lw
-from linkwise.cli.options import FILE, FOLDER, Decorator, gathered
+from linkwise.cli.options import FOLDER, STRUCTURE, Decorator, gathered
 from linkwise.display import shortened
 from linkwise.errors import OutputError
 from linkwise.output import check_result_folder, to_json
@@ -80,7 +80,7 @@ def answer_options(mark: str, *further: Callable[[Any], Any]) -> Decorator:
 
 
 truth_option = click.option(
-    "--truth", metavar="STRUCTURE", type=FILE, help="The true structure, to compare the answer with."
+    "--truth", metavar="STRUCTURE", type=STRUCTURE, help="The true structure, to compare the answer with."
 )
 
 

@@ -12,7 +12,16 @@ from click import UsageError
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
-from linkwise.cli.options import POSITIVE, grouped, method_options, number, ranges, typed, unstarted_is_usage
+from linkwise.cli.options import (
+    POSITIVE,
+    STRUCTURE,
+    grouped,
+    method_options,
+    number,
+    ranges,
+    typed,
+    unstarted_is_usage,
+)
 from linkwise.cli.reading_options import read_told
 from linkwise.output import DESIGN
 from linkwise.runtime import processors
@@ -64,7 +73,7 @@ def _harmonic(
 
 
 @click.command()
-@click.argument("structure", type=click.Path(path_type=Path))
+@click.argument("structure", type=STRUCTURE)
 @grouped(WantedOptions, "wanted")
 @method_options(lw.absorption.DesignOptions, "search")
 @method_options(lw.absorption.AbsorptionOptions, "options")

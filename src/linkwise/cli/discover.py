@@ -13,6 +13,7 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
 from linkwise.cli.options import (
     FILE,
+    STRUCTURE,
     grouped,
     listing,
     method_options,
@@ -47,7 +48,7 @@ class PriorOptions:
     """
 
     mass: tuple[str, ...] = typed("NAME=KG", multiple=True)
-    structure: Path | None = typed("FILE", type=FILE)
+    structure: Path | None = typed("FILE", type=STRUCTURE)
     more: tuple[Path, ...] = typed("RECORD", "--with", multiple=True, type=FILE)
 
     def masses(self, mapping: lw.files.RecordMapping) -> lw.model.PartialStructure | dict[str, float | str]:

@@ -10,7 +10,7 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import note
-from linkwise.cli.options import FILE, grouped, listing, typed
+from linkwise.cli.options import FILE, STRUCTURE, grouped, listing, typed
 from linkwise.export import answer as exports
 from linkwise.export import equations as motions
 from linkwise.export.fmu import compiler
@@ -40,7 +40,7 @@ class FileOptions:
 
 
 @click.command(cls=listing("FORMATS", _formats))
-@click.argument("answer", type=click.Path(path_type=Path))
+@click.argument("answer", type=STRUCTURE)
 @click.argument("files", metavar="[FILE]...", nargs=-1, type=FILE)
 @grouped(FileOptions, "asked")
 def export(answer: Path, files: tuple[Path, ...], asked: FileOptions) -> int:

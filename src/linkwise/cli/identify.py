@@ -11,7 +11,17 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress, truth_option
-from linkwise.cli.options import FILE, grouped, method_options, nmse_lines, option_name, screen, stated, typed
+from linkwise.cli.options import (
+    FILE,
+    STRUCTURE,
+    grouped,
+    method_options,
+    nmse_lines,
+    option_name,
+    screen,
+    stated,
+    typed,
+)
 from linkwise.cli.reading_options import RecordOptions, read_told, record_options
 from linkwise.identification import compare as comparisons
 from linkwise.identification.identify import METHODS
@@ -43,7 +53,7 @@ class FitOptions:
     )
 )
 @record_options
-@click.argument("structure", type=FILE)
+@click.argument("structure", type=STRUCTURE)
 @grouped(FitOptions, "chosen")
 @method_options(lw.MaximumLikelihood, "ml", remark=" (ml)")
 @method_options(lw.PhysicsInformedSindy, "sindy", remark=" (sindy)")
@@ -116,7 +126,7 @@ def _estimator(
 
 @click.command()
 @record_options
-@click.argument("structure", type=FILE)
+@click.argument("structure", type=STRUCTURE)
 @answer_options(COMPARISON)
 def compare(source: RecordOptions, structure: Path, delivery: Delivery) -> int:
     """Identify the unknown coefficients of STRUCTURE from RECORD by maximum likelihood, the weak form and the sparse

@@ -13,8 +13,8 @@ import linkwise as lw
 from linkwise.cli.console import ended, progress
 from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
 from linkwise.cli.options import (
-    FILE,
     POSITIVE,
+    STRUCTURE,
     grouped,
     number,
     numbers,
@@ -59,7 +59,7 @@ class PlannedTest(SamplingOptions):
 
 
 @click.command()
-@click.argument("structure", type=FILE)
+@click.argument("structure", type=STRUCTURE)
 @grouped(PlannedTest, "test")
 @drive_options
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")

@@ -24,6 +24,7 @@ R = TypeVar("R")
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
+STRUCTURE = click.Path(path_type=Path)  # a file, or the folder of an answer
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 

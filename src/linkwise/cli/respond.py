@@ -15,6 +15,7 @@ from linkwise.cli.excitation_options import harmonic_excitation
 from linkwise.cli.options import (
     FILE,
     POSITIVE,
+    STRUCTURE,
     comma_separated,
     grouped,
     number,
@@ -86,7 +87,7 @@ class HarmonicOptions:
 
 
 @click.command()
-@click.argument("structure", type=click.Path(path_type=Path))
+@click.argument("structure", type=STRUCTURE)
 @grouped(HarmonicOptions, "harmonic")
 @answer_options(RESPONSE)
 def respond(structure: Path, harmonic: HarmonicOptions, delivery: Delivery) -> int:
@@ -151,7 +152,7 @@ class ModeOptions:
 
 
 @click.command()
-@click.argument("structure", type=click.Path(path_type=Path))
+@click.argument("structure", type=STRUCTURE)
 @grouped(ModeOptions, "chosen")
 @answer_options(BACKBONE)
 def backbone(structure: Path, chosen: ModeOptions, delivery: Delivery) -> int:
@@ -193,7 +194,7 @@ class PlaneOptions:
 
 
 @click.command()
-@click.argument("structure", type=click.Path(path_type=Path))
+@click.argument("structure", type=STRUCTURE)
 @grouped(PlaneOptions, "chosen")
 @answer_options(BASINS)
 def basins(structure: Path, chosen: PlaneOptions, delivery: Delivery) -> int:

@@ -14,7 +14,7 @@ import jinja2
 import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
-from linkwise.cli.options import FILE, grouped, typed
+from linkwise.cli.options import FILE, STRUCTURE, grouped, typed
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
 
@@ -96,7 +96,7 @@ class ShownOptions:
 
 
 @structure.command()
-@click.argument("file", type=FILE)
+@click.argument("file", type=STRUCTURE)
 @grouped(ShownOptions, "options")
 def show(file: Path, options: ShownOptions) -> None:
     """Show the masses, hosts and links of FILE, and where it can rest and how it vibrates there.

@@ -212,7 +212,7 @@ def read_structure(path: str | Path) -> Structure:
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file, or a result folder, of which it is structure.toml.
 
     Returns
     -------
@@ -241,14 +241,19 @@ def read_structure(path: str | Path) -> Structure:
     True
     """
     expect("read_structure(path): path", path, str, Path)
-    if Path(path).is_dir():
-        folder, path = Path(path), Path(path) / "structure.toml"
-        if not path.exists():
-            raise StructureError(
-                "there is no structure.toml in this folder: give a result folder of identify or discover, or a structure file",
-                str(folder),
-            )
+    path = _of_folder(Path(path))
     return parse_structure(read_toml_text(path, StructureError), str(path))
+
+
+def _of_folder(path: Path) -> Path:
+    """The file itself, of a result folder its structure.toml; StructureError for a folder without one."""
+    file = path / "structure.toml" if path.is_dir() else path
+    if file != path and not file.exists():
+        raise StructureError(
+            "there is no structure.toml in this folder: give a result folder of identify or discover, or a structure file",
+            str(path),
+        )
+    return file
 
 
 def read_partial_structure(path: str | Path) -> PartialStructure:
@@ -280,6 +285,7 @@ def read_partial_structure(path: str | Path) -> PartialStructure:
     ...     lw.model.read_partial_structure(path).masses[0].mass.value
     0.01
     """
+    path = _of_folder(Path(path))
     source = str(path)
     tables = parse_toml(read_toml_text(path, StructureError), source, StructureError)
     table = decode(tables, _Table if "host" in tables else _PartialTable, source, "", StructureError)
