@@ -14,7 +14,7 @@ TESTS = 34_480  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2223),
     "analysis": (4, 522),
-    "cli": (20, 1871),
+    "cli": (20, 1872),
     "discovery": (19, 3667),
     "estimates": (6, 1322),
     "export": (8, 781),
@@ -24,7 +24,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "inspection": (10, 1869),
     "likelihood": (60, 14197),
     "modal": (5, 867),
-    "model": (16, 2896),
+    "model": (16, 2899),
     "paper": (3, 368),
     "plot": (12, 1910),
     "records": (7, 1366),
