@@ -60,7 +60,7 @@ def test_show_tells_masses_links_and_rests() -> None:
 def test_a_result_folder_stands_for_its_structure(answer_folder: Path, tmp_path: Path) -> None:
     file = answer_folder / "structure.toml"
     assert said(f"structure show {answer_folder}").out == said(f"structure show {file}").out
-    said(f"simulate {answer_folder} --duration 0.01 --rate 1000 --release v:m1=1 -o {tmp_path}/run.csv")
+    said(f"simulate {answer_folder} --duration 0.01 --rate 1000 --release v:m1=1 -o {tmp_path}/short.csv")
     partial = lw.model.read_partial_structure
     assert partial(answer_folder).links == partial(file).links
     for line in (
