@@ -61,7 +61,6 @@ from linkwise.likelihood.options import (
     INPUT_NOISE,
     LikelihoodOptions,
     errors_to_find,
-    require_single,
 )
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
@@ -403,7 +402,6 @@ class MaximumLikelihood(Estimator):
         """
         with one_blas_thread():
             if structure.on_rig:
-                require_single(self.offsets)
                 of_cells = [name for name in self.offsets if name != BASE_CHANNEL]
                 identify = replace(self, offsets=of_cells)._in_motion
                 off = of_cells != [*self.offsets]

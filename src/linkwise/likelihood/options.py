@@ -194,7 +194,9 @@ def errors_to_find(
         for channel in ((name in first.inputs and late_channels(first, name)) or (name,))
     ]
     for named in (offsets, gains, late):
-        require_single(named)
+        repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
+        if repeated:
+            raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
     asked = beside_clocks((*map(Offset, offsets), *map(Delay, late)), clocks, first)
     known: list[Constant] = [Gain(name, sigma) for name, sigma in sigmas.items()]
     for kind in (Offset, Delay):
@@ -202,13 +204,6 @@ def errors_to_find(
         sizes = {name: float(getattr(uncertainty, kind.kind)) for name, uncertainty in stated.items()}
         known += [kind(name, sigma) for name, sigma in sizes.items() if sigma and name not in there]
     return (*asked, *known)
-
-
-def require_single(named: Sequence[str]) -> None:
-    """Raise IdentificationError for an error of a channel that is asked for twice."""
-    repeated = [name for name in dict.fromkeys(named) if list(named).count(name) > 1]
-    if repeated:
-        raise IdentificationError(f"{repeated[0]} is named twice; an error of a channel is one unknown")
 
 
 def _known_gains(

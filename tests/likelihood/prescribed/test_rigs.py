@@ -176,7 +176,6 @@ REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "ambient": ("", {"ambient": ["damper"]}, "no ambient force can act on damper"),
     "unknown kind": ("", {"admit": ["bogus"]}, 'unknown error of a sensor "bogus"'),
     "twice": ("", {"offsets": ["f:damper", "f:damper"]}, "f:damper is named twice"),
-    "base twice": ("", {"offsets": ["x:base", "x:base"]}, "x:base is named twice"),
     "offset": ("", {"offsets": ["x:m1"]}, "no offset of x:m1 can be estimated"),
     "sindy": ("", {"method": "sindy"}, 'links alone on a rig are not supported in method "sindy"'),
 }  # fmt: skip
