@@ -347,9 +347,6 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        if options.deviations is not None:
-            weights = options.deviations / problem.scales.sigma[:, None]
-            problem = replace(problem, segments=replace(problem.segments, relative_noise=weights))
         fit = _fitted(problem, records, structure, spread, sensing, options, annealer)
         return replace(fit, options=options)
 
@@ -400,6 +397,9 @@ def _fitted(
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> LikelihoodFit:
+    if options.deviations is not None:
+        weights = options.deviations / problem.scales.sigma[:, None]
+        problem = replace(problem, segments=replace(problem.segments, relative_noise=weights))
     segments, start, fit, limit = searched(problem, spread, options, annealer)
     known, lowest = sensing.stated(records), sensing.lowest(records)
     if segments.random is not None:
@@ -408,9 +408,8 @@ def _fitted(
         fit = with_noise_of_residuals(segments, fit, annealer, lowest)
     if options.motions:
         noise = _noise_on_rig(options, structure, sensing, segments, fit)
-        explained = explained_on_rig(
-            segments, fit, noise, annealer, limit=limit, exact=not options.model_error
-        )
+        exact = not options.model_error
+        explained = explained_on_rig(segments, fit, noise, annealer, limit=limit, exact=exact)
     else:
         explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
