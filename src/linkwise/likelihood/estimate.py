@@ -111,7 +111,6 @@ _QUIET = 1e-6  # of the motion: noise, at 120 dB, that no sensor is without unle
 _PART = 0.01  # of the motion, which stands for it until the residuals tell
 _DENOISED = 2  # times that a fit beside high passes is repeated: the noise left in their integrals is then that of the motion
 _INSEPARABLE = 100.0  # variance of an unknown over that beside known others: a correlation of 0.995 of two
-_SEARCHED = 4096  # samples of a record of a rig in which starts are searched for
 _NEARLY = 2.0  # times the noise, in power: laws that leave no more nearly explain the records
 
 
@@ -532,8 +531,6 @@ class MaximumLikelihood(Estimator):
         given = dict(self.starts or {})
         stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure, integrated=True)
-        if options.motions:
-            framed_ones = [framed_ones[0][options.motions[0].liveliest(_SEARCHED)]]
         shown = all(framed_ones[0].motions_of(name) for name in structure.mass_names)
         known = given if shown and not structure.hosts else stated
         search = partial(likelihood_fit, records, structure, options=options)

@@ -83,11 +83,10 @@ class PrescribedMotion:
         speed = float(np.std(self.v)) or 1.0
         return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
 
-    def liveliest(self, count: int) -> slice:
-        """The `count` samples in a row that move most."""
+    def liveliest(self, count: int) -> int:
+        """First of the `count` samples in a row that move most."""
         power = np.concatenate([[0.0], np.cumsum(self.v[:: self.substeps] ** 2)])
-        first = int(np.argmax(power[count:] - power[:-count])) if count < self.samples else 0
-        return slice(first, first + count)
+        return int(np.argmax(power[count:] - power[:-count]))
 
     def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
         """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
