@@ -492,12 +492,14 @@ class MaximumLikelihood(Estimator):
             fit = self._searched(structure, louder, options)
             louder = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = self._searched(structure, louder, options)
-        for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
-            options = replace(options, errors=with_denoised(fit, records, options.errors))
-            fit = self._searched(structure, records, options)
-        if options.motions and fit.converged:  # weighed by noise of the motion with the values found
-            again = replace(options, nodes=fit.optimum.point.nodes, deviations=fit.weights)
+        if (
+            options.motions and fit.converged
+        ):  # weighed by what noise of the motion does with the values found
+            again = replace(options, nodes=fit.optimum.point.nodes)
             fit = likelihood_fit(records, structure, fit.values, options=again)
+        for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
+            errors = with_denoised(fit, records, options.errors)
+            fit = self._searched(structure, records, replace(options, errors=errors))
         return fit
 
     def _searched(

@@ -25,15 +25,15 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
-from linkwise.likelihood.noise import with_noise_of_residuals
+from linkwise.likelihood.noise import sandwich, with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.rigs.motion import NoiseOfMotion
-from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, explained_on_rig, searched
+from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
 from linkwise.likelihood.shooting.loss import with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
-from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
@@ -151,8 +151,6 @@ class LikelihoodFit:
         Channels whose gains, of which nothing is known beforehand, the records do not tell.
     options : LikelihoodOptions
         What it was asked for with.
-    weights : array of shape (C, K) or None
-        On a rig, the standard deviations in N by which another search may weigh residuals, over segments.
     """
 
     covariance: Floats
@@ -175,7 +173,6 @@ class LikelihoodFit:
     untold: tuple[str, ...] = ()
     of_misfit: bool = False
     options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
-    weights: Floats | None = None
 
     @property
     def values(self) -> Floats:
@@ -347,7 +344,16 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        fit = _fitted(problem, records, structure, spread, sensing, options, annealer)
+        counted = options
+        if options.motions:
+            valued = _valued(structure, problem.segments, problem.start.theta)
+            misfit = evaluate(problem.segments, problem.start, problem.scales, options.loss)
+            noise = NoiseOfMotion.along(options.motions, valued, problem.segments, misfit, problem.scales)
+            if noise.is_negligible:
+                counted = replace(options, motions=())
+            else:
+                problem = replace(problem, segments=noise.weighed(problem.segments, problem.scales))
+        fit = _fitted(problem, records, structure, spread, sensing, counted, annealer)
         return replace(fit, options=options)
 
 
@@ -397,21 +403,15 @@ def _fitted(
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> LikelihoodFit:
-    if options.deviations is not None:
-        weights = options.deviations / problem.scales.sigma[:, None]
-        problem = replace(problem, segments=replace(problem.segments, relative_noise=weights))
     segments, start, fit, limit = searched(problem, spread, options, annealer)
     known, lowest = sensing.stated(records), sensing.lowest(records)
     if segments.random is not None:
         segments, fit = marginal_fit(segments, fit, known, annealer)
-    elif not options.motions or options.deviations is not None:  # of a rig once it is weighed
-        fit = with_noise_of_residuals(segments, fit, annealer, lowest)
-    if options.motions:
-        noise = _noise_on_rig(options, structure, sensing, segments, fit)
-        exact = not options.model_error
-        explained = explained_on_rig(segments, fit, noise, annealer, limit=limit, exact=exact)
     else:
-        explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
+        fit = with_noise_of_residuals(segments, fit, annealer, lowest)
+    explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
+    if options.motions and not explained.model_error:
+        explained = _beside_noise_of_motion(explained, segments, structure, options, annealer)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
     point = fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
@@ -444,7 +444,6 @@ def _fitted(
         prior_conflicts=_prior_conflicts(segments, explained),
         untold=_untold_gains(found, explained.covariance, p),
         random_forces=_random_forces(segments, sensing, records[0].rate),
-        weights=explained.weights,
     )
 
 
@@ -456,20 +455,21 @@ def _found(unknowns: Sequence[Unknown], sizes: Floats, deviations: Floats) -> tu
     return tuple(map(Found, bare, *parts)) if unknowns else ()
 
 
-def _noise_on_rig(
-    options: LikelihoodOptions,
-    structure: Structure,
-    sensing: SensorModel,
+def _beside_noise_of_motion(
+    explained: ExplainedFit,
     segments: Segments,
-    fit: AnnealingFit,
-) -> NoiseOfMotion:
-    """Noise of load cells, as large as the residuals show where that is less than was found, and of the prescribed motions."""
+    structure: Structure,
+    options: LikelihoodOptions,
+    annealer: Annealer,
+) -> ExplainedFit:
+    """With the covariance that noise of the motions of rigs and of load cells give together."""
+    fit = explained.fit
     valued = _valued(structure, segments, fit.point.theta)
-    of_records = np.stack([list(noise.values()) for noise in sensing.noise], axis=1) / sensing.sigma[:, None]
-    counts = [-(-motion.samples // len(segments.samples)) for motion in options.motions]
-    unit = fit.scales.sigma[:, None] * np.repeat(of_records, counts, axis=1)
-    weights = np.broadcast_to(segments.deviations(fit.scales), unit.shape)
-    return NoiseOfMotion.along(options.motions, valued, segments, fit.misfit, unit, weights)
+    noise = NoiseOfMotion.along(options.motions, valued, segments, fit.misfit, fit.scales)
+    covariance = sandwich(segments, fit, noise, annealer)
+    if covariance is None:
+        return explained
+    return replace(explained, covariance=covariance, coloured=noise)
 
 
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:

@@ -58,8 +58,6 @@ class LikelihoodOptions:
         Harmonic forces that were not recorded.
     motions : sequence of PrescribedMotion, optional
         On a rig the motions that the records prescribe, whose noise is allowed for.
-    deviations : array of shape (C, K), optional
-        Standard deviations by which residuals are weighed, over segments; by default those of the noise of the channels.
     loss : Loss, optional
         Loss of a residual.
     model_error : bool, optional
@@ -82,7 +80,6 @@ class LikelihoodOptions:
     random: Sequence[RandomForce] = ()
     harmonics: Sequence[HarmonicForce] = ()
     motions: Sequence[PrescribedMotion] = ()
-    deviations: Floats | None = None
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     coloured_noise: bool = True

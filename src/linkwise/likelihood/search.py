@@ -31,7 +31,6 @@ from linkwise.likelihood.noise import (
     CorrelatedNoise,
     ModelErrorCandidate,
     lag_one_autocorrelation,
-    sandwich,
     with_coloured_noise,
     with_model_error,
     with_noise_of_misfit,
@@ -39,7 +38,6 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.rigs.motion import NoiseOfMotion
 from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, block_information, linear_model
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
@@ -370,8 +368,6 @@ class ExplainedFit:
         The noise where it is coloured.
     of_misfit : bool
         Whether the noise is what the laws leave: beside that which was stated or found no search ended.
-    weights : array of shape (C, K) or None
-        On a rig, the standard deviations in N by which another search may weigh residuals, over segments.
     """
 
     fit: AnnealingFit
@@ -383,7 +379,6 @@ class ExplainedFit:
     error_ratios: Floats | None = None
     coloured: CorrelatedNoise | None = None
     of_misfit: bool = False
-    weights: Floats | None = None
 
 
 def explained_fit(
@@ -423,12 +418,14 @@ def explained_fit(
     any_stated = bool(np.isinf(lowest).any())
     off = _is_off(segments, fit, annealer.loss, limit, lowest)
     inexact, known = options.model_error and segments.random is None, options.relaxation is not None
-    white_alone = known or not (inexact and options.coloured_noise)
+    white_alone = known or options.motions or not (inexact and options.coloured_noise)
     coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
     candidate = None
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
     unlimited = inexact and options.steps >= AnnealingSchedule.max_steps
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
+    if inexact and off_by_laws and not len(segments.system.incidence):
+        return _with_error_of_forces(segments, fit, annealer, limit, any_stated)
     if inexact and (known or unreached or off_by_laws):
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
@@ -493,37 +490,17 @@ def _with_model_error(
     )
 
 
-def explained_on_rig(
-    segments: Segments,
-    fit: AnnealingFit,
-    noise: NoiseOfMotion,
-    annealer: Annealer,
-    *,
-    limit: float,
-    exact: bool,
+def _with_error_of_forces(
+    segments: Segments, fit: AnnealingFit, annealer: Annealer, limit: float, stated: bool
 ) -> ExplainedFit:
-    """The fit to links alone on a rig with the covariance that both noises give, or beside a model error of its forces.
-
-    The model error is the part of the forces that the laws leave; where they are `exact`, chi-square is off instead.
-    """
-    residuals = fit.misfit.residuals * segments.deviations(fit.scales)
-    left = noise.unexplained(residuals, limit)
-    if not isinstance(annealer.loss, Gaussian) and fit.chi_square <= 1.0 + limit:  # outliers make up the rest
-        left = 0.0
-    if left == 0.0:
-        covariance = sandwich(segments, fit, noise, annealer)
-        covariance = fit.covariance if covariance is None else covariance
-        return ExplainedFit(fit, covariance, fit.chi_square, False, coloured=noise, weights=noise.both)
-    chi_square = float(np.sum((residuals / noise.both) ** 2)) / freedom(segments)
-    if exact:
-        return ExplainedFit(fit, fit.covariance, chi_square, True, weights=noise.both)
+    """The fit to links alone on a rig, with the part of the forces that exact laws leave beside noise as the model error."""
     candidate = ModelErrorCandidate(fit, float(np.sqrt(fit.chi_square)), np.inf)
-    explained = _with_model_error(segments, candidate, annealer, limit, stated=False)
-    count = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    explained = _with_model_error(segments, candidate, annealer, limit, stated)
+    unit, count = segments.deviations(fit.scales), segments.observed.sum(axis=(0, 2))
+    residuals = np.sum((fit.misfit.residuals * unit) ** 2, axis=(0, 2)) * (1.0 - 1.0 / fit.chi_square)
     forces = np.sum(segments.samples**2, axis=(0, 2)) - segments.samples.sum(axis=(0, 2)) ** 2 / count
-    part = left * float(np.sqrt(count.sum() / forces.sum()))
-    weights = np.hypot(noise.both, left)
-    return replace(explained, chi_square=chi_square, chi_square_off=False, model_error=part, weights=weights)
+    part = float(np.sqrt(np.sum(residuals) / np.sum(forces)))
+    return replace(explained, model_error=part, chi_square_off=stated and explained.chi_square_off)
 
 
 def _are_small(segments: Segments, fit: AnnealingFit) -> bool:

@@ -19,7 +19,7 @@ from linkwise.errors import IdentificationError
 from linkwise.likelihood.rigs.paths import LinkPath
 from linkwise.likelihood.shooting.linear_model import EliminatedRows
 from linkwise.likelihood.shooting.residuals import Misfit
-from linkwise.likelihood.shooting.segments import F, Segments
+from linkwise.likelihood.shooting.segments import F, Scales, Segments
 from linkwise.model.structure import BASE, Structure
 from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
@@ -176,13 +176,12 @@ class Cell:
 
 @dataclass(frozen=True, eq=False)
 class NoiseOfMotion:
-    """Noise of load cells, white, with deviations `unit` (C, K) in N over segments of so many `samples`, and what noise of
-    prescribed motions adds to the forces in the links of `cells`; residuals are over `weights` (C, K) in N.
+    """Noise that residuals are weighed by, with deviations `unit` (C, K) in N over segments of so many `samples`, and what
+    noise of prescribed motions adds to the forces in the links of `cells`.
     """
 
     cells: tuple[Cell, ...]
     unit: Floats
-    weights: Floats
     samples: int
 
     @classmethod
@@ -192,8 +191,7 @@ class NoiseOfMotion:
         identified: Structure,
         segments: Segments,
         misfit: Misfit,
-        unit: Floats,
-        weights: Floats,
+        scales: Scales,
     ) -> NoiseOfMotion:
         """That of the motions of records along an orbit of a structure with a value for each parameter."""
         sensors, samples = segments.sensors, len(segments.samples)
@@ -204,9 +202,12 @@ class NoiseOfMotion:
             first = part.stop
             for channel in np.flatnonzero(sensors.kind == F).tolist():
                 place = int(sensors.mass[channel])
-                path = _path(identified, segments, misfit, place, part, finer)
-                cells.append(Cell(channel, part, path, finer, float(segments.system.base[place])))
-        return cls(tuple(cells), unit, weights, samples)
+                sign = float(segments.system.base[place])
+                cells.append(
+                    Cell(channel, part, _path(identified, segments, misfit, place, part, finer), finer, sign)
+                )
+        unit = np.broadcast_to(segments.deviations(scales), (len(scales.sigma), segments.count))
+        return cls(tuple(cells), unit, samples)
 
     @property
     def channels(self) -> Indices:
@@ -227,28 +228,21 @@ class NoiseOfMotion:
             powers[cell.channel, cell.part] = np.add.reduceat(power, firsts) / counts
         return np.sqrt(np.nan_to_num(powers, posinf=0.0))
 
-    @cached_property
-    def both(self) -> Floats:
-        """(C, K) standard deviations in N of both noises together."""
-        return np.hypot(self.unit, self.added)
+    @property
+    def is_negligible(self) -> bool:
+        """Whether noise of the motions is next to nothing beside that of the sensors."""
+        return bool(np.mean(self.added**2) <= _NEGLIGIBLE * np.mean(self.unit**2))
 
-    def unexplained(self, residuals: Floats, limit: float) -> float:
-        """Standard deviation in N of what residuals (M, C, K) in N leave beside noise; 0 up to a `limit` of chi-square."""
-        count, squares = np.count_nonzero(residuals), np.sum(residuals**2, axis=0)
-        if np.sum(squares / self.both**2) <= (1.0 + limit) * count:
-            return 0.0
-        most = float(np.sum(squares)) / count
-
-        def missing(excess: float) -> float:
-            return float(np.sum(squares / (self.both**2 + most * excess))) - count
-
-        return float(np.sqrt(most * scipy.optimize.brentq(missing, 0.0, 2.0)))
+    def weighed(self, segments: Segments, scales: Scales) -> Segments:
+        """Segments whose residuals are weighed by both noises, where `unit` is that of the load cells alone."""
+        return replace(segments, relative_noise=np.hypot(self.unit, self.added) / scales.sigma[:, None])
 
     def score_covariance(self, rows: Iterable[EliminatedRows], linked: Bools, samples: int) -> Floats:
-        """(p, p) covariance that both noises give to the sums of `rows` times residuals."""
+        """(p, p) covariance that both noises, together `unit`, give to the sums of `rows` times residuals."""
         data = np.concatenate([chunk.data for chunk in rows])
-        data = data.reshape(len(data), samples, -1, data.shape[-1]) / self.weights.T[:, None, :, None]
-        white = (data * self.unit.T[:, None, :, None]).reshape(-1, data.shape[-1])
+        data = data.reshape(len(data), samples, -1, data.shape[-1]) / self.unit.T[:, None, :, None]
+        of_cells = np.sqrt(np.maximum(self.unit**2 - self.added**2, 0.0))
+        white = (data * of_cells.T[:, None, :, None]).reshape(-1, data.shape[-1])
         total, by_record = white.T @ white, dict[int, Floats]()
         for cell in self.cells:
             own = data[cell.part, :, cell.channel].reshape(-1, data.shape[-1])
