@@ -21,7 +21,7 @@ from linkwise.estimates.link_estimate import (
     true_motion,
 )
 from linkwise.likelihood.fisher_information import Precision
-from linkwise.likelihood.rigs.paths import LinkPath
+from linkwise.likelihood.rigs.problem import LinkPath
 from linkwise.model.coefficient import Name
 from linkwise.model.link import Link, refuse_signals
 from linkwise.model.parameters import Parameter
@@ -336,10 +336,10 @@ def true_path(link: Link, index: int, record: Record) -> LinkPath:
     truth, (d, v) = record.simulated, true_motion(record, index)
     assert truth is not None
     states = [truth.states[f"{link.name}.{name}"] for name in link.law.states]
-    signals = tuple(record.channel(f"signal:{name}") for name in link.law.signals)
+    states += [record.channel(f"signal:{name}") for name in link.law.signals]
     ordered = tuple(link.values[name] for name in link.law.coefficients)
     inside = np.stack(states, axis=1) if states else np.zeros((len(d), 0))
-    return LinkPath(link.law, ordered, d, v, record.step, inside, True, signals)
+    return LinkPath(link.law, ordered, d, v, record.step, inside, True)
 
 
 def _coefficient(name: Name, unit: str, value: float, error: float) -> CoefficientEstimate:

@@ -61,11 +61,11 @@ from linkwise.likelihood.options import (
     INPUT_NOISE,
     LikelihoodOptions,
     errors_to_find,
+    require_known_kinds,
 )
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
 from linkwise.likelihood.rigs.estimate import rig_estimate
-from linkwise.likelihood.rigs.motion import BASE_CHANNEL, PrescribedMotion
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
@@ -84,6 +84,7 @@ from linkwise.likelihood.terms import (
     Drift,
     HighPass,
     Hum,
+    Offset,
     Term,
     frequencies_by_channel,
     late_beside_clocks,
@@ -400,13 +401,7 @@ class MaximumLikelihood(Estimator):
             forces.
         """
         with one_blas_thread():
-            if structure.on_rig:
-                of_cells = [name for name in self.offsets if name != BASE_CHANNEL]
-                identify = replace(self, offsets=of_cells)._in_motion
-                off = of_cells != [*self.offsets]
-                answer = rig_estimate(identify, records, structure, progress, off=off)
-            else:
-                answer = self._in_motion(records, structure, progress)
+            answer = (self._on_rig if structure.on_rig else self._in_motion)(records, structure, progress)
             return with_profiles(answer, progress) if self.profile else answer
 
     @property
@@ -431,14 +426,8 @@ class MaximumLikelihood(Estimator):
             *HighPass.stated(self.corners),
         )
 
-    def _in_motion(
-        self,
-        records: Sequence[Record],
-        structure: Structure,
-        progress: Progress,
-        motions: Sequence[PrescribedMotion] = (),
-    ) -> Estimate:
-        """The estimate of a structure from its motion, on a rig with the `motions` that are prescribed."""
+    def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The estimate of a structure whose masses move."""
         for record in records:
             require_units_of_states(record, structure)
             if structure.hosts:
@@ -453,7 +442,6 @@ class MaximumLikelihood(Estimator):
         options = LikelihoodOptions(
             errors,
             harmonics=harmonic_forces(frequencies_by_channel(self.harmonics), records[0], structure),
-            motions=motions,
             random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
             loss=self.loss,
             model_error=not self.exact,
@@ -483,6 +471,35 @@ class MaximumLikelihood(Estimator):
             return stated
         return explained_answer(stated, answer, structure, options, records)
 
+    def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
+        """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
+        errors, admitted = self._errors_to_find(records), self._admitted
+        require_known_kinds(admitted)
+        offsets = [one.channel for one in of_kind(errors, Offset)]
+        requests = {
+            "harmonic forces": self.harmonics,
+            "random forces": self.ambient,
+            "noise of inputs": self.input_noise,
+            "errors of sensors to be admitted": [kind for kind in admitted if kind != "offset"],
+            "signals": structure.signals,
+        }
+        named = [f"{one.kind} ({one.channel})" for one in errors if not isinstance(one, Offset)]
+        named += [f"{kind} ({', '.join(names)})" for kind, names in requests.items() if names]
+        named += [] if isinstance(self.loss, Gaussian) else ["a robust loss"]
+        named += ["exact laws"] if self.exact else []
+        if named:
+            raise IdentificationError(
+                f"{', '.join(named)}: not supported for links alone on a rig, where only offsets of sensors can be found"
+            )
+        return rig_estimate(
+            records,
+            structure,
+            offsets=offsets,
+            admitted=admitted,
+            starts=dict(self.starts or {}),
+            progress=progress,
+        )
+
     def _search(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
@@ -492,11 +509,6 @@ class MaximumLikelihood(Estimator):
             fit = self._searched(structure, louder, options)
             louder = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = self._searched(structure, louder, options)
-        if (
-            options.motions and fit.converged
-        ):  # weighed by what noise of the motion does with the values found
-            again = replace(options, nodes=fit.optimum.point.nodes)
-            fit = likelihood_fit(records, structure, fit.values, options=again)
         for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
             errors = with_denoised(fit, records, options.errors)
             fit = self._searched(structure, records, replace(options, errors=errors))
@@ -505,7 +517,7 @@ class MaximumLikelihood(Estimator):
     def _searched(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        if structure.topology.states or structure.signals or structure.on_rig:
+        if structure.topology.states or structure.signals:
             return self._with_memory(structure, records, options)
         if structure.hosts or needs_integration(
             framed(records[0], structure, integrated=True).record, structure

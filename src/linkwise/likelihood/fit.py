@@ -25,15 +25,14 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
 from linkwise.likelihood.marginal import marginal_fit
-from linkwise.likelihood.noise import sandwich, with_noise_of_residuals
+from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
-from linkwise.likelihood.rigs.motion import NoiseOfMotion
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
 from linkwise.likelihood.shooting.loss import with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.steps import AnnealingStep
 from linkwise.likelihood.shooting.system import System
@@ -245,11 +244,8 @@ class LikelihoodFit:
 
 def with_values(structure: Structure, fit: LikelihoodFit) -> Structure:
     """The structure with the values of a fit."""
-    return _valued(structure, fit.segments, fit.values)
-
-
-def _valued(structure: Structure, segments: Segments, theta: Floats) -> Structure:
-    return structure.with_values(dict(zip(segments.system.parameters.names, theta.tolist(), strict=True)))
+    names = fit.segments.system.parameters.names
+    return structure.with_values(dict(zip(names, fit.values.tolist(), strict=True)))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may run to infinity; what it gives is checked
@@ -344,17 +340,7 @@ def _fit(
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
         annealer = Annealer(executor, options.loss, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
-        counted = options
-        if options.motions:
-            valued = _valued(structure, problem.segments, problem.start.theta)
-            misfit = evaluate(problem.segments, problem.start, problem.scales, options.loss)
-            noise = NoiseOfMotion.along(options.motions, valued, problem.segments, misfit, problem.scales)
-            if noise.is_negligible:
-                counted = replace(options, motions=())
-            else:
-                problem = replace(problem, segments=noise.weighed(problem.segments, problem.scales))
-        fit = _fitted(problem, records, structure, spread, sensing, counted, annealer)
-        return replace(fit, options=options)
+        return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
 
 
 def with_denoised(fit: LikelihoodFit, records: Sequence[Record], errors: Sequence[Term]) -> tuple[Term, ...]:
@@ -397,7 +383,6 @@ def _passed(motion: Floats, step: float, corner: float) -> Floats:
 def _fitted(
     problem: ShootingProblem,
     records: Sequence[Record],
-    structure: Structure,
     spread: Floats | None,
     sensing: SensorModel,
     options: LikelihoodOptions,
@@ -410,8 +395,6 @@ def _fitted(
     else:
         fit = with_noise_of_residuals(segments, fit, annealer, lowest)
     explained = explained_fit(segments, start, fit, annealer, limit=limit, lowest=lowest, options=options)
-    if options.motions and not explained.model_error:
-        explained = _beside_noise_of_motion(explained, segments, structure, options, annealer)
     fit, ratios, p = explained.fit, explained.error_ratios, segments.system.parameters.size
     point = fit.point
     segments = replace(segments, inputs=segments.inputs.at(point.gains, point.delays))
@@ -453,23 +436,6 @@ def _found(unknowns: Sequence[Unknown], sizes: Floats, deviations: Floats) -> tu
     bare = (Unknown(one.term, one.channel, one.known, one.record) for one in unknowns)
     parts = (np.split(values, ends) for values in (sizes, deviations))
     return tuple(map(Found, bare, *parts)) if unknowns else ()
-
-
-def _beside_noise_of_motion(
-    explained: ExplainedFit,
-    segments: Segments,
-    structure: Structure,
-    options: LikelihoodOptions,
-    annealer: Annealer,
-) -> ExplainedFit:
-    """With the covariance that noise of the motions of rigs and of load cells give together."""
-    fit = explained.fit
-    valued = _valued(structure, segments, fit.point.theta)
-    noise = NoiseOfMotion.along(options.motions, valued, segments, fit.misfit, fit.scales)
-    covariance = sandwich(segments, fit, noise, annealer)
-    if covariance is None:
-        return explained
-    return replace(explained, covariance=covariance, coloured=noise)
 
 
 def _random_forces(segments: Segments, sensing: SensorModel, rate: float) -> tuple[RandomForceEstimate, ...]:
@@ -516,10 +482,10 @@ def motion_of_links(
     records = framed_records(records, identified, integrated=True)
     segments, samples = fit.segments, len(fit.segments.samples)
     states = fit.misfit.trajectories.states[segments.at_samples]
+    x = states[:, 0].transpose(2, 0, 1).reshape(-1, identified.size)
+    v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
     firsts = np.cumsum([0, *whole[:-1]])
-    x = states[:, 0].transpose(2, 0, 1).reshape(sum(whole), identified.size)
-    v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(sum(whole), identified.size)
     memory = fit.misfit.trajectories.memory[segments.at_samples]
     inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
     left = fit.misfit.residuals if judged is None else judged

@@ -133,7 +133,7 @@ def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Reco
     A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score. That of a
     sensor is in its channel alone.
     """
-    if structure.hosts or not structure.size or not fit.has_errors:
+    if structure.hosts or not fit.has_errors:
         return
     lines, count = _lines(fit, records)
     known = [force.frequency for force in fit.options.harmonics]

@@ -34,7 +34,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import scipy
@@ -317,20 +316,6 @@ _PROMINENT = 4.0  # above both sides: one side of the edge of a filter is as hig
 _BLOCKS = 20  # whose innovations are compared in size
 _FALSE_ALARM = 1e-6  # probability that those of steady noise differ by more
 _APART = 200  # samples between chains of segments, after which nothing is remembered: 0.95^200 = 4e-5
-
-
-class CorrelatedNoise(Protocol):
-    """Noise of the channels that is correlated from sample to sample."""
-
-    @property
-    def channels(self) -> Indices:
-        """The channels with such noise."""
-
-    def score_covariance(self, rows: Iterable[EliminatedRows], linked: Bools, samples: int) -> Floats:
-        """(p, p) covariance that it gives to the sums of `rows` times residuals, in segments of so many `samples`."""
-
-    def drawn(self, white: Floats, channel: int) -> Floats:
-        """Noise of a channel, in units of the deviations that residuals are whitened by, from `white` noise (N, d)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -622,7 +607,7 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
     if again.status is not AnnealingStatus.CONVERGED:
         return None
     noise = ColouredNoise.of(again.misfit.residuals, segments.linked)
-    covariance = None if noise is None else sandwich(segments, again, noise, annealer)
+    covariance = None if noise is None else _covariance(segments, again, noise, annealer)
     if noise is None or covariance is None:
         return None
     factor, cost = evidence(segments, again, again.q, annealer.loss)
@@ -637,10 +622,9 @@ def with_coloured_noise(segments: Segments, fit: AnnealingFit, annealer: Anneale
     )
 
 
-def sandwich(
-    segments: Segments, fit: AnnealingFit, noise: CorrelatedNoise, annealer: Annealer
+def _covariance(
+    segments: Segments, fit: AnnealingFit, noise: ColouredNoise, annealer: Annealer
 ) -> Floats | None:
-    """Covariance (P, P) of the unknowns under the `noise`; None where the equations are singular."""
     rows = eliminated_rows(segments, fit.misfit, fit.scales, annealer.loss, fit.q)
     if rows is None:
         return None

@@ -17,7 +17,6 @@ from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.random_forces import HarmonicForce, RandomForce
-from linkwise.likelihood.rigs.motion import PrescribedMotion
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.terms import (
@@ -56,8 +55,6 @@ class LikelihoodOptions:
         Random forces on masses.
     harmonics : sequence of HarmonicForce, optional
         Harmonic forces that were not recorded.
-    motions : sequence of PrescribedMotion, optional
-        On a rig the motions that the records prescribe, whose noise is allowed for.
     loss : Loss, optional
         Loss of a residual.
     model_error : bool, optional
@@ -79,7 +76,6 @@ class LikelihoodOptions:
     errors: Sequence[Term] = ()
     random: Sequence[RandomForce] = ()
     harmonics: Sequence[HarmonicForce] = ()
-    motions: Sequence[PrescribedMotion] = ()
     loss: Loss = field(default_factory=Gaussian)
     model_error: bool = True
     coloured_noise: bool = True

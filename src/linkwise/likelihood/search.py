@@ -28,7 +28,7 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.marginal import did_not_converge, is_long, relaxation, search_long_record
 from linkwise.likelihood.noise import (
-    CorrelatedNoise,
+    ColouredNoise,
     ModelErrorCandidate,
     lag_one_autocorrelation,
     with_coloured_noise,
@@ -73,7 +73,7 @@ class Optimum:
         Factor on the standard deviations in `scales`.
     loss : Loss
         Loss of a residual.
-    coloured : CorrelatedNoise or None
+    coloured : ColouredNoise or None
         The noise where it is coloured; the cost takes it for white.
     of_white : array of shape (p, p) or None
         The covariance that the cost alone gives, where the noise is coloured.
@@ -85,7 +85,7 @@ class Optimum:
     q: float
     noise: float
     loss: Loss
-    coloured: CorrelatedNoise | None = None
+    coloured: ColouredNoise | None = None
     of_white: Floats | None = None
 
     @property
@@ -364,7 +364,7 @@ class ExplainedFit:
         The relaxation q that stands for a model error, else 0, and the factor on the noise.
     error_ratios : array of shape (P,) or None
         With a model error, the factor on the standard errors over those of white model error; None for too short records.
-    coloured : CorrelatedNoise or None
+    coloured : ColouredNoise or None
         The noise where it is coloured.
     of_misfit : bool
         Whether the noise is what the laws leave: beside that which was stated or found no search ended.
@@ -377,7 +377,7 @@ class ExplainedFit:
     model_error: float = 0.0
     noise: float = 1.0
     error_ratios: Floats | None = None
-    coloured: CorrelatedNoise | None = None
+    coloured: ColouredNoise | None = None
     of_misfit: bool = False
 
 
@@ -418,14 +418,12 @@ def explained_fit(
     any_stated = bool(np.isinf(lowest).any())
     off = _is_off(segments, fit, annealer.loss, limit, lowest)
     inexact, known = options.model_error and segments.random is None, options.relaxation is not None
-    white_alone = known or options.motions or not (inexact and options.coloured_noise)
+    white_alone = known or not (inexact and options.coloured_noise)
     coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
     candidate = None
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
     unlimited = inexact and options.steps >= AnnealingSchedule.max_steps
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
-    if inexact and off_by_laws and not len(segments.system.incidence):
-        return _with_error_of_forces(segments, fit, annealer, limit, any_stated)
     if inexact and (known or unreached or off_by_laws):
         candidate = with_model_error(segments, fit, start, annealer)
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
@@ -488,19 +486,6 @@ def _with_model_error(
         factor,
         ratios,
     )
-
-
-def _with_error_of_forces(
-    segments: Segments, fit: AnnealingFit, annealer: Annealer, limit: float, stated: bool
-) -> ExplainedFit:
-    """The fit to links alone on a rig, with the part of the forces that exact laws leave beside noise as the model error."""
-    candidate = ModelErrorCandidate(fit, float(np.sqrt(fit.chi_square)), np.inf)
-    explained = _with_model_error(segments, candidate, annealer, limit, stated)
-    unit, count = segments.deviations(fit.scales), segments.observed.sum(axis=(0, 2))
-    residuals = np.sum((fit.misfit.residuals * unit) ** 2, axis=(0, 2)) * (1.0 - 1.0 / fit.chi_square)
-    forces = np.sum(segments.samples**2, axis=(0, 2)) - segments.samples.sum(axis=(0, 2)) ** 2 / count
-    part = float(np.sqrt(np.sum(residuals) / np.sum(forces)))
-    return replace(explained, model_error=part, chi_square_off=stated and explained.chi_square_off)
 
 
 def _are_small(segments: Segments, fit: AnnealingFit) -> bool:

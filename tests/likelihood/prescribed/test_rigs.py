@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import scipy
 from present import present
-from rigs import BOUC_WEN, MOTION, hysteretic, measured, rig, run
+from rigs import BOUC_WEN, hysteretic, measured, rig, run
 from structures import link, named, structure
 from within import assert_within, errors, of
 
 import linkwise as lw
 from linkwise import Verdict
+from linkwise.likelihood.rigs.estimate import _model_force
 
 
 @pytest.fixture(scope="module")
@@ -96,13 +97,12 @@ def test_friction_of_bristles_is_found_without_starts() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["jenkins", "k*d + c*v"])
 def test_a_missing_state_is_told(law: str, record: lw.Record) -> None:
-    """And a slider does not stand for smooth hysteresis; the intervals are those of laws of this form."""
+    """And a slider does not stand for smooth hysteresis."""
     named_law = law.isalpha()
     joint = named("damper", "base-ground", law) if named_law else link("damper", "base-ground", law)
     fit = lw.identify(measured(record, 1), structure({}, joint, name="rig"), as_stated=True)
-    assert fit.verdicts[0] is Verdict.UNEXPLAINED_FORCES
-    assert fit.approximate and not fit.trusted
-    assert named_law or fit.diagnosis[0].term == "hysteresis"
+    assert not fit.trusted and (named_law or fit.verdicts[0] is Verdict.UNEXPLAINED_FORCES)
+    assert all(own.interval is None for own in fit.links[0].coefficients)
 
 
 @pytest.mark.slow
@@ -113,7 +113,7 @@ def test_a_zero_error_of_the_load_cell_is_diagnosed_and_found(record: lw.Record)
     off = replace(noisy, values=values)
     unknown = hysteretic().unknown("damper")
     fit = lw.identify(off, unknown, as_stated=True)
-    assert not fit.trusted
+    assert fit.verdicts[0] is Verdict.MEASUREMENT_ERROR
     assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("offset", "f:damper")
     assert fit.diagnosis[0].size == pytest.approx(5.0, rel=0.1)  # the first order
     again = lw.identify(off, unknown, admit=["offset"])
@@ -171,12 +171,12 @@ def test_the_motion_carries_measured_and_identified_forces(record: lw.Record) ->
 REFUSED: dict[str, tuple[str, dict[str, Any], str]] = {
     "no motion": ("x:base", {}, "identified from the displacement of its base, x:base"),
     "no force": ("f:damper", {}, "has no load cell of its link: give channel f:damper"),
-    "gain": ("", {"gains": ["f:damper"]}, "the records do not tell the gain of f:damper"),
-    "drift": ("", {"drifts": ["x:base"]}, "no drift of x:base can be estimated"),
-    "ambient": ("", {"ambient": ["damper"]}, "no ambient force can act on damper"),
+    "gain": ("", {"gains": ["f:damper"]}, "not supported for links alone on a rig"),
+    "drift": ("", {"drifts": ["x:base"]}, r"^drift \(x:base\): not supported"),
     "unknown kind": ("", {"admit": ["bogus"]}, 'unknown error of a sensor "bogus"'),
     "twice": ("", {"offsets": ["f:damper", "f:damper"]}, "f:damper is named twice"),
-    "offset": ("", {"offsets": ["x:m1"]}, "no offset of x:m1 can be estimated"),
+    "robust": ("", {"loss": lw.likelihood.Student()}, "a robust loss: not supported for links alone on a rig"),
+    "offset": ("", {"offsets": ["x:m1"]}, "no offset of x:m1 can be found"),
     "sindy": ("", {"method": "sindy"}, 'links alone on a rig are not supported in method "sindy"'),
 }  # fmt: skip
 
@@ -238,7 +238,7 @@ def test_other_doors_refuse_a_rig() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("term", "value", "named"), [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "sign(v)")]
+    ("term", "value", "named"), [("q*d**3", 3e6, "d**3"), ("q*tanh(v/0.01)", 1.5, "tanh(v)")]
 )
 def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, named: str) -> None:
     """Chi-square is within chance of 1; a coefficient was up to 54 standard errors off, and trusted."""
@@ -248,7 +248,7 @@ def test_a_missing_term_that_noise_hides_takes_trust(term: str, value: float, na
     assert fit.fit_verdicts == (Verdict.SYSTEMATIC_MISFIT,)
     assert fit.diagnosis[0].kind == "term"
     assert any(cause.term == named for cause in fit.diagnosis)
-    assert not fit.trusted
+    assert fit.coefficient("damper.k").standard_error is None
 
 
 @pytest.mark.slow
@@ -262,36 +262,8 @@ def test_a_late_load_cell_takes_trust(record: lw.Record) -> None:
     assert any(cause.kind == "delay" and cause.where == "f:damper" for cause in fit.diagnosis)
 
 
-def test_a_signal_sets_the_damping_of_a_link() -> None:
-    """As the current of a magnetorheological damper does."""
-    values = {"k": 2000.0, "c0": 50.0, "cu": 30.0}
-    law = lw.Law.parse("k*d + (c0 + cu*u)*v", signals={"u": "A"})
-    known = {name: lw.Coefficient.number(value) for name, value in values.items()}
-    true = lw.Structure("rig", (), (lw.Link("damper", ("base", "ground"), law, known),))
-    signals = {"u": "1 + 0.5*sin(3*t)"}
-    clean = lw.simulate(true, duration=6.0, rate=200.0, base=MOTION, signals=signals)
-    noise = np.random.default_rng(1).standard_normal(clean.values.shape) * [1.0, 2e-5, 0.0]
-    fit = lw.identify(replace(clean, values=clean.values + noise, simulated=None), true.unknown("damper"))
-    assert_within(fit, of("damper", values))
-
-
-def test_the_calibration_of_the_load_cell_counts_in_the_intervals(record: lw.Record) -> None:
-    noisy, unknown = measured(record, 1), hysteretic().unknown("damper")
-    fit = lw.identify(noisy, unknown, calibration={"f:damper": 0.01})
-    assert fit.trusted
-    # the largest force is known to within the calibration, the length over which it is reached as without
-    assert fit.coefficient("damper.F").standard_error == pytest.approx(0.01 * BOUC_WEN["F"], rel=0.02)
-    assert present(fit.coefficient("damper.x0").standard_error) < 0.01 * BOUC_WEN["x0"]
-
-
-def test_outliers_of_the_load_cell_have_little_weight() -> None:
-    law, values = "k*d + k3*d**3 + c*v", {"k": 2000.0, "k3": 4e7, "c": 50.0}
-    noisy = measured(run(rig(law, values)), 3)
-    spoilt = noisy.values.copy()
-    spoilt[::250, noisy.channels.index("f:damper")] += 30.0
-    fits = [
-        lw.identify(replace(noisy, values=spoilt), rig(law, values).unknown("damper"), loss=loss)
-        for loss in (lw.likelihood.Gaussian(), lw.likelihood.Student())
-    ]
-    assert not fits[0].trusted
-    assert_within(fits[1], of("damper", values))
+def test_the_model_error_is_that_of_the_residuals_where_the_noise_is_next_to_nothing() -> None:
+    """What rounding leaves of the sum of squares then has either sign."""
+    for residuals in np.random.default_rng(0).standard_normal((20, 1000)):
+        expected = np.sqrt(np.sum(residuals**2) / (1000 - 3))
+        assert _model_force(residuals, np.full(1000, 1e-11), 3) == pytest.approx(expected, rel=1e-9)

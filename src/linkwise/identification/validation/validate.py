@@ -42,13 +42,14 @@ from linkwise.identification.validation.result import (
     ErrorSpectrum,
     Validation,
 )
-from linkwise.likelihood.rigs.motion import BASE_CHANNEL, cell_name
+from linkwise.likelihood.rigs.estimate import motion_deviations
 from linkwise.likelihood.rigs.problem import (
+    BASE_CHANNEL,
     Minimum,
     RigProblem,
+    cell_name,
     cell_noise,
     minimise,
-    motion_deviations,
     rig_forces,
 )
 from linkwise.model.structure import Structure

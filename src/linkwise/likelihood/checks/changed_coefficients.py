@@ -84,10 +84,6 @@ def likeliest_change(
         return None
     if not isinstance(fit.optimum.loss, Gaussian):
         return None
-    if (
-        fit.options.motions and fit.optimum.coloured is not None
-    ):  # noise alone makes forces where the base rests
-        return None
     change = _significant_change(fit, records, tested)
     if change is None or change.gain < LIKELIER + max((cause.gain for cause in causes), default=0.0):
         return None

@@ -65,8 +65,6 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     """
     if fit.optimum.segments.random is not None:
         return None
-    if not len(fit.segments.system.incidence):  # links alone on a rig, whose laws leave forces and no motion
-        return _by_blocks(fit, optimum_at(fit.optimum, fit.optimum.q, _STEPS))
     path = list(_from_exact(fit))[::-1] if fit.of_misfit else list(_path(fit))
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves or min(moves) > _LARGEST:

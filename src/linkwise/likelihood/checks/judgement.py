@@ -185,8 +185,6 @@ class Examined:
         if self.fit.model_error == 0.0:
             return 0.0
         masses = self.identified.size
-        if not masses:  # links alone on a rig
-            return self.fit.model_error
         acceleration = self.fit.misfit.trajectories.accelerations.reshape(-1, masses, self.fit.segments.count)
         forces = self.identified.mass_values * np.sqrt(np.mean(acceleration**2, axis=(0, 2)))
         return float(np.max(self.fit.force_error / np.maximum(forces, np.finfo(float).tiny)))

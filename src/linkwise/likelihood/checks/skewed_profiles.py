@@ -274,8 +274,6 @@ class _Profiles:
             for part in (length, -length)
         ]
         bent = (both[0] + both[1] - 2.0 * misfit.defects) / length**2
-        pull = pull_of_defects(
-            self.model.linear, bent.reshape(len(nodes), nodes.shape[1] - 1).T / optimum.q**2
-        )
+        pull = pull_of_defects(self.model.linear, bent.reshape(len(nodes), -1).T / optimum.q**2)
         change = factor.moved(*pull).reduced - factor.reduced
         return np.asarray(self.covariance @ change / self.units, dtype=float)

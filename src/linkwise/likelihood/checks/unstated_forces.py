@@ -200,7 +200,7 @@ class _Sums:
         rng, m = np.random.default_rng(SEED), fit.optimum.segments.system.dimension
         forces = fit.optimum.point.nodes[random.rows] / random.deviation
         observed = (
-            equations.of_defects(fit.misfit.defects.reshape(m, fit.segments.count - 1).T[..., None]),
+            equations.of_defects(fit.misfit.defects.reshape(m, -1).T[..., None]),
             forces[:, :, None],
             fit.misfit.residuals.transpose(1, 2, 0)[..., None],
         )

@@ -618,8 +618,7 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
     """
     segments = fit.segments
     sensors, incidence = segments.sensors, segments.system.incidence
-    # points show modes, of which each link moves several; on a rig load cells show the force of each link
-    if sensors.shapes is not None or not len(incidence):
+    if sensors.shapes is not None:  # points show modes, of which each link moves several
         return np.full(incidence.shape[1], np.inf)
     orbit = fit.misfit.trajectories
     at = segments.at_samples

@@ -1,141 +1,550 @@
-"""Maximum likelihood for links alone on a rig: the answer in the terms of the record."""
+"""The covariance of what is found of links on a rig.
+
+The scatter of the sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the
+displacement, which smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its
+sums are compared over a period of the motion.
+
+The most likely unknowns of links on a rig, their covariance, and how far the laws are from the forces.
+
+The verdict on a fit of links on a rig.
+
+What may be wrong on a rig beside noise, tested by its score: zero errors, a delay, and terms that a law lacks.
+
+Maximum likelihood for links alone on a rig: from records of motion and force to an estimate.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
+import scipy
 
-from linkwise.estimates.causes import NoiseEstimate, SensorErrorEstimate
+from linkwise.arrays import Bools, Floats
+from linkwise.display import format_percent, near_miss
+from linkwise.errors import IdentificationError
+from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
-from linkwise.expression import Expression, Number, Symbol, add, multiply, substitute, to_text
-from linkwise.likelihood.rigs.motion import BASE_CHANNEL, PrescribedMotion, cell_name, prescribed
+from linkwise.likelihood.rigs.problem import (
+    BASE_CHANNEL,
+    LinkPath,
+    Minimum,
+    RigProblem,
+    cell_name,
+    cell_noise,
+    minimise,
+    rig_forces,
+    starts,
+)
 from linkwise.likelihood.shooting.segmentation import require_same_channels
-from linkwise.model.coefficient import Coefficient, Name
-from linkwise.model.law import Law, LinkState
-from linkwise.model.link import Link
+from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
+from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress
+from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
+from linkwise.verdict import Verdict
 
-Identify = Callable[[Sequence[Record], Structure, Progress, Sequence[PrescribedMotion]], Estimate]
-_OFFSET = "x_base"
+_SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
+
+
+def covariance_of(
+    problem: RigProblem,
+    minimum: Minimum,
+    free: Bools,
+    cells: Floats,
+    weights: Floats,
+    residuals: Floats,
+    *,
+    inexact: bool,
+) -> tuple[Floats, bool]:
+    """Covariance (u, u), 0 for what is not `free`, and whether the forces determine the unknowns.
+
+    `cells` (R,) is the noise of load cells in N, `weights` are those of the residuals (R,); with `inexact` laws these scatter
+    by more than noise.
+    """
+    weighted = weights[:, None] * problem.jacobian(minimum.paths)[:, free]
+    certainty = problem.certainty[free]
+    normal = weighted.T @ weighted + np.diag(certainty**2)
+    scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    determined = bool(values[0] > _SINGULAR * values[-1])
+    inverse = (vectors / np.maximum(values, _SINGULAR * values[-1])) @ vectors.T / np.outer(scale, scale)
+    scores = weights[:, None] * weighted
+    if inexact:
+        white = inverse @ noise_of_sums(problem, minimum, 1.0 / weights, scores) @ inverse
+        sandwich = inverse @ newey_west(problem, scores * residuals[:, None]) @ inverse
+        errors = (np.maximum(part.diagonal(), 1e-300) for part in (white, sandwich))
+        ratio = np.sqrt(np.maximum(np.divide(*errors), 1.0))
+        sandwich = sandwich * np.outer(ratio, ratio)
+    else:
+        sandwich = inverse @ noise_of_sums(problem, minimum, cells, scores) @ inverse
+    sandwich = sandwich + inverse @ np.diag(certainty**2) @ inverse
+    covariance = np.zeros((problem.size, problem.size))
+    covariance[np.ix_(free, free)] = 0.5 * (sandwich + sandwich.T)
+    return covariance, determined
+
+
+def noise_of_sums(problem: RigProblem, minimum: Minimum, cells: Floats, rows: Floats) -> Floats:
+    """Covariance (f, f) of sums of forces with weights (R, f) by the noise of load cells, `cells` (R,), and of the motion."""
+    white, moved = cells[:, None] * rows, problem.noise_of_motion(minimum.paths, rows)
+    return np.asarray(white.T @ white + moved.T @ moved)
+
+
+def newey_west(problem: RigProblem, rows: Floats) -> Floats:
+    """Covariance (f, f) of the sums of rows (R, f) that are correlated over a period of the motion (Newey and West 1987)."""
+    total = np.zeros((rows.shape[1], rows.shape[1]))
+    for cell, part in zip(problem.cells, problem.split(rows), strict=True):
+        lags = min(cell.motion.period, len(part) // 4)
+        size = 2 ** int(np.ceil(np.log2(len(part) + lags + 1)))
+        taper = np.zeros(size)
+        taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1)
+        taper[size - lags :] = taper[1 : lags + 1][::-1]
+        spectra = np.fft.rfft(part, size, axis=0) * np.fft.rfft(taper).real[:, None]
+        total += part.T @ np.fft.irfft(spectra, size, axis=0)[: len(part)]
+    return np.asarray(0.5 * (total + total.T))
+
+
+_MOST_SUBSTEPS = 32
+_DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
+_CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
+_SIGMAS = 5.0  # and its own scatter
+_REWEIGHTED = 3
+_DRAWS = 32  # of the noise of the motion, for the size of what it does to the forces
+_SEED = 7
+_NEAR = 3.0  # times the misfit of the best start beyond which another is not worth a search
+_WHOLE_STEPS = 60  # of a search from each
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """A minimum of the weighted squares of what load cells show beside the laws.
+
+    Attributes
+    ----------
+    problem : RigProblem
+        Records, structure and unknowns.
+    minimum : Minimum
+        The unknowns (u,), and the links along the motions.
+    covariance : array of shape (u, u)
+        Their covariance; of those at a bound 0.
+    free : array of bool, shape (u,)
+        False at a bound.
+    residuals, deviations : array of shape (R,)
+        Measured less modelled forces in N, and their standard deviations from the noise of load cells and motion.
+    cells : array of shape (R,)
+        Standard deviations in N of the noise of load cells alone.
+    model_force : float
+        Standard deviation in N of what the laws leave beside noise, 0 where noise explains the residuals.
+    chi_square : float
+        Per degree of freedom, of noise alone.
+    determined : bool
+        Whether the forces determine all unknowns.
+    """
+
+    problem: RigProblem
+    minimum: Minimum
+    covariance: Floats
+    free: Bools
+    residuals: Floats
+    deviations: Floats
+    cells: Floats
+    model_force: float
+    chi_square: float
+    determined: bool
+
+    @property
+    def weights(self) -> Floats:
+        """(R,) one over the standard deviations of the residuals."""
+        return 1.0 / np.hypot(self.deviations, self.model_force)
+
+
+def rig_fit(
+    problem: RigProblem, noise: Mapping[int, float], given: Mapping[str, float], progress: Progress
+) -> RigFit:
+    """Fit a rig; `noise` in N is that of load cells by the number of their link, `given` starts by name."""
+    cells = np.concatenate([np.full(len(cell.measured), noise[cell.link]) for cell in problem.cells])
+    level = max(float(np.nanstd(problem.measured)), np.finfo(float).tiny)
+    found = starts(problem, given)
+    near = [start.values for start in found if start.misfit <= _NEAR * found[0].misfit]
+    minima = []
+    for number, values in enumerate(near, start=1):
+        unknowns = np.append(values, np.zeros(problem.size - len(values)))
+        minima.append(minimise(problem, unknowns, np.full(len(cells), 1.0 / level), steps=_WHOLE_STEPS))
+        progress(ProgressReport(number / len(near), "searching from several starts"))
+    minima = [minimum for minimum in minima if _is_finite(problem, minimum)]
+    if not minima:
+        raise IdentificationError(_not_finite(problem))
+    problem, best = refined(problem, min(minima, key=lambda minimum: minimum.cost), cells)
+    deviations, model = _levels(problem, best, cells)
+    for _ in range(_REWEIGHTED):
+        best = minimise(problem, best.unknowns, 1.0 / np.hypot(deviations, model))
+        deviations, model = _levels(problem, best, cells)
+    residuals = problem.residuals(best.unknowns, best.paths)
+    freedom = max(int(np.count_nonzero(residuals)) - problem.size, 1)
+    chi_square = float(np.sum((residuals / deviations) ** 2)) / freedom
+    free = _inside(problem, best.unknowns)
+    if not np.isfinite(problem.jacobian(best.paths)).all():
+        raise IdentificationError(_not_finite(problem))
+    covariance, determined = covariance_of(
+        problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
+    )
+    return RigFit(
+        problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
+    )
+
+
+def _is_finite(problem: RigProblem, minimum: Minimum) -> bool:
+    """Whether the laws are finite along the whole motions."""
+    return bool(np.isfinite(problem.residuals(minimum.unknowns, minimum.paths)).all())
+
+
+def _not_finite(problem: RigProblem) -> str:
+    names = ", ".join(problem.structure.links[link].name for link in problem.links)
+    return (
+        f"no values were found with which the law of {names} and its derivatives are finite along the recorded motion; give "
+        "starting values with which they are, or bounds of its coefficients"
+    )
+
+
+def _levels(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[Floats, float]:
+    """Standard deviations (R,) in N of the residuals from noise, and that of what the laws leave beside it."""
+    deviations = np.hypot(cells, motion_deviations(problem, minimum))
+    residuals = problem.residuals(minimum.unknowns, minimum.paths)
+    return deviations, _model_force(residuals, deviations, problem.size)
+
+
+def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigProblem, Minimum]:
+    """The problem with as many steps between samples as the residuals call for, and its minimum."""
+    while True:
+        residuals = problem.residuals(minimum.unknowns, minimum.paths)
+        size = float(np.sqrt(np.mean(residuals**2)))
+        level = np.hypot(cells, max(size - float(np.mean(cells)), 0.0))
+        minimum = minimise(problem, minimum.unknowns, 1.0 / level)
+        if not any(path.law.states for path in minimum.paths):
+            return problem, minimum
+        finer = problem.with_substeps(2 * problem.records[0].motion.substeps)
+        change = finer.residuals(minimum.unknowns, finer.paths(minimum.unknowns)) - problem.residuals(
+            minimum.unknowns, minimum.paths
+        )
+        if not np.isfinite(change).all():
+            return problem, minimum
+        if not np.sqrt(np.mean(change**2)) > _DISCRETISED * size / np.sqrt(len(residuals)):
+            return problem, minimum
+        if finer.records[0].motion.substeps > _MOST_SUBSTEPS:
+            return problem, minimum
+        problem = finer
+        minimum = replace(minimum, paths=problem.paths(minimum.unknowns))
+
+
+def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
+    """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
+    rng = np.random.default_rng(_SEED)
+    changes = [record.motion.noise_draws(rng, _DRAWS) for record in problem.records]
+    rows = []
+    for cell, path in zip(problem.cells, minimum.paths, strict=True):
+        moved = path.tangents(problem.free(cell.link)).by_motion(*changes[cell.record])
+        moved = moved[:: cell.motion.substeps]
+        rows.append(np.sqrt(np.mean(moved**2, axis=1)))
+    return np.asarray(np.nan_to_num(np.concatenate(rows)))
+
+
+def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
+    """Standard deviation beside `deviations` with which the residuals have a chi-square of 1; 0 where noise explains them."""
+    is_measured = residuals != 0.0
+    count = max(int(is_measured.sum()) - unknowns, 1)
+    squares, variances = residuals[is_measured] ** 2, deviations[is_measured] ** 2
+    if np.sum(squares / variances) / count <= 1.0 + _CHI_SQUARE + _SIGMAS * np.sqrt(2.0 / count):
+        return 0.0
+    most = float(np.sum(squares)) / count
+
+    def missing(excess: float) -> float:
+        return float(np.sum(squares / (variances + most * excess))) - count
+
+    # at 1 nothing is missing, up to rounding, where deviations are next to nothing
+    return float(np.sqrt(most * scipy.optimize.brentq(missing, 0.0, 2.0)))
+
+
+def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
+    low, high = problem.bounds
+    size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
+    return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
+
+
+_LARGEST_ERROR = 0.1
+"""Of the forces: the largest model error that is trusted, as for structures with masses."""
+
+
+def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
+    """Verdict, explanation, and the part of the forces that laws leave beside noise."""
+    if not fit.minimum.converged:
+        return (
+            Verdict.NOT_CONVERGED,
+            "The search did not converge. The values are the best so far; give better starts, or a law whose force does not "
+            "jump.",
+            0.0,
+        )
+    share = _share(fit)
+    verdict, words = _found(fit, causes, share)
+    to_within = format_percent(share) if share > 0.0 else "the noise of force and displacement"
+    return verdict, f"The laws explain the forces to within {to_within}{words}", share
+
+
+def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict, str]:
+    """The verdict on a search that converged, and what is said after how well laws explain the forces."""
+    if not fit.determined:
+        return Verdict.HARDLY_DETERMINED, (
+            ", but the forces do not determine all unknowns: hold some at known values, or record another motion."
+        )
+    if share > _LARGEST_ERROR:
+        return Verdict.UNEXPLAINED_FORCES, ("; that is too much for intervals: a term or a state is missing.")
+    if causes and not causes[0].is_instrument:
+        return Verdict.SYSTEMATIC_MISFIT, (
+            f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
+            "standard errors. Offer the term, or a law with memory."
+        )
+    if causes:
+        return Verdict.MEASUREMENT_ERROR, (
+            f", but {causes[0].description} would lower -2 log likelihood by {causes[0].gain:.3g}. Coefficients would be "
+            "wrong by more than intervals of exact laws say: correct it, or estimate it with the other unknowns."
+        )
+    if share > 0.0:
+        return Verdict.MODEL_ERROR_NEEDED, (
+            ", a model error that all intervals include; as it follows the motion, sums over periods of the motion are "
+            "compared for that."
+        )
+    return Verdict.CONVERGED, "."
+
+
+def _share(fit: RigFit) -> float:
+    """Model error over the root mean square of the forces about their mean."""
+    if fit.model_force == 0.0:
+        return 0.0
+    return fit.model_force / float(np.nanstd(fit.problem.measured))
+
+
+_GAIN = 25.0  # in -2 log likelihood: five standard deviations
+_OF_SHIFTS = 16.0 + 2.0 * np.log(
+    10.0
+)  # of what also moves a coefficient: four deviations, the largest of about ten causes
+_OFFSET_GAIN = 10.0  # of gain, by which an offset of the displacement must be the better explanation
+_SHIFT = 3.0  # standard errors by which a term or a delay must move a coefficient to count
+_TERMS = ("d", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "d**2*v")
+_SATURATING = 0.1  # of the largest rate, at which the friction that is tested saturates
+
+
+def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
+    """What would explain a part of the residuals, the largest gain first.
+
+    Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
+    """
+    hypotheses, forces = zip(*chain(_offsets(fit), _terms(fit), _delays(fit)), strict=True)
+    columns = np.stack(forces, axis=1)
+    jacobian, f = fit.problem.jacobian(fit.minimum.paths)[:, fit.free], int(fit.free.sum())
+    weighted = fit.weights[:, None] * np.column_stack([jacobian, columns])
+    scatter = noise_of_sums(fit.problem, fit.minimum, fit.cells, fit.weights[:, None] * weighted)
+    curvature, slope = weighted.T @ weighted, weighted.T @ (fit.weights * fit.residuals)
+    tests = single_tests(curvature, slope, scatter, f)
+    of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
+    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
+    determined = deviations > 0.0
+    causes = []
+    for number, hypothesis in enumerate(hypotheses):
+        if not tests.gains[number] > 0.0:
+            continue
+        size, error, changes = tests.sizes[number], tests.deviations[number], tests.changes[:, number]
+        if fit.model_force > 0.0:
+            beside = weighted[:, f + number] + weighted[:, :f] @ (changes / size)
+            left = fit.weights * fit.residuals - size * beside
+            power = float(beside @ beside)
+            variance = float(newey_west(fit.problem, (beside * left)[:, None])[0, 0])
+            error = np.sqrt(max(error**2, 1.0 / power, variance / power**2))
+        gain = float((size / error) ** 2)
+        shift = float(np.max(np.abs(changes[of_laws][determined]) / deviations[determined], initial=0.0))
+        if gain > _GAIN if hypothesis.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
+            unit = float(np.sqrt(np.mean(columns[:, number] ** 2))) if hypothesis.kind == "term" else 1.0
+            causes.append(
+                Cause(
+                    hypothesis.kind, hypothesis.where, float(size) * unit, hypothesis.unit, gain,
+                    float(error) * unit, term=hypothesis.term, shift=shift,
+                )
+            )  # fmt: skip
+    return tuple(sorted(causes, key=lambda cause: (cause.where == BASE_CHANNEL) * _OFFSET_GAIN - cause.gain))
+
+
+_Column = tuple[Hypothesis, Floats]  # of unit size, and the forces (R,) in N that it adds
+
+
+def _offsets(fit: RigFit) -> Iterator[_Column]:
+    """Offsets of load cells and of the displacement that are not among the unknowns."""
+    problem, p = fit.problem, len(fit.problem.parameters)
+    every = replace(problem, cell_offsets=problem.links, motion_offset=True).jacobian(fit.minimum.paths)
+    for number, link in enumerate(problem.links):
+        if link not in problem.cell_offsets:
+            yield Hypothesis("offset", cell_name(problem.structure, link), unit="N"), every[:, p + number]
+    if not problem.motion_offset:
+        yield Hypothesis("offset", BASE_CHANNEL, unit="m"), every[:, p + len(problem.links)]
+
+
+def _terms(fit: RigFit) -> Iterator[_Column]:
+    """Forms of force that the law of each link may lack."""
+    motions = [record.motion for record in fit.problem.records]
+    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in motions)
+    for link in fit.problem.links:
+        for text in (*_TERMS, f"tanh(v/{_SATURATING * fastest!r})" if fastest > 0.0 else "v"):
+            law = Law.parse(text)
+            with np.errstate(all="ignore"):
+                column = _column(fit, link, partial(_force_along, law))
+            name = "tanh(v)" if text.startswith("tanh") else text
+            yield Hypothesis("term", fit.problem.structure.links[link].name, name, unit="N"), column
+
+
+def _force_along(law: Law, path: LinkPath) -> Floats:
+    return law.force(path.d, path.v, {})
+
+
+def _delays(fit: RigFit) -> Iterator[_Column]:
+    """A delay of each load cell, to first order."""
+    for link in fit.problem.links:
+        late = _column(fit, link, lambda path: -np.gradient(path.force()) / path.step)
+        yield Hypothesis("delay", cell_name(fit.problem.structure, link), unit="s"), late
+
+
+def _column(fit: RigFit, link: int, along: Callable[[LinkPath], Floats]) -> Floats:
+    """(R,) what is along the paths of one link, at its samples among those of all; 0 where one is missing."""
+    rows = []
+    for cell, path in zip(fit.problem.cells, fit.minimum.paths, strict=True):
+        shown = np.isfinite(cell.measured) & (cell.link == link)
+        values = np.broadcast_to(along(path), path.d.shape) if cell.link == link else path.d
+        rows.append(np.where(shown, values[:: cell.motion.substeps], 0.0))
+    return np.asarray(np.nan_to_num(np.concatenate(rows)))
 
 
 def rig_estimate(
-    identify: Identify, records: Sequence[Record], structure: Structure, progress: Progress, *, off: bool
+    records: Sequence[Record],
+    structure: Structure,
+    *,
+    offsets: Sequence[str],
+    admitted: Sequence[str],
+    starts: Mapping[str, float],
+    progress: Progress,
 ) -> Estimate:
     """Estimate the unknowns of links between the base and the ground, whose forces load cells show.
 
-    Where the displacement of the base is `off` by an unknown constant, that is a coefficient of all laws.
+    `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
     """
     require_same_channels(records)
-    smoothed, motions = zip(*(prescribed(record, structure) for record in records), strict=True)
-    answer = identify(smoothed, with_offset(structure) if off else structure, progress, motions)
-    return as_recorded(answer, records, motions, off=off)
+    forces = tuple(rig_forces(record, structure) for record in records)
+    noise = cell_noise(records, structure)
+    offered = [BASE_CHANNEL, *(cell_name(structure, link) for link in forces[0].cells)]
+    for name in offsets:
+        if name not in offered:
+            raise IdentificationError(
+                f"no offset of {name} can be found{near_miss(name, offered)}; on a rig choose from {', '.join(offered)}"
+            )
+    with_offset = list(dict.fromkeys(offsets))
+    while True:
+        cells = tuple(link for link in forces[0].cells if cell_name(structure, link) in with_offset)
+        problem = RigProblem(structure, forces, cells, BASE_CHANNEL in with_offset)
+        fit = rig_fit(problem, noise, starts, progress)
+        causes = rig_causes(fit)
+        if (
+            not causes
+            or causes[0].kind not in admitted
+            or causes[0].kind != "offset"
+            or causes[0].where in with_offset
+        ):
+            return _estimate(fit, structure, records, noise, causes)
+        with_offset.append(causes[0].where)
 
 
-def with_offset(structure: Structure) -> Structure:
-    """The structure with an unknown constant taken off the displacement of the base in all laws."""
-    leader = Name(structure.links[0].name, _OFFSET)
-    links: list[Link] = []
-    for link, sign in zip(structure.links, structure.base_incidence, strict=True):
-        law = _replaced(link.law, "d", add(Symbol("d"), multiply(Number(-float(sign)), Symbol(_OFFSET))))
-        offset = Coefficient.shared(leader) if links else Coefficient.unknown(0.0)
-        links.append(replace(link, law=law, coefficients={**link.coefficients, _OFFSET: offset}))
-    return replace(structure, links=tuple(links))
-
-
-def _without_offset(structure: Structure) -> Structure:
-    """The structure without that constant."""
-    links = []
-    for link in structure.links:
-        law = _replaced(link.law, _OFFSET, Number(0.0))
-        kept = {name: own for name, own in link.coefficients.items() if name != _OFFSET}
-        links.append(replace(link, law=law, coefficients=kept))
-    return replace(structure, links=tuple(links))
-
-
-def _replaced(law: Law, name: str, by: Expression) -> Law:
-    """The law with an expression in place of a name, in its force and in the rates of its states."""
-    states = {
-        rate.name: LinkState(to_text(substitute(rate.expression, {name: by})), rate.initial, rate.unit)
-        for rate in law.rates
-    }
-    force = to_text(substitute(law.expression, {name: by}))
-    return Law.parse(force, states, signals=dict(law.signal_units))
-
-
-def as_recorded(
-    answer: Estimate, records: Sequence[Record], motions: Sequence[PrescribedMotion], *, off: bool
+def _estimate(
+    fit: RigFit,
+    structure: Structure,
+    records: Sequence[Record],
+    noise: Mapping[int, float],
+    causes: tuple[Cause, ...],
 ) -> Estimate:
-    """The answer with the records as they are, and an offset of the displacement among the errors of sensors."""
-    errors, given = answer.sensor_errors, answer.given_structure
-    own = np.array([parameter.name.key != _OFFSET for parameter in answer.parameters])
-    if off:
-        deviations = np.sqrt(np.maximum(answer.covariance.diagonal()[~own], 0.0)).tolist()
-        pairs = zip(answer.values[~own].tolist(), deviations, strict=True)
-        found = [SensorErrorEstimate(BASE_CHANNEL, "offset", *pair, BASE_CHANNEL.unit) for pair in pairs]
-        errors, given = (*found, *errors), _without_offset(given)
-    added, alternative = answer.for_dropped_terms, answer.alternative
-    parameters = tuple(p for p, chosen in zip(answer.parameters, own, strict=True) if chosen)
-    identified = given.with_values(
-        dict(zip((p.name for p in parameters), answer.values[own].tolist(), strict=True))
+    parameters, unknowns = structure.parameters, fit.minimum.unknowns
+    p = len(parameters)
+    identified = structure.with_values(
+        {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
     )
-    noise = NoiseEstimate.of(records[0], BASE_CHANNEL, motions[0].sigma)
-    return replace(
-        answer,
-        given_structure=given,
+    verdict, message, share = judged(fit, causes)
+    errors = _sensor_errors(fit)
+    sigma = {BASE_CHANNEL: fit.problem.records[0].motion.sigma}
+    sigma |= {cell_name(structure, link): noise[link] for link in fit.problem.links}
+    return Estimate(
+        method="ml",
+        fit_verdicts=(verdict,),
+        message=message,
+        seconds=0.0,
+        given_structure=structure,
         parameters=parameters,
-        values=answer.values[own],
-        covariance=answer.covariance[np.ix_(own, own)],
-        free=answer.free[own],
-        noise={BASE_CHANNEL: noise, **answer.noise},
+        values=unknowns[:p],
+        covariance=fit.covariance[:p, :p],
+        free=fit.free[:p],
+        noise={name: NoiseEstimate.of(records[0], name, value) for name, value in sigma.items()},
+        chi_square_per_sample=fit.chi_square,
+        samples=int(np.count_nonzero(fit.residuals)),
+        compute_motion=partial(_motion, fit, identified, tuple(records)),
         record=records[0],
         more_records=tuple(records[1:]),
-        compute_motion=partial(_motion, answer, records, motions, identified, errors),
-        remarks=(*(error.description for error in errors[: int(off)]), *answer.remarks),
+        remarks=tuple(error.description for error in errors),
         sensor_errors=errors,
-        for_dropped_terms=None if added is None else added[np.ix_(own, own)],
-        alternative=None if alternative is None else as_recorded(alternative, records, motions, off=off),
+        model_error=share,
+        diagnosis=causes,
     )
 
 
-def _motion(
-    answer: Estimate,
-    records: Sequence[Record],
-    motions: Sequence[PrescribedMotion],
-    identified: Structure,
-    errors: Sequence[SensorErrorEstimate],
-) -> LinkMotion:
-    """The links along the motion, with the forces by their laws and by load cells."""
-    motion, offsets = answer.compute_motion(), {e.channel: e.value for e in errors if e.kind == "offset"}
-    d, v = (np.concatenate([getattr(own, of)[:: own.substeps] for own in motions]) for of in ("d", "v"))
-    elongations = np.outer(d - offsets.get(BASE_CHANNEL, 0.0), identified.base_incidence)
-    rates = np.outer(v, identified.base_incidence)
-    force, measured = motion.identified_force, np.full(elongations.shape, np.nan)
-    if force is None:
-        links = enumerate(identified.links)
-        force = np.stack([link.force(elongations[:, n], rates[:, n]) for n, link in links], axis=1)
-    for number in range(len(identified.links)):
-        channel = cell_name(identified, number)
-        if channel in records[0].channels:
-            shown = np.concatenate([record.channel(channel) for record in records])
-            measured[:, number] = shown - offsets.get(channel, 0.0)
-    return replace(
-        motion,
+def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
+    """Offsets of the load cells, and of the displacement of the base."""
+    problem, unknowns = fit.problem, fit.minimum.unknowns
+    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    channels = [cell_name(problem.structure, link) for link in problem.cell_offsets]
+    channels += [BASE_CHANNEL] if problem.motion_offset else []
+    found = slice(len(problem.parameters), len(problem.parameters) + len(channels))
+    return tuple(
+        SensorErrorEstimate(channel, "offset", value, error, channel.unit)
+        for channel, value, error in zip(
+            channels, unknowns[found].tolist(), errors[found].tolist(), strict=True
+        )
+    )
+
+
+def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
+    """The links along the recorded motion, at the samples of all records."""
+    problem, links = fit.problem, len(identified.links)
+    counts = [len(record) for record in records]
+    shape = (sum(counts), links)
+    d, v, force, measured = np.zeros(shape), np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan)
+    firsts = np.cumsum([0, *counts[:-1]])
+    for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
+        motion = problem.records[number].motion
+        at = slice(int(first), int(first) + count)
+        d[at] = np.outer(motion.d[:: motion.substeps], identified.base_incidence)
+        v[at] = np.outer(motion.v[:: motion.substeps], identified.base_incidence)
+    for cell, path in zip(problem.cells, fit.minimum.paths, strict=True):
+        at, link = slice(int(firsts[cell.record]), int(firsts[cell.record]) + counts[cell.record]), cell.link
+        d[at, link] = path.d[:: cell.motion.substeps]
+        force[at, link] = path.force()[:: cell.motion.substeps]
+        measured[at, link] = cell.measured - problem.offset(link, fit.minimum.unknowns)
+    time = np.concatenate([record.time for record in records])
+    return LinkMotion(
         structure=identified,
-        d=elongations,
-        v=rates,
-        d_range=extremes(elongations),
+        time=time,
+        d=d,
+        v=v,
+        d_range=extremes(d),
         compute_residual=_nothing,
         identified_force=force,
         measured_force=measured,
     )
 
 
-def _nothing() -> None:
+def _nothing() -> Floats | None:
     """There is no mass whose equation leaves a residual."""
+    return None

@@ -1,21 +1,267 @@
-"""The forces of links along recorded motions: residuals of the load cells, their derivatives, and what starts them best."""
+"""The recorded motion of a rig as a smoothing spline: values between samples, and what its noise does to them.
+
+States of a link along a motion that is known, by the trapezoidal rule, with their derivatives.
+
+All steps are solved together by Newton's method: the equations of neighbouring nodes form a banded matrix, which also gives
+the sensitivities of the states (one solve each) and, transposed, those to the motion.
+
+The forces of links along recorded motions: residuals of the load cells and their derivatives by the unknowns.
+
+What records of a rig must hold: the displacement of the base, and the force in each link that has unknowns.
+
+Least squares for the unknowns of links on a rig, from starts that a regression along the motion finds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
+from scipy.linalg import lapack
 
 from linkwise.arrays import Floats
-from linkwise.likelihood.rigs.motion import PrescribedMotion, cell_name, prescribed_motion, require_forces
-from linkwise.likelihood.rigs.paths import LinkPath
+from linkwise.errors import IdentificationError
+from linkwise.expression import Program, differentiate
+from linkwise.likelihood.starts.memory import MemorySearch, Start
+from linkwise.model.law import Law
+from linkwise.model.named_laws import smooth_rates
 from linkwise.model.parameters import Parameter
-from linkwise.model.structure import Structure
+from linkwise.model.structure import BASE, Structure
+from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
-from linkwise.signals.noise import channel_noise
+from linkwise.signals.noise import channel_noise, noise_sigma
+from linkwise.signals.states import SmoothingSpline, smoothing_spline
+from linkwise.weak.displacements import bridged
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedMotion:
+    """The motion at the nodes (J): the samples, and `substeps` - 1 between each two.
+
+    `sigma` is the noise of the displacement sensor in m.
+    """
+
+    spline: SmoothingSpline
+    substeps: int
+    sigma: float
+
+    @cached_property
+    def _basis(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+        """(J, N + 4) what the coefficients of the quintic B-splines make of the displacement and the velocity at the nodes."""
+        count = len(self.spline.coefficients)
+        knots = np.arange(-5.0, count + 1.0)
+        nodes = np.arange((count - 5) * self.substeps + 1) / self.substeps
+        lagged = scipy.sparse.eye_array(count - 1, count, k=1) - scipy.sparse.eye_array(count - 1, count)
+        values, slopes = (
+            scipy.interpolate.BSpline.design_matrix(
+                nodes, knots[5 - degree : len(knots) - 5 + degree], degree
+            )
+            for degree in (5, 4)
+        )
+        return values, self.spline.rate * (slopes @ lagged)
+
+    @cached_property
+    def d(self) -> Floats:
+        """(J,) displacement in m."""
+        return np.asarray(self._basis[0] @ self.spline.coefficients[:, 0])
+
+    @cached_property
+    def v(self) -> Floats:
+        """(J,) velocity in m/s."""
+        return np.asarray(self._basis[1] @ self.spline.coefficients[:, 0])
+
+    @property
+    def step(self) -> float:
+        """Time between nodes in s."""
+        return 1.0 / (self.spline.rate * self.substeps)
+
+    @property
+    def period(self) -> int:
+        """Samples in a period of the motion, by the ratio of displacement and velocity."""
+        speed = float(np.std(self.v)) or 1.0
+        return max(int(2.0 * np.pi * float(np.std(self.d)) / speed * self.spline.rate), 1)
+
+    def liveliest(self, count: int) -> int:
+        """First of the `count` samples in a row that move most."""
+        power = np.concatenate([[0.0], np.cumsum(self.v[:: self.substeps] ** 2)])
+        return int(np.argmax(power[count:] - power[:-count]))
+
+    def noise_draws(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
+        """(J, count) what draws of the sensor's noise do to d and v at the nodes."""
+        noise = self.sigma * rng.standard_normal((len(self.spline.coefficients) - 4, count))
+        drawn = self.spline.smoothed(noise).coefficients
+        return self._basis[0] @ drawn, self._basis[1] @ drawn
+
+    def noise_of(self, by_d: Floats, by_v: Floats) -> Floats:
+        """(N, q) by how much sums with derivatives (J, q) by d and v at the nodes change with the noise of each sample."""
+        by_coefficient = self._basis[0].T @ by_d + self._basis[1].T @ by_v
+        return self.spline.transposed(by_coefficient) * self.sigma
+
+
+_NEWTON = 40  # iterations, at most
+_TOLERANCE = 1e-9  # of the size of the states
+_LARGEST = 1e12  # a state that gets larger has run away
+
+
+@lru_cache(maxsize=256)
+def _programs(law: Law, free: tuple[str, ...]) -> tuple[Program, Program]:
+    """Rates and their derivatives by states; then the derivatives of force and rates by d, v, states and coefficients."""
+    rates = smooth_rates(law)
+    names = (*law.variables, *law.coefficients)
+    newton = [*rates, *(differentiate(rate, state) for rate in rates for state in law.states)]
+    by = ("d", "v", *law.states, *free)
+    slopes = [differentiate(tree, name) for tree in (law.expression, *rates) for name in by]
+    return Program(newton, names, wide=law.variables), Program(slopes, names, wide=law.variables)
+
+
+@dataclass(frozen=True, eq=False)
+class StateEquations:
+    """Factorised linearised equations of the states (S) at the nodes (J), the first of which is given."""
+
+    factors: Floats
+    pivots: Floats
+    count: int
+
+    @classmethod
+    def of(cls, slopes: Floats, step: float) -> StateEquations:
+        """Of the derivatives (J, S, S) of the rates by states."""
+        nodes, count, _ = slopes.shape
+        half = 0.5 * step * slopes
+        lower, upper = 2 * count - 1, count - 1
+        bands = np.zeros((2 * lower + upper + 1, (nodes - 1) * count))
+        unit = np.eye(count)
+        for row in range(count):
+            for column in range(count):
+                ahead = unit[row, column] - half[1:, row, column]
+                behind = -unit[row, column] - half[1:-1, row, column]
+                bands[lower + upper + row - column, column::count] = ahead
+                bands[lower + upper + row - column + count, column:-count:count] = behind
+        factors, pivots, _ = lapack.dgbtrf(bands, lower, upper, overwrite_ab=1)
+        return cls(factors, pivots, count)
+
+    def solve(self, right: Floats, *, transposed: bool = False) -> Floats:
+        """Solution for right-hand sides (J - 1, S, q)."""
+        lower, upper = 2 * self.count - 1, self.count - 1
+        flat = right.reshape(-1, right.shape[-1])
+        solved, _ = lapack.dgbtrs(self.factors, lower, upper, flat, self.pivots, trans=int(transposed))
+        return np.asarray(solved).reshape(right.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPath:
+    """A link along a motion: `states` (J, S), behind them the signals that its law names, `converged` if they are found."""
+
+    law: Law
+    values: tuple[float, ...]
+    d: Floats
+    v: Floats
+    step: float
+    states: Floats
+    converged: bool
+
+    @classmethod
+    @np.errstate(all="ignore")  # states may run away; then the path has not converged
+    def of(
+        cls, law: Law, values: dict[str, float], d: Floats, v: Floats, step: float,
+        initial: Floats, guess: Floats | None = None,
+    ) -> LinkPath:  # fmt: skip
+        ordered = tuple(values[name] for name in law.coefficients)
+        if not law.states:
+            return cls(law, ordered, d, v, step, np.zeros((len(d), 0)), True)
+        program, _ = _programs(law, ())
+        count = len(law.states)
+        states = np.zeros((len(d), count)) if guess is None else guess.copy()
+        states[0] = initial
+        for _ in range(_NEWTON):
+            rates_and_slopes = program(d, v, *states.T, *ordered)
+            rates = np.stack(rates_and_slopes[:count], axis=1)
+            slopes = np.stack(rates_and_slopes[count:], axis=1).reshape(-1, count, count)
+            missed = np.diff(states, axis=0) - 0.5 * step * (rates[1:] + rates[:-1])
+            if not (np.isfinite(missed).all() and np.isfinite(slopes).all()):
+                return cls(law, ordered, d, v, step, states, False)
+            change = StateEquations.of(slopes, step).solve(missed[..., None])[..., 0]
+            states[1:] -= change
+            size = np.abs(states).max()
+            if not size < _LARGEST:
+                return cls(law, ordered, d, v, step, states, False)
+            if np.abs(change).max() <= _TOLERANCE * (size + 1e-300):
+                return cls(law, ordered, d, v, step, states, True)
+        return cls(law, ordered, d, v, step, states, False)
+
+    def force(self) -> Floats:
+        """Force (J,) in N at the nodes."""
+        named = dict(zip(self.law.coefficients, self.values, strict=True))
+        named |= dict(zip((*self.law.states, *self.law.signals), self.states.T, strict=True))
+        return self.law.force(self.d, self.v, named)
+
+    def tangents(self, free: Sequence[str]) -> LinkTangents:
+        """Derivatives along the motion, by the coefficients `free`."""
+        _, program = _programs(self.law, tuple(free))
+        slopes = program(self.d, self.v, *self.states.T, *self.values)
+        count, width = len(self.law.states), 2 + len(self.law.states) + len(free)
+        rows = np.stack(slopes, axis=1).reshape(len(self.d), 1 + count, width)
+        by_state = rows[:, 1:, 2 : 2 + count]
+        equations = StateEquations.of(by_state, self.step) if count else None
+        return LinkTangents(rows, self.step, count, equations)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTangents:
+    """Derivatives (J, 1 + S, 2 + S + c) of the force and the rates of the states of a link along a motion by d, v, the states
+    and c coefficients.
+    """
+
+    rows: Floats
+    step: float
+    count: int
+    equations: StateEquations | None
+
+    def by_unknowns(self) -> Floats:
+        """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
+        count, rows = self.count, self.rows
+        ends = slice(2 + count, None)
+        direct = np.concatenate([rows[:, 0, ends], np.zeros((len(rows), count)), rows[:, 0, :1]], axis=1)
+        if self.equations is None:
+            return direct
+        half = 0.5 * self.step
+        moved = np.concatenate([rows[:, 1:, ends], rows[:, 1:, :1]], axis=2)
+        right = half * (moved[1:] + moved[:-1])
+        start = np.zeros((len(right), count, count))
+        start[0] = np.eye(count) + half * rows[0, 1:, 2 : 2 + count]
+        width = rows.shape[2] - 2 - count
+        right = np.concatenate([right[..., :width], start, right[..., width:]], axis=2)
+        first = np.concatenate([np.zeros((count, width)), np.eye(count), np.zeros((count, 1))], axis=1)
+        states = np.concatenate([first[None], self.equations.solve(right)])
+        return np.asarray(direct + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+
+    def by_motion(self, change_d: Floats, change_v: Floats) -> Floats:
+        """Changes (J, q) of the force with changes (J, q) of d and v along the motion."""
+        count, rows = self.count, self.rows
+        force = change_d * rows[:, 0, 0, None] + change_v * rows[:, 0, 1, None]
+        if self.equations is None:
+            return force
+        pushed = rows[:, 1:, 0, None] * change_d[:, None] + rows[:, 1:, 1, None] * change_v[:, None]
+        states = np.zeros((len(rows), count, change_d.shape[1]))
+        states[1:] = self.equations.solve(0.5 * self.step * (pushed[1:] + pushed[:-1]))
+        return np.asarray(force + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+
+    def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
+        count, rows = self.count, self.rows
+        by_motion = [weights * rows[:, 0, column, None] for column in (0, 1)]
+        if self.equations is None:
+            return by_motion[0], by_motion[1]
+        sources = rows[:, 0, 2 : 2 + count, None] * weights[:, None, :]
+        pulled = self.equations.solve(sources[1:], transposed=True)
+        both = np.zeros((len(rows), *pulled.shape[1:]))
+        both[1:] += pulled
+        both[:-1] += pulled
+        for column in (0, 1):
+            by_motion[column] += 0.5 * self.step * np.einsum("js,jsq->jq", rows[:, 1:, column], both)
+        return by_motion[0], by_motion[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +423,69 @@ class RigProblem:
         return low, high
 
 
+BASE_CHANNEL = Channel("x", BASE)
+_FEWEST = 32  # samples
+_FLOOR = 1e-12  # of the largest displacement: smaller noise is below rounding
+_SUBSTEPS = 2  # between samples, at first
+
+
+def cell_name(structure: Structure, link: int) -> Channel:
+    """The channel of the load cell of a link, by its number."""
+    return Channel("f", structure.links[link].name)
+
+
 def rig_forces(record: Record, structure: Structure) -> Forces:
     """Motion and forces of a record; IdentificationError where it does not hold them."""
-    require_forces(record, structure)
-    named = {number: cell_name(structure, number) for number in range(len(structure.links))}
-    cells = {number: record.channel(name) for number, name in named.items() if name in record.channels}
+    name = BASE_CHANNEL
+    if name not in record.channels:
+        raise IdentificationError(
+            f"a link alone on a rig is identified from the displacement of its base, {name}, but the record holds "
+            f"{', '.join(record.channels)}; where one end is fixed, call the other end the base"
+        )
+    values = record.channel(name)
+    require_complete(name, values, record.start, record.rate)
+    if len(values) < _FEWEST:
+        raise IdentificationError(
+            f"{len(values)} samples are too few for links on a rig, which need {_FEWEST}"
+        )
+    if not np.ptp(values) > 0.0:
+        raise IdentificationError(
+            f"{name} does not change: the force in a link that does not move says nothing about its law"
+        )
+    cells = {
+        number: record.channel(cell_name(structure, number))
+        for number in range(len(structure.links))
+        if cell_name(structure, number) in record.channels
+    }
+    for number, force in cells.items():
+        if not np.isfinite(force).any():
+            raise IdentificationError(
+                f"channel {cell_name(structure, number)} has no sample that is a number"
+            )
+    for parameter in structure.parameters:
+        unseen = [index for index, _ in parameter.members if index not in cells]
+        if len(unseen) == len(parameter.members):
+            raise IdentificationError(
+                f"{parameter.name} is unknown, but the record has no load cell of its link: give channel "
+                f"{cell_name(structure, unseen[0])}, the force in it"
+            )
     return Forces(prescribed_motion(record), cells)
+
+
+def prescribed_motion(record: Record) -> PrescribedMotion:
+    """The motion of the base of a record, smoothed at the level of its noise."""
+    values = record.channel(BASE_CHANNEL)
+    spline = smoothing_spline(values, record.rate)
+    return PrescribedMotion(spline, _SUBSTEPS, _sensor_noise(record, values, spline.value()[:, 0]))
+
+
+def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
+    """Standard deviation in m of the noise of the displacement; that of a coarse resolution is what smoothing takes out."""
+    stated = record.noise.get(BASE_CHANNEL)
+    if stated is not None:
+        return float(stated)
+    estimated = float(np.nan_to_num(noise_sigma(values)[0]))
+    return max(estimated, float(np.std(values - smooth)), _FLOOR * float(np.abs(values).max()))
 
 
 def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, float]:
@@ -196,6 +499,7 @@ def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, flo
     }
 
 
+_SEARCHED = 4096  # samples of a record in which starts are searched for
 _LAST_STEPS = 300
 # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
 _RUNAWAY = 1e6
@@ -264,17 +568,23 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
     )
 
 
-_DRAWS = 32  # of the noise of the motion, for the size of what it does to the forces
-_SEED = 7
+def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]:
+    """Values of the parameters from which little of the forces is left, the best first; `given` starts by name are kept near.
 
-
-def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
-    """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
-    rng = np.random.default_rng(_SEED)
-    changes = [record.motion.noise_draws(rng, _DRAWS) for record in problem.records]
-    rows = []
-    for cell, path in zip(problem.cells, minimum.paths, strict=True):
-        moved = path.tangents(problem.free(cell.link)).by_motion(*changes[cell.record])
-        moved = moved[:: cell.motion.substeps]
-        rows.append(np.sqrt(np.mean(moved**2, axis=1)))
-    return np.asarray(np.nan_to_num(np.concatenate(rows)))
+    They are searched for in the liveliest part of the first record, without the means of the forces where a zero is unknown.
+    """
+    record, links = problem.records[0], problem.structure.links
+    motion, count = record.motion, min(_SEARCHED, len(next(iter(record.cells.values()))))
+    first = motion.liveliest(count)
+    d, v = (
+        np.outer(along[:: motion.substeps][first : first + count], problem.structure.base_incidence)
+        for along in (motion.d, motion.v)
+    )
+    shown = {
+        f"f:{links[link].name}": bridged(force[None], ~np.isfinite(force[None]))[0, first : first + count]
+        for link, force in record.cells.items()
+    }
+    slow = int(bool(problem.cell_offsets) or problem.motion_offset)
+    return MemorySearch(
+        problem.structure, motion.step * motion.substeps, d, v, (), shown, given, {}, slow
+    ).minima()

@@ -65,10 +65,9 @@ class BorderedSystem:
             band[:-1, column, m - column : 2 * m - column] = self.coupling[:, :, column]
             band[-1, column, m - column :] = 0.0
             band[:, column, 2 * m - column :] = 0.0
-        if damping is not None and m:
+        if damping is not None:
             band[:, :, 0] += damping.nodes
-        chol = band.reshape(K * m, 2 * m).T
-        chol, info = lapack.dpbtrf(chol, lower=1, overwrite_ab=1) if m else (np.ones((1, 0)), 0)
+        chol, info = lapack.dpbtrf(band.reshape(K * m, 2 * m).T, lower=1, overwrite_ab=1)
         if info:
             return None
         forward = _forward(chol, self.right, overwrite=overwrite)
@@ -163,14 +162,15 @@ class BorderedFactor:
         if border is None:
             return None
         right = self.forward[..., -1] - self.forward[..., :-1] @ border
-        nodes = through_factor(self.chol, right.reshape(-1, 1), transposed=True).reshape(self.shape)
+        solved, _ = lapack.dtbtrs(self.chol, right.reshape(-1, 1), uplo="L", trans="T")
+        nodes = solved.reshape(self.shape)
         return nodes if self.shift is None else nodes + self.shift @ border, border
 
     def moved(self, nodes: Floats, border: Floats) -> BorderedFactor:
         """The factor of equations whose gradient is larger by `nodes` (K, m) and `border` (p,)."""
         if self.shift is not None:
             border = border + self.shift.T @ nodes.sum(axis=0)
-        change = through_factor(self.chol, nodes.reshape(-1, 1))
+        change, _ = lapack.dtbtrs(self.chol, nodes.reshape(-1, 1), uplo="L")
         forward = self.forward.copy()
         forward[..., -1] += change.reshape(self.shape)
         moment = np.tensordot(change.reshape(self.shape), forward[..., :-1], 2)
@@ -203,18 +203,12 @@ def _blocks(chol: Floats, K: int, m: int) -> tuple[Floats, Floats]:
     return root, below
 
 
-def through_factor(chol: Floats, right: Floats, *, transposed: bool = False) -> Floats:
-    """Solutions of the equations with a banded factor, or its transpose, alone; links without states on a rig have none."""
-    if not right.size:
-        return right
-    return np.asarray(lapack.dtbtrs(chol, right, uplo="L", trans="T" if transposed else "N")[0])
-
-
 def _forward(chol: Floats, right: Floats, *, overwrite: bool) -> Floats:
     """(K, m, c) the solution of the equations with a banded factor alone."""
     K, m, c = right.shape
     if m * c < _WIDE:
-        return np.ascontiguousarray(through_factor(chol, right.reshape(K * m, c))).reshape(right.shape)
+        solved, _ = lapack.dtbtrs(chol, right.reshape(K * m, c), uplo="L")
+        return np.ascontiguousarray(solved).reshape(right.shape)
     forward = right if overwrite else right.copy()
     root, below = _blocks(chol, K, m)
     for node, own in enumerate(forward):

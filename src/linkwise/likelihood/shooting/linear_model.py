@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack, solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import (
@@ -28,7 +28,6 @@ from linkwise.likelihood.shooting.bordered_system import (
     BorderedFactor,
     BorderedSystem,
     BorderEquations,
-    through_factor,
 )
 from linkwise.likelihood.shooting.local_equations import (
     LocalLinearization,
@@ -57,7 +56,6 @@ Border = BorderEquations | Factor
 
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
 _ROUNDED = 1e-13  # of the diagonal of the border: information of which rounding hides more than a hundredth
-_SINGLE = 1e-7  # the same where no nodes are eliminated: sensitivities are in single precision
 _WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
 
 
@@ -184,8 +182,6 @@ def precise_model(
     """
     factor = factor or linear.factor(q)
     if isinstance(linear, Linearization) and _is_rounded(linear, factor, q, own):
-        if not linear.joined.size:  # no nodes to be shifted
-            return linear, None
         linear = with_common_shift(linear)
         factor = linear.factor(q)
     return linear, factor
@@ -216,8 +212,7 @@ def _is_rounded(linear: Linearization, factor: Factor | None, q: float, own: int
     diagonal = (linear.data.corner + linear.defects.corner / q**2).diagonal()[:own]
     size = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
     relative = factor.schur[:own, :own] / np.outer(size, size)
-    rounded = _ROUNDED if linear.joined.size else _SINGLE
-    return bool(np.isfinite(relative).all() and np.linalg.eigvalsh(relative)[0] < rounded)
+    return bool(np.isfinite(relative).all() and np.linalg.eigvalsh(relative)[0] < _ROUNDED)
 
 
 def covariance(border: Border | None, scales: Scales, free: Bools) -> Floats:
@@ -308,7 +303,7 @@ def followed_states(factor: BorderedFactor) -> Floats:
     """(K, m, p): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
     (K, m), p = factor.shape, len(factor.schur)
     forward = factor.forward[..., :p].reshape(K * m, p)
-    follow = through_factor(factor.chol, forward, transposed=True)
+    follow, _ = lapack.dtbtrs(factor.chol, forward, uplo="L", trans="T")
     return np.ascontiguousarray(follow).reshape(K, m, p)
 
 
@@ -425,7 +420,7 @@ def eliminated_rows(
     _, m, p = follow.shape
     following = np.concatenate([follow[1:], np.zeros((1, m, p))])
     weights, missed = np.zeros((2, segments.count, m))
-    weights[:-1], missed[:-1] = segments.link_weights.T, misfit.defects.reshape(m, segments.count - 1).T
+    weights[:-1], missed[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
 
     def chunk(part: slice) -> EliminatedRows:
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)

@@ -131,10 +131,7 @@ def anneal(
         If the motion from the start is not finite.
     """
     path: list[AnnealingStep] = []
-    initial_q = (
-        schedule.initial_q if segments.system.dimension else schedule.final_q
-    )  # without states nothing is relaxed
-    control = SearchState(initial_q, initial_q, gains=segments.sensors.gains > 0)
+    control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
     status = AnnealingStatus.EXHAUSTED
     samples = int(segments.observed.sum())
     misfit = _started(segments, start, scales, loss, schedule.initial_q)
@@ -186,12 +183,6 @@ def _started(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: 
     """The misfit at the start, which must be finite."""
     misfit = evaluate(segments, start, scales, loss)
     if not np.isfinite(misfit.cost(q)):
-        if not len(segments.system.incidence):
-            names = ", ".join(dict.fromkeys(name.owner for name in segments.system.parameters.names))
-            raise IdentificationError(
-                f"no values were found with which the law of {names} and its derivatives are finite along the recorded "
-                "motion; give starting values with which they are, or bounds of its coefficients"
-            )
         raise IdentificationError(
             "the motion that starts from the states in the record runs to infinity within a few samples: the time may be in "
             "another unit than s (write time[ms]), a channel in another than its header says, a law is not finite over the "

@@ -186,7 +186,7 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
     m, K = segments.system.dimension, segments.count
     p = segments.parameters if parameters is None else parameters
-    size = max(16, int(CHUNK / max(m * (m + p), 1)) // 16 * 16)
+    size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
     return [slice(first, min(first + size, K)) for first in range(0, K, size)]
 
 
@@ -292,7 +292,7 @@ def linearise(
     parts, ends_of_blocks = chunks(segments, moving), block_ends(K, blocks)
     data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
     joined, defects_by_node = np.zeros((2, K, m))
-    joined[:-1], defects_by_node[:-1] = segments.link_weights.T, misfit.defects.reshape(m, K - 1).T
+    joined[:-1], defects_by_node[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
     state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller

@@ -575,7 +575,7 @@ def _added_defects(linear: GaussNewtonModel, misfit: Misfit, moved: Misfit, scal
     """(K - 1, m) defects that the curvature of the flow adds to the linearised ones on the way to `moved`."""
     nodes = ((moved.point.nodes - misfit.point.nodes) / scales.state[:, None]).T
     border = (moved.point.border - misfit.point.border) / scales.theta
-    added = (moved.defects - misfit.defects).reshape(nodes.shape[1], len(nodes) - 1).T
+    added = (moved.defects - misfit.defects).reshape(nodes.shape[1], -1).T
     return np.asarray(added - change_of_defects(linear, nodes, border))
 
 

@@ -454,7 +454,7 @@ class System:
             state_links=np.array(owners, dtype=int),
             states=tuple(states),
             points=np.array([structure.topology.row(name) for name in structure.points]).reshape(
-                len(structure.points), structure.size
+                -1, structure.size
             ),
             shapes=ShapeParameters.of(structure, order),
         )

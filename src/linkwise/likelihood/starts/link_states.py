@@ -17,7 +17,7 @@ from linkwise.model.named_laws import slider_parts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.registry import lazy_module
-from linkwise.signals.states import smoothed, smoothing_spline
+from linkwise.signals.states import smoothed
 
 if TYPE_CHECKING:
     from scipy import signal
@@ -67,12 +67,7 @@ def link_motion(record: Record, structure: Structure, x: Floats, v: Floats) -> t
     base = None
     if np.any(structure.base_incidence):  # without a channel, the motion is relative to the base
         base = record.channel("x:base") if "x:base" in record.channels else np.zeros(len(record))
-    if base is None:
-        speed = None
-    elif structure.on_rig:  # smooth, and of a short way from sample to sample friction depends on
-        speed = smoothing_spline(base, record.rate).first()[:, 0]
-    else:
-        speed = np.gradient(base, record.step)
+    speed = None if base is None else np.gradient(base, record.step)
     return structure.elongations(x.T, base), structure.elongations(v.T, speed)
 
 

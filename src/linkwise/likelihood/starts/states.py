@@ -158,12 +158,12 @@ def start_states(record: Record, structure: Structure, sigma: dict[str, float], 
     for number in motion_from_states(record, structure, sigma, x, v):
         scale[:, number] = _FROM_STATES * _rms(x[number]), _FROM_STATES * _rms(v[number])
     hidden = np.isnan(scale[0])
-    if len(hidden) and hidden.all():
+    if hidden.all():
         raise IdentificationError(
             f"no channel shows the motion of a mass ({', '.join(record.responses)} alone), from which the states start: "
             f"record a displacement, velocity or acceleration, such as rel:v:{structure.mass_names[0]}"
         )
-    for order, motion in enumerate((x, v) if hidden.any() else ()):
+    for order, motion in enumerate((x, v)):
         scale[order, hidden] = _UNMEASURED * np.sqrt(np.mean(motion[~hidden] ** 2))
     memory, sizes = link_states(record, structure, sigma, x, v)
     return StartStates(x, v, memory, np.concatenate([scale.ravel(), sizes]))

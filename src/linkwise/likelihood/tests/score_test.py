@@ -573,8 +573,6 @@ def missing_terms(structure: Structure, estimated: Collection[str] = ()) -> Lack
 def _lacking(link: Link, structure: Structure, estimated: Collection[str]) -> list[Law | MemoryForce]:
     """What a link may lack that is not among its terms with coefficients `estimated`."""
     present = linear_terms(link, estimated)
-    if structure.on_rig:  # an offset of the load cell
-        present.add("1")
     return [law for law in _offered(link, structure) if law.text.replace(" ", "") not in present]
 
 

@@ -363,7 +363,7 @@ def noise_of_inputs(
     """What the residuals of exact laws say of the noise of each input among `channels`; nothing for other fits."""
     optimum = fit.optimum
     exact = fit.model_error == 0.0 and not fit.random_forces and isinstance(optimum.loss, Gaussian)
-    if not exact or identified.hosts or not 0 < identified.size < MANY:
+    if not exact or identified.hosts or identified.size >= MANY:
         return ()
     inputs = list(input_kicks(optimum, identified, channels))
     if not inputs:
