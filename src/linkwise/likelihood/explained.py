@@ -333,9 +333,9 @@ def _by_high_pass(first: _Model) -> _Model | None:
         options = with_error(first.options, cause, first.records[0])
         passed = None if options is None else first.beside(cause, options=options)
         if passed is not None and passed.is_explained:
-            rival = explained(first, _beside_cause, 1)
-            alike = rival.is_explained and rival.misfit < passed.misfit + _AS_LIKELY
-            return None if alike else passed
+            rivals = (explained(first, _beside_cause, 1), _with_errors(first, most=1))
+            alike = (one.is_explained and one.misfit < passed.misfit + _AS_LIKELY for one in rivals)
+            return None if any(alike) else passed
     return None
 
 
