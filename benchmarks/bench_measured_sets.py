@@ -217,10 +217,13 @@ def row(measured: MeasuredSet) -> tuple[str, ...]:
     record, structure = measured.record, measured.structure
     split = len(record) if measured.held else round(measured.part * len(record))
     found, started = None, process_time()
-    if structure.links:
+    if structure.parameters:
         found = lw.identify(record[:split], structure, **measured.options)
     seconds = process_time() - started
-    law = "; ".join(link.law.text for link in structure.links) or "linear modes"
+    law = (
+        "; ".join(link.law.text for link in structure.links if link.name not in structure.modes)
+        or "linear modes"
+    )
     model, grade = (structure, "") if found is None else (found, found.grade.value)
     held = {name: left_of(rest, model, UNSCORED) for name, rest in measured.held.items()}
     left = "; ".join(f"{name}: {told}" for name, told in held.items()) or left_of(record[split:], model)
