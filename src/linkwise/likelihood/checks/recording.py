@@ -362,9 +362,11 @@ def understated_noise(of: Examined, before: Judgement) -> Judgement | None:
         return None
     stated = {name for record in records for name in record.noise}
     exceeded = []
-    for name, residuals in zip(fit.noise, fit.misfit.residuals.transpose(1, 2, 0), strict=True):
+    parts = zip(fit.noise, fit.misfit.residuals.transpose(1, 2, 0), fit.optimum.scales.sigma, strict=True)
+    for name, residuals, counted_as in parts:
         counted = residuals[residuals != 0.0]
         ratio = float(np.sqrt(np.mean(counted**2))) if len(counted) else 0.0
+        ratio *= counted_as / records[0].noise.get(name, counted_as)
         if ratio <= _EXCEEDED:
             continue
         if name not in stated or not is_white(residuals.ravel()):
