@@ -98,7 +98,7 @@ def coarse_hits(record: Record) -> dict[str, int]:
 def without_hits(record: Record, forces: Collection[str]) -> list[Record]:
     """The pieces of a record behind the hits of some forces, without the channels of these.
 
-    What is before the first hit as a rule rests, and tells nothing.
+    What is before the first hit is at rest as a rule, and determines no coefficient.
 
     Parameters
     ----------
