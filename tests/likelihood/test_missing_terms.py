@@ -168,6 +168,31 @@ def test_a_stiffness_with_a_kink_that_no_test_sees_is_told() -> None:
     assert fit.trusted and CHANCE < off.max() < told.standard_errors
 
 
+WELL = "alpha*d + beta*d**3 + c*v"
+SINK = {"alpha": -100.0, "beta": 1e6, "c": 0.3}  # wells at 10 mm
+
+
+@pytest.mark.parametrize("q", [0.0, 300.0, 1000.0])  # 3 and 10 % of either force at a well
+@pytest.mark.parametrize("level", [30.0, 40.0])
+def test_intervals_in_one_well_hold_its_asymmetry(q: float, level: float) -> None:
+    """Rest position and frequency are two facts: in one well, a symmetric law explains an asymmetric one to the noise."""
+    truly, stated = oscillator(f"{WELL} + q*d**2", **SINK, q=q), oscillator(WELL, **SINK)
+    within = lw.simulate(truly, release={"x:m1": 0.01, "v:m1": 0.03}, duration=6.0, rate=RATE)
+    fit = lw.identify(within.with_noise(level, seed=int(q)), stated.unknown("all"))
+    assert fit.trusted and "a force like d**2 in link, as of asymmetric wells" in fit.message
+    assert_held(fit, stated)
+    with_nothing = oscillator(f"{WELL} + q*d**2", **SINK, q=0.0).unknown("link.alpha", "link.beta", "link.c")
+    exact = lw.identify(within.with_noise(level, seed=int(q)), with_nothing)
+    assert exact.covariance[0, 0] < 0.01 * fit.covariance[0, 0]  # known to be symmetric
+
+
+def test_motion_on_both_sides_of_a_sink_tells_its_asymmetry() -> None:
+    across = lw.simulate(oscillator(WELL, **SINK), release={"v:m1": 0.5}, duration=6.0, rate=RATE)
+    fit = lw.identify(across.with_noise(40.0, seed=3), oscillator(WELL, **SINK).unknown("all"))
+    assert fit.trusted and "d**2" not in fit.message
+    assert fit.covariance[0, 0] < 1.0
+
+
 def test_records_that_bound_the_terms_tell_nothing() -> None:
     unknown = DAMPED.unknown("all")
     for bounding in (shaken(DAMPED, duration=60.0), shaken(DAMPED, noise=0.1 * NOISE)):

@@ -35,6 +35,7 @@ FINDINGS = (
     Check("noise of inputs", "widens", verdicts.noise_of_inputs),
     Check("hints at masses and sensors", "widens", verdicts.hinted_errors),
     Check("hints at missing terms", "widens", verdicts.hinted_terms),
+    Check("asymmetry of wells", "widens", verdicts.asymmetric_wells),
     Check("stated noise", "names", recording.understated_noise),
     Check("changes along the record", "approximates", changed_coefficients),
     Check("skewed profiles", "widens", skewed_profiles),

@@ -23,6 +23,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
+from linkwise.display import enumerated
 from linkwise.estimates.causes import UnseenTerm
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import LARGEST_SHIFT
@@ -41,10 +42,12 @@ from linkwise.likelihood.tests.diagnosis import (
     which_stated,
 )
 from linkwise.likelihood.tests.score_test import (
+    ASYMMETRY,
     BETWEEN_MODES,
     MEMORY_TERMS,
     PRICE_OF_REACH,
     Hypothesis,
+    linear_terms,
     single_tests,
     which_between_modes,
     which_usual,
@@ -213,7 +216,6 @@ _NEGLIGIBLE = 0.01
 gain of an accelerometer is known to 1 % as a rule."""
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
 def unseen_terms(
     fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, covariance: Floats, *, terms: bool
 ) -> tuple[UnseenTerm, ...]:
@@ -240,36 +242,83 @@ def unseen_terms(
     """
     if tested is None:
         return ()
-    optimum, p, tests = fit.optimum, len(fit.values), tested.tests
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)
     numbers = which_stated(tested.hypotheses, fit.segments.system.parameters.names)
     if terms:
         usual = which_usual(tested.hypotheses, identified)
         numbers = usual + which_between_modes(tested.hypotheses) + numbers
+    unseen = (term for term, _ in _bounded(fit, identified, tested, numbers, deviations))
+    return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a candidate that is infinite is not taken
+def _bounded(
+    fit: LikelihoodFit,
+    identified: Structure,
+    tested: TestedCauses,
+    numbers: Sequence[int],
+    deviations: Floats,
+    most: float = np.inf,
+) -> Iterator[tuple[UnseenTerm, Floats]]:
+    """Those of these numbers that change coefficients by more than `deviations` (p,) hold, and the changes (p,) by each.
+
+    Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it.
+    """
+    optimum, p, tests = fit.optimum, len(fit.values), tested.tests
+    beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)
     wholes = _wholes(fit, identified, tested, numbers)
-    unseen = []
     for number, (whole, largest) in zip(numbers, wholes, strict=True):
-        hypothesis, size = tested.hypotheses[number], float(tests.sizes[number])
-        limit = min(abs(size) + beyond_noise * float(tests.deviations[number]), largest * whole)
-        change = tests.changes[:, number] * optimum.scales.theta[:p] * np.divide(limit, abs(size))
-        shifts, relative = np.abs(change) / deviations, np.abs(change / fit.values)
-        beyond = fit.free & np.isfinite(shifts) & (shifts > LARGEST_SHIFT) & (relative > _NEGLIGIBLE)
-        if not (beyond.any() and tests.gains[number] > 0.0 and whole > 0.0):
+        hypothesis, size = tested.hypotheses[number], abs(float(tests.sizes[number]))
+        move = np.where(fit.free, tests.changes[:, number] * optimum.scales.theta[:p] / size, 0.0)
+        if not (size > 0.0 and whole > 0.0 and np.isfinite(move).all()):
             continue
-        farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
-        unseen.append(
+        farthest = int(np.argmax(np.abs(move) / deviations))
+        relative = np.abs(move[farthest] / fit.values[farthest])
+        is_told = tests.gains[number] > 0.0  # else the coefficients leave nothing of it, whatever its size
+        seen = size + beyond_noise * float(tests.deviations[number]) if is_told else np.inf
+        limit = min(seen, largest * whole, most / relative)
+        shift = limit * np.abs(move[farthest]) / deviations[farthest]
+        if not (np.isfinite(shift) and shift > LARGEST_SHIFT and limit * relative > _NEGLIGIBLE):
+            continue
+        yield (
             UnseenTerm(
                 link=hypothesis.where,
                 term=MASS if hypothesis.kind == MASS else hypothesis.term or "v",
                 share=float(limit / whole),
                 coefficient=fit.segments.system.parameters.names[farthest],
-                change=float(change[farthest]),
-                standard_errors=float(shifts[farthest]),
-                relative_change=float(relative[farthest]),
-            )
+                change=float(limit * move[farthest]),
+                standard_errors=float(shift),
+                relative_change=float(limit * relative),
+            ),
+            limit * move,
         )
-    return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
+
+
+_ASYMMETRY = 0.1
+"""Of a coefficient: the change by asymmetry that intervals hold at most. Wells whose forces differ by a tenth move those of a
+symmetric law by half of that."""
+
+
+def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Hint | None:
+    """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
+
+    In one well the rest position and the frequency are two facts, and with a term in d**2 a law has three coefficients for
+    them: the residuals stay noise, and those of a symmetric law are off by many standard errors.
+    """
+    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    stated = {link.name for link in identified.links if ASYMMETRY in linear_terms(link)}
+    numbers = [
+        number
+        for number in which_usual(tested.hypotheses, identified)
+        if tested.hypotheses[number].term == ASYMMETRY and tested.hypotheses[number].where not in stated
+    ]
+    held = list(_bounded(fit, identified, tested, numbers, deviations, _ASYMMETRY))
+    if not held:
+        return None
+    changes = np.column_stack([change / NORMAL_95 for _, change in held])
+    return {"asymmetry": changes @ changes.T}, enumerated(
+        [f"a force like {ASYMMETRY} in {term.link}" for term, _ in held]
+    )
 
 
 def _wholes(

@@ -19,7 +19,7 @@ from linkwise.likelihood.checks.judgement import (
     Examined,
     Judgement,
 )
-from linkwise.likelihood.checks.usual_terms import doubt, scatter_of_blocks
+from linkwise.likelihood.checks.usual_terms import asymmetry, doubt, scatter_of_blocks
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_coloured
 from linkwise.likelihood.optima.hidden_wells import about_another_rest
@@ -483,6 +483,20 @@ def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
         return None
     hint = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
     return None if hint is None else _widened(before, *hint)
+
+
+def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether links move on one side only, so that forces that are not symmetric stay unseen and move coefficients."""
+    tested = of.diagnosis.tested
+    hint = asymmetry(of.fit, of.identified, tested) if before.leaves_noise and tested else None
+    if hint is None:
+        return None
+    added, terms = hint
+    message = (
+        f"{before.message} The motion does not tell these laws from laws with {terms}, as of asymmetric wells; the intervals "
+        "allow for that. Record motion on both sides of d = 0 or, if they are known to be alike, state the term with 0."
+    )
+    return replace(before, message=message, added={**before.added, **added})
 
 
 def _widened(before: Judgement, added: Mapping[str, Floats], hint: str) -> Judgement:

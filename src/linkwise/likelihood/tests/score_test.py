@@ -498,7 +498,10 @@ _TERMS = tuple(
 BETWEEN_MODES = "damping between modes"
 """The kind of a hypothesis of damping that a host lacks, whose place is the link that would hold it."""
 
-_USUAL = ("d*abs(d)", "d**3", "d**5", "v*abs(v)", "sign(v)", *MEMORY_TERMS)
+ASYMMETRY = "d**2"
+"""The term by which one well of a bistable link, or one side of any, differs from the other."""
+
+_USUAL = ("d*abs(d)", ASYMMETRY, "d**3", "d**5", "v*abs(v)", "sign(v)", *MEMORY_TERMS)
 _OF_MODES = tuple(map(Law.parse, ("d", "v")))  # a frequency or a damping that is off
 _OF_LINKS = tuple(map(Law.parse, ("d", "v", "d**3")))
 _LINKS = 40  # that are tested, in the structure's order
