@@ -127,6 +127,27 @@ def test_a_bistable_harvester_is_identified_from_displacement_and_voltage() -> N
     assert fit.coefficient("piezo.theta").unit == "N/V" and fit.coefficient("piezo.R").unit == "ohm"
 
 
+TIP = {"alpha": -1750.0, "beta": 5.4e6, "c": 1.0, "theta": 0.05, "C": 1e-4, "R": 500.0}
+
+
+@pytest.mark.parametrize("part", [0.0, 0.2])  # of the starts; none are given with 0
+def test_a_harvester_is_identified_from_absolute_velocity_and_voltage(part: float) -> None:
+    """An integrated velocity drifts into the wrong well; what the voltage leaves of the force tells the right one."""
+    true = harvester(1.0, **TIP)
+    base = "0.004*sin(33.3*t + 5) + 0.0028*sin(42.1*t + 1) + 0.002*sin(24.5*t + 2)"
+    record = lw.simulate(
+        true,
+        duration=6.0,
+        rate=500.0,
+        base=base,
+        release={"x:m1": 0.018},
+        sensors=["v:m1", "state", "a:base"],
+    )
+    starts = nearby(true, part) if part else {}
+    unknown = {name: lw.Coefficient.unknown(starts.get(f"piezo.{name}")) for name in TIP}
+    assert_within(lw.identify(on_exact_base(record, 30.0, 9), harvester(1.0, **unknown)), true, 3.5)
+
+
 def nearby(subject: lw.Structure, part: float) -> dict[str, float]:
     """Starts that are off by a part, up and down in turn."""
     names = [parameter.name for parameter in subject.unknown("all").parameters]

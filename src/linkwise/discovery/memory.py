@@ -122,8 +122,8 @@ class _Hypothesis:
     def _fit(self) -> LikelihoodFit | None:
         steps = _STEPS_BESIDE_HOSTS if self.structure.hosts else _STEPS
 
-        def search(values: Floats) -> LikelihoodFit:
-            started = self.search.starting_at(self.structure, values)
+        def search(*, theta: Floats) -> LikelihoodFit:
+            started = self.search.starting_at(self.structure, theta)
             return started.first_fit(self.structure, ceiling=_CEILING, steps=steps)
 
         try:

@@ -50,6 +50,7 @@ from linkwise.likelihood.optima.profiles import profile_ends, with_profiles
 from linkwise.likelihood.optima.restarts import (
     attempts,
     fit_from_starts,
+    fit_of_growing_records,
     fit_with_restarts,
 )
 from linkwise.likelihood.options import (
@@ -543,24 +544,31 @@ class MaximumLikelihood(Estimator):
     ) -> LikelihoodFit:
         """A fit of a structure with memory or signals, from the starts that the records show of it."""
         given = dict(self.starts or {})
-        stated = {p.name: p.start for p in structure.parameters if p.start is not None} | given
+        known = {p.name: p.start for p in structure.parameters if p.start is not None} | given
         framed_ones = framed_records(records, structure, integrated=True)
         shown = all(framed_ones[0].motions_of(name) for name in structure.mass_names)
-        known = given if shown and not structure.hosts else stated
-        search = partial(likelihood_fit, records, structure, options=options)
-        if all(p.name in known for p in structure.parameters):
-            return search(np.array([known[p.name] for p in structure.parameters]))
+        search = partial(likelihood_fit, structure=structure, options=options)
         knows_masses = all(link >= 0 for p in structure.parameters for link, _ in p.members)
         by_links = knows_masses and not structure.hosts and needs_integration(framed_ones[0], structure)
 
         def fit(kind: FindStarts) -> LikelihoodFit:
-            return fit_from_starts(search, kind(framed_ones, structure, given))
+            return fit_from_starts(partial(search, records), kind(framed_ones, structure, given))
 
         kinds = [
             *[memory_starts_by_links] * by_links,
             host_memory_starts if structure.hosts else memory_starts,
         ]
-        return attempts(partial(fit, kind) for kind in kinds)[0]
+        searches = [partial(fit, kind) for kind in kinds]
+        if all(p.name in known for p in structure.parameters):
+            values = np.array([known[p.name] for p in structure.parameters])
+            stated = [
+                partial(search, records, theta=values),
+                partial(fit_of_growing_records, search, records, values),
+            ]
+            searches = (
+                [*stated, *searches] if shown and not structure.hosts and len(given) < len(known) else stated
+            )
+        return attempts(searches)[0]
 
 
 def _with_noise_of_filtered(records: Sequence[Record]) -> list[Record] | None:

@@ -264,6 +264,8 @@ def _bounded(
 
     Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it.
     """
+    if not fit.free.any():
+        return
     optimum, p, tests = fit.optimum, len(fit.values), tested.tests
     beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)
     wholes = _wholes(fit, identified, tested, numbers)

@@ -539,7 +539,8 @@ def elongations_from_forces(signals: LinkSignals, links: tuple[Link, ...]) -> tu
             continue
         half = window_half(signals, number, _PERIODS)
         windows = DriftWindows.of(signals, number, half=half, stride=max(1, half // _OVERLAP))
-        candidates = drift_candidates(windows, link, link.values, rounds=_ROUNDS)
+        values = {**link.values, **link.zero_states}
+        candidates = drift_candidates(windows, link, values, rounds=_ROUNDS)
         offset, slope = viterbi_path(windows, candidates, signals, number)
         rate = np.interp(sample, windows.center, slope)
         outside = (sample - np.clip(sample, windows.center[0], windows.center[-1])) * signals.step

@@ -9,12 +9,13 @@ Motion of masses that no sensor shows, from measured states of links: a voltage 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
+from linkwise.expression import differentiate, symbols
 from linkwise.likelihood.starts.drift import (
     determines_links,
     elongations_from_forces,
@@ -185,15 +186,34 @@ def _states_with_hosts(record: Record, structure: Structure, sigma: dict[str, fl
 
 def _motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
     """Displacements and velocities (n, N), zero for masses without a sensor."""
-    plain = all(link.law.is_plain for link in structure.links)
     integrated = any(
         channels[0].kind != "x" for name in structure.mass_names if (channels := record.motions_of(name))
     )
     numbers = all(c.value is not None for link in structure.links for c in link.coefficients.values())
-    if integrated and plain and numbers and determines_links(record, structure):
+    of_states = _forces_of_states(record, structure, sigma)
+    if integrated and numbers and of_states is not None and determines_links(record, structure):
         signals = link_signals(record, structure, sigma)
+        signals = replace(signals, force=signals.force - of_states)
         return masses_from_links(record, structure, *elongations_from_forces(signals, structure.links))
     return measured_motion(record, structure, sigma)
+
+
+def _forces_of_states(record: Record, structure: Structure, sigma: Mapping[str, float]) -> Floats | None:
+    """The forces (L, N) of measured states in links; None where one is not measured, or acts on what the motion does."""
+    forces = np.zeros((len(structure.links), len(record)))
+    for force, link in zip(forces, structure.links, strict=True):
+        law = link.law
+        channels = {name: f"state:{link.name}.{name}" for name in law.states}
+        apart = all(
+            {"d", "v"}.isdisjoint(symbols(differentiate(law.expression, name))) for name in law.states
+        )
+        if law.signals or not (apart and set(channels.values()) <= set(record.channels)):
+            return None
+        states = {name: smoothed(record, channel, sigma[channel])[0] for name, channel in channels.items()}
+        if states and None not in link.values.values():
+            at_rest = law.force(0.0, 0.0, {**link.values, **link.zero_states})
+            force[:] = law.force(0.0, 0.0, {**link.values, **states}) - at_rest
+    return forces
 
 
 def measured_motion(record: Record, structure: Structure, sigma: dict[str, float]) -> tuple[Floats, Floats]:
