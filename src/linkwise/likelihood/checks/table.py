@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 from linkwise.likelihood.checks import recording, verdicts
 from linkwise.likelihood.checks.changed_coefficients import changed_coefficients
+from linkwise.likelihood.checks.host_modes import modes_of_hosts
 from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 
@@ -39,7 +40,7 @@ FINDINGS = (
     Check("changes along the record", "approximates", changed_coefficients),
     Check("skewed profiles", "widens", skewed_profiles),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
-    Check("modes that hosts lack", "approximates", recording.modes_of_hosts),
+    Check("modes that hosts lack", "approximates", modes_of_hosts),
     Check("uneven samples", "names", recording.uneven_samples),
 )
 """Checks that follow, in their order, each on what those before it said."""

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
-from itertools import combinations, permutations
+from functools import cached_property
+from itertools import chain, combinations, permutations
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import CLOCK
@@ -32,18 +31,17 @@ from linkwise.likelihood.shooting.residuals import (
 )
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single
 from linkwise.likelihood.terms import ERRORS, Shown
 from linkwise.likelihood.tests.score_test import (
     BETWEEN_MODES,
-    AugmentedQuadratic,
     CandidateForce,
     Hypothesis,
     Lacking,
-    LocalQuadratic,
+    Quadratic,
     augmented_quadratic,
     candidate_forces,
-    in_their_units,
+    forces_along,
     in_turn,
     input_along,
     states_along,
@@ -51,7 +49,7 @@ from linkwise.likelihood.tests.score_test import (
 from linkwise.model.coefficient import SHAPE
 from linkwise.model.host import DAMPING, Host, Pair, damping_link
 from linkwise.model.law import VARIABLES, Law
-from linkwise.model.link import GROUND, Link
+from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
@@ -141,15 +139,20 @@ class FittedMotion:
 class Added:
     """What an error of unit size adds: `forces` (2 J + 1, K) in N along the motion, each between two places and negative on
     the first, and `samples` (M, K) of channels by number.
+
+    These are scaled so that the root mean square of the forces is 1, but where they are given in a `unit` of its size.
     """
 
     error: Hypothesis
-    forces: Sequence[tuple[int, int, Floats]] = ()
+    forces: Sequence[tuple[int, int, Floats | Single]] = ()
     samples: Sequence[tuple[int, Floats]] = ()
+    unit: float | None = None
 
     @property
     def scale(self) -> float:
-        """Root mean square of its forces; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
+        """What it is divided by; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
+        if self.unit is not None:
+            return 1.0
         power = sum(float(np.mean(values[::2] ** 2)) for _, _, values in self.forces)
         if not 0.0 < power < np.inf:
             return float(bool(self.samples))
@@ -158,9 +161,9 @@ class Added:
 
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
-    """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of candidate `forces` and of sensor `errors`.
+    """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of f candidate `forces` and e sensor `errors`.
 
-    `of_forces` (f, h) and `of_errors` (e, h) are what each hypothesis has of these.
+    Their `owners` (f + e,) are the numbers of the hypotheses.
     """
 
     __test__ = False  # no test of pytest
@@ -169,12 +172,11 @@ class TestedColumns:
     units: Floats
     forces: CandidateForces | None
     errors: SensorErrors | None
-    of_forces: Floats
-    of_errors: Floats
+    owners: Sequence[int]
 
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
-        """Errors whose forces have a root mean square of 1; without those that add nothing."""
+        """What errors add in their units; without those that add nothing."""
         kept = [(added, scale) for added in every if (scale := added.scale) > 0.0]
         forces = [
             (k, first, second, np.asarray(values / scale, np.float32))
@@ -186,75 +188,40 @@ class TestedColumns:
             for k, (added, scale) in enumerate(kept)
             for channel, values in added.samples
         ]
-        everyone, candidates = np.eye(len(kept)), None
+        candidates = None
         if forces:
             _, firsts, seconds, along = zip(*forces, strict=True)
             both = np.stack(along, axis=1)
             candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
         return cls(
             [added.error for added, _ in kept],
-            1.0 / np.array([scale for _, scale in kept]),
+            np.array([added.unit or 1.0 / scale for added, scale in kept]),
             candidates,
             SensorErrors.of((channel, values) for _, channel, values in samples),
-            everyone[[k for k, *_ in forces]],
-            everyone[[k for k, *_ in samples]],
+            [*(k for k, *_ in forces), *(k for k, *_ in samples)],
         )
 
-    @classmethod
-    def of_terms(cls, motion: FittedMotion, lacking: Lacking) -> TestedColumns:
-        """Each missing force alone, in its root mean square, with what load cells show of it."""
-        hypotheses = [hypothesis for hypothesis, _ in lacking]
-        candidates, _ = candidate_forces(motion.segments, motion.misfit, [force for _, force in lacking])
-        shown = [name for name in motion.channels if not name.is_input]
-        cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.kind == "f"}
-        measured = [k for k, one in enumerate(hypotheses) if one.kind == "term" and one.where in cells]
-        every = motion.segments.tangent_refine
-        errors = SensorErrors(
-            np.array([cells[hypotheses[k].where] for k in measured], dtype=int),
-            candidates.starts[::every, measured][: len(motion.segments.samples)].astype(float),
-        )
-        everyone = np.eye(len(hypotheses))
-        return cls(hypotheses, np.ones(len(hypotheses)), candidates, errors, everyone, everyone[measured])
-
-    @classmethod
-    def joined(cls, parts: Sequence[TestedColumns]) -> TestedColumns:
-        """All of some, in this order."""
-        forces = [part.forces for part in parts if part.forces is not None]
-        errors = [part.errors for part in parts if part.errors is not None]
-        return cls(
-            [hypothesis for part in parts for hypothesis in part.hypotheses],
-            np.concatenate([part.units for part in parts]),
-            reduce(CandidateForces.joined, forces) if forces else None,
-            SensorErrors(
-                np.concatenate([part.channel for part in errors]),
-                np.concatenate([part.values for part in errors], axis=1),
-            )
-            if errors
-            else None,
-            scipy.linalg.block_diag(*(part.of_forces for part in parts)),
-            scipy.linalg.block_diag(*(part.of_errors for part in parts)),
-        )
-
-    def by_sizes(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
-        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
-        weights = scipy.linalg.block_diag(
-            np.eye(parameters), np.concatenate([self.of_forces, self.of_errors])
-        )
-        curvature = weights.T @ augmented.curvature @ weights
-        white = augmented.scatter is augmented.curvature
-        scatter = curvature if white else weights.T @ augmented.scatter @ weights
-        return curvature, weights.T @ augmented.slope, scatter
-
-    @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-    def local_quadratic(self, optimum: Optimum) -> LocalQuadratic:
-        """The local model in the parameters and, after them, the sizes of the hypotheses.
-
-        Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
-        """
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # a trial may diverge, or a candidate be infinite; results are checked
+    def quadratic(self, optimum: Optimum, blocks: int = 1) -> Quadratic:
+        """The cost in the parameters and, after them, the scaled sizes of the hypotheses; as `augmented_quadratic`."""
         forces = self.forces or candidate_forces(optimum.segments, optimum.misfit, [])[0]
-        augmented = augmented_quadratic(optimum, forces, self.errors)
-        equations = self.by_sizes(augmented, optimum.segments.system.parameters.size)
-        return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
+        p, h = optimum.segments.system.parameters.size, len(self.hypotheses)
+        sums = np.eye(p + h)[[*range(p), *(p + owner for owner in self.owners)]]
+        return augmented_quadratic(optimum, forces, self.errors, blocks).summed(sums)
+
+
+def terms_along(motion: FittedMotion, lacking: Lacking) -> Iterator[Added]:
+    """Each missing force alone, in its root mean square, with what load cells show of it."""
+    along, _ = forces_along(motion.segments, motion.misfit, [force for _, force in lacking])
+    shown = [name for name in motion.channels if not name.is_input]
+    cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.kind == "f"}
+    every, count = 2 * motion.segments.tangent_refine, len(motion.segments.samples)
+    for k, (hypothesis, force) in enumerate(lacking):
+        measured = hypothesis.kind == "term" and hypothesis.where in cells
+        samples = [(cells[hypothesis.where], along[::every, k][:count].astype(float))] if measured else ()
+        yield Added(hypothesis, [(force.first, force.second, along[:, k])], samples, unit=1.0)
 
 
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested
@@ -465,61 +432,47 @@ def _by_shape(
     return [*forces, (-1, number, on_mode)]
 
 
-_NOTHING = Number(0.0)
 _OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
 """Coefficients of modes, and by how many times a relative error of one changes the stiffness or damping."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def errors_of_stated_values(
     optimum: Optimum, structure: Structure, identified: Structure
-) -> tuple[Sequence[Hypothesis], LocalQuadratic]:
+) -> tuple[Sequence[Hypothesis], Quadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
 
     With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
     """
+    motion = FittedMotion(optimum, identified)
     with one_blas_thread():
-        known, forces, sizes = _known_terms(structure)
-        terms, units = candidate_forces(optimum.segments, optimum.misfit, forces)
-        own, nothing = np.eye(len(known)), np.empty((0, len(known)))
-        of_laws = TestedColumns(known, units / np.array(sizes), terms, None, own, nothing)
-        of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, identified)))
-        errors = TestedColumns.joined([of_masses, of_laws])
-        return errors.hypotheses, errors.local_quadratic(optimum)
+        columns = TestedColumns.of(chain(inertia_and_inputs(motion), _known_terms(motion, structure)))
+        return columns.hypotheses, columns.quadratic(optimum).in_units(optimum, columns.units)
 
 
-def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce], list[float]]:
-    """The terms of links whose coefficients are known and not 0, by the names of these, with the size of a relative error.
+def _known_terms(motion: FittedMotion, structure: Structure) -> Iterator[Added]:
+    """Relative errors of the coefficients of terms of links that are known and not 0, by the names of these.
 
     Of modes of hosts these are frequencies and damping.
     """
-    hypotheses, forces, sizes = [], [], []
+    known = list(_known_coefficients(structure))
+    along, units = forces_along(motion.segments, motion.misfit, [force for _, force, _ in known])
+    for k, (hypothesis, force, size) in enumerate(known):
+        yield Added(hypothesis, [(force.first, force.second, along[:, k])], unit=float(units[k]) / size)
+
+
+def _known_coefficients(structure: Structure) -> Iterator[tuple[Hypothesis, CandidateForce, float]]:
+    """The force of each such coefficient, and that by which it goes with a relative error."""
     for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
-        known_values = {
-            name: Number(coefficient.value or 0.0)
-            for name, coefficient in link.coefficients.items()
-            if coefficient.known
-        }
+        values = {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
+        known = {name: value for name, value in values.items() if link.coefficients[name].known}
         for name in () if link.name in structure.modes else link.law.linear:
-            basis = substitute(
-                link.law.basis[name], {key: known_values[key] for key in known_values if key != name}
-            )
-            if known_values.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
-                continue
-            hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}"))
-            forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
-            sizes.append(known_values[name].value)
+            others = {key: Number(value) for key, value in known.items() if key != name}
+            basis = substitute(link.law.basis[name], others)
+            if known.get(name) and set(symbols(basis)) <= set(VARIABLES):
+                force = CandidateForce(first, second, Law.parse(to_text(basis)))
+                yield Hypothesis("coefficient", f"{link.name}.{name}"), force, known[name]
         for name, variable, weight in _OF_MODES if link.name in structure.mass_names else ():
-            if (value := _weight(link, variable) * weight) and link.coefficients[name].known:
-                hypotheses.append(Hypothesis(name, link.name))
-                forces.append(CandidateForce(first, second, Law.parse(variable)))
-                sizes.append(value)
-    return hypotheses, forces, sizes
-
-
-def _weight(link: Link, variable: str) -> float:
-    """The stiffness, of the variable "d", or the damping, of "v", of a mode in SI units."""
-    slopes = link.law.partials(
-        0.0, 0.0, {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
-    )
-    return float(slopes.by_d if variable == "d" else slopes.by_v)
+            slopes = link.law.partials(0.0, 0.0, values)
+            size = weight * float(slopes.by_d if variable == "d" else slopes.by_v)
+            if size and name in known:
+                yield Hypothesis(name, link.name), CandidateForce(first, second, Law.parse(variable)), size

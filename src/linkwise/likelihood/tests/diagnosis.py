@@ -32,7 +32,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
-from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
+from linkwise.likelihood.shooting.linear_model import block_information
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.normal_equations import block_ends
 from linkwise.likelihood.shooting.residuals import (
@@ -47,22 +47,22 @@ from linkwise.likelihood.tests.columns import (
     errors_of_sensors,
     inertia_and_inputs,
     shape_errors,
+    terms_along,
 )
 from linkwise.likelihood.tests.score_test import (
     MEMORY_TERMS,
     PRICE_OF_REACH,
     CandidateForce,
     Hypothesis,
+    Quadratic,
     SingleTests,
     augmented_quadratic,
     candidate_forces,
     determinant_slopes,
-    finite_columns,
     in_units_of,
     linear_terms,
     missing_forces,
     missing_terms,
-    single_tests,
     usual_terms,
 )
 from linkwise.model.coefficient import MASS
@@ -74,61 +74,50 @@ from linkwise.runtime import one_blas_thread
 
 @dataclass(frozen=True, eq=False)
 class TestedCauses:
-    """What may explain what a fit leaves, and the equations at its optimum with a column for each.
+    """What may explain what a fit leaves, and the cost at its optimum with a column for each.
 
-    `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
-    which `units` (h,) are in their own; `attenuation` is what a filter of unit size takes off the gain of a channel. `model`
-    is that of the optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found
-    beside these.
+    `quadratic` is in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of which `units` (h,) are in
+    their own; `attenuation` is what a filter of unit size takes off the gain of a channel. Its model is in the segments of
+    `longer`, by which blocks of the records scatter.
     """
 
     __test__ = False  # no test of pytest
 
     hypotheses: tuple[Hypothesis, ...]
     units: Floats
-    curvature: Floats
-    slope: Floats
-    scatter: Floats
+    quadratic: Quadratic
     attenuation: float
-    model: FactoredModel | None
     longer: Optimum
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
         """Those of the optimum; None where its model is not in blocks, or its equations are singular."""
-        if self.model is None or not self.model.in_blocks:
+        model = self.quadratic.model
+        if model is None or not model.in_blocks:
             return None
-        of_blocks = block_information(self.model, self.longer.q)
+        of_blocks = block_information(model, self.longer.q)
         return None if of_blocks is None else BlockScores(*of_blocks)
 
     @cached_property
     # a candidate may be infinite somewhere; it is then not tested
     @np.errstate(over="ignore", invalid="ignore")
     def tests(self) -> SingleTests:
-        """Of each hypothesis alone."""
-        tests = single_tests(self.curvature, self.slope, self.scatter, self._parameters)
-        for number, hypothesis in enumerate(self.hypotheses):
-            if hypothesis.kind == CLOCK and tests.gains[number] > 0.0:
-                self._test_beside_delay(tests, number, hypothesis.where)
+        """Of each hypothesis alone; of a clock beside the delay of its channel."""
+        p = len(self.quadratic.slope) - len(self.hypotheses)
+        tests = self.quadratic.tests(p)
+        for number, clock in enumerate(self.hypotheses):
+            if clock.kind == CLOCK and tests.gains[number] > 0.0:
+                self._test_beside_delay(tests, p, number, clock.where)
         return tests
 
-    @property
-    def _parameters(self) -> int:
-        return len(self.slope) - len(self.hypotheses)
-
-    def _test_beside_delay(self, tests: SingleTests, number: int, channel: str) -> None:
+    def _test_beside_delay(self, tests: SingleTests, p: int, number: int, channel: str) -> None:
         """Test a clock beside the delay of its channel, with what both gain where the clock gains more than by chance."""
-        p = self._parameters
         late = [
             k
             for k, one in enumerate(self.hypotheses)
             if one.kind.endswith("delay") and one.where == channel and tests.gains[k] > 0.0
         ]
-        chosen = np.array([*range(p), *(p + k for k in late), p + number])
-        curvature, scatter = (part[np.ix_(chosen, chosen)] for part in (self.curvature, self.scatter))
-        if self.scatter is self.curvature:
-            scatter = curvature
-        own = single_tests(curvature, self.slope[chosen], scatter, p + len(late))
+        own = self.quadratic.within([*range(p), *(p + k for k in late), p + number]).tests(p + len(late))
         both = late if own.gains[0] > _CHANCE_OF_CLOCK else []
         tests.gains[number] = own.gains[0] + tests.gains[both].sum()
         tests.sizes[number], tests.deviations[number] = own.sizes[0], own.deviations[0]
@@ -361,7 +350,7 @@ def diagnose(
                 if causes and not terms:
                     tested = tested_causes(fit, identified, channels, terms=True)
                     causes = _significant(tested, fit, identified)
-                remark = _not_tested(tested, len(fit.values))
+                remark = _not_tested(tested)
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit, identified))
@@ -422,12 +411,11 @@ class Diagnosis:
     remark: str = ""
 
 
-def _not_tested(tested: TestedCauses, parameters: int) -> str:
+def _not_tested(tested: TestedCauses) -> str:
     """A sentence on the hypotheses whose effect is not finite, which have no score; empty where all have one."""
-    finite = finite_columns(tested.curvature, tested.slope, tested.scatter, parameters)
     names = [
         f"{hypothesis.term or hypothesis.kind} in {hypothesis.where}"
-        for hypothesis, is_finite in zip(tested.hypotheses, finite, strict=True)
+        for hypothesis, is_finite in zip(tested.hypotheses, tested.tests.finite, strict=True)
         if not is_finite
     ]
     listed = (
@@ -436,37 +424,24 @@ def _not_tested(tested: TestedCauses, parameters: int) -> str:
     return f" Not tested, since the motion makes them infinite: {listed}." if names else ""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
 def tested_causes(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
 ) -> TestedCauses:
-    """Errors of sensors, masses and forces, and missing terms, all of these and missing links only where `terms` is true.
+    """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts; all terms, and missing links, only
+    where `terms` is true.
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     optimum = in_longer_segments(fit)
     motion = FittedMotion(optimum, identified, channels)
-    columns = TestedColumns.joined(_columns(motion, terms=terms))
-    # which are those of terms and sensors at least
-    assert columns.forces is not None and columns.errors is not None
-    blocks = blocks_in(optimum.segments, fit.segments)
-    augmented = augmented_quadratic(optimum, columns.forces, columns.errors, blocks)
-    equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
-    named = in_units_of(columns.hypotheses, identified)
-    return TestedCauses(named, columns.units, *equations, motion.attenuation, augmented.model, optimum)
-
-
-def _columns(motion: FittedMotion, *, terms: bool) -> list[TestedColumns]:
-    """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts."""
-    estimated = motion.segments.system.parameters.names
-    lacking = (missing_forces if terms else usual_terms)(motion.structure, estimated)
-    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
-    return [
-        TestedColumns.of_terms(motion, lacking),
-        TestedColumns.of(
-            chain(inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
-        ),
-    ]
+    lacking = (missing_forces if terms else usual_terms)(identified, optimum.segments.system.parameters.names)
+    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
+    errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
+    with np.errstate(over="ignore", invalid="ignore"):  # a candidate may be infinite somewhere
+        columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors))
+        quadratic = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
+        named = in_units_of(columns.hypotheses, identified)
+        return TestedCauses(named, columns.units, quadratic, motion.attenuation, optimum)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
@@ -506,17 +481,16 @@ def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ..
     lacking = missing_terms(identified)
     hypotheses, forces = [one for one, _ in lacking], [force for _, force in lacking]
     candidates, norms = candidate_forces(optimum.segments, optimum.misfit, forces)
-    augmented = augmented_quadratic(optimum, candidates)
-    curvature, slope = augmented.curvature, augmented.slope.copy()
-    parameters = optimum.segments.system.parameters.size
-    deviations = single_tests(curvature, slope, curvature, parameters).deviations
+    quadratic, parameters = augmented_quadratic(optimum, candidates), len(fit.values)
+    deviations = quadratic.tests(parameters).deviations
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
     smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _NO_SLOPE]
     slopes = determinant_slopes(
         optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
     )
+    slope = quadratic.slope.copy()
     slope[parameters + np.array(smooth)] += slopes * norms[smooth]
-    tests = single_tests(curvature, slope, curvature, parameters)
+    tests = replace(quadratic, slope=slope).tests(parameters)
     powers = link_forces(optimum, identified)
     present = {link.name: linear_terms(link) for link in identified.links}
     return tuple(
