@@ -35,6 +35,7 @@ from linkwise.likelihood.shooting.tangents import CandidateForces, Single
 from linkwise.likelihood.terms import ERRORS, Shown
 from linkwise.likelihood.tests.score_test import (
     BETWEEN_MODES,
+    FILTER,
     CandidateForce,
     Hypothesis,
     Lacking,
@@ -177,33 +178,31 @@ class TestedColumns:
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
         """What errors add in their units; without those that add nothing."""
-        kept = [(added, scale) for added in every if (scale := added.scale) > 0.0]
-        forces = [
-            (k, first, second, np.asarray(values / scale, np.float32))
-            for k, (added, scale) in enumerate(kept)
-            for first, second, values in added.forces
-        ]
-        samples = [
-            (k, channel, values / scale)
-            for k, (added, scale) in enumerate(kept)
-            for channel, values in added.samples
-        ]
-        candidates = None
+        hypotheses, units = list[Hypothesis](), list[float]()
+        forces, samples = list[tuple[int, int, int, Floats | Single]](), list[tuple[int, int, Floats]]()
+        for added in every:
+            scale, number = added.scale, len(hypotheses)
+            if not scale > 0.0:
+                continue
+            hypotheses.append(added.error)
+            units.append(added.unit or 1.0 / scale)
+            for first, second, values in added.forces:
+                forces.append((number, first, second, np.asarray(values / scale, np.float32)))
+            for channel, values in added.samples:
+                samples.append((number, channel, values / scale))
+        candidates, errors, owners = None, None, list[int]()
         if forces:
-            _, firsts, seconds, along = zip(*forces, strict=True)
+            numbers, firsts, seconds, along = zip(*forces, strict=True)
             both = np.stack(along, axis=1)
             candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
-        return cls(
-            [added.error for added, _ in kept],
-            np.array([added.unit or 1.0 / scale for added, scale in kept]),
-            candidates,
-            SensorErrors.of((channel, values) for _, channel, values in samples),
-            [*(k for k, *_ in forces), *(k for k, *_ in samples)],
-        )
+            owners.extend(numbers)
+        if samples:
+            numbers, channels, shown = zip(*samples, strict=True)
+            errors = SensorErrors(np.array(channels), np.stack(shown, axis=1))
+            owners.extend(numbers)
+        return cls(hypotheses, np.array(units), candidates, errors, owners)
 
-    @np.errstate(
-        over="ignore", invalid="ignore"
-    )  # a trial may diverge, or a candidate be infinite; results are checked
+    @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked
     def quadratic(self, optimum: Optimum, blocks: int = 1) -> Quadratic:
         """The cost in the parameters and, after them, the scaled sizes of the hypotheses; as `augmented_quadratic`."""
         forces = self.forces or candidate_forces(optimum.segments, optimum.misfit, [])[0]
@@ -242,7 +241,7 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
         if kinds[channel] == kinds[source]:
             crosstalk = Hypothesis("crosstalk", names[channel], source=names[source])
             yield Added(crosstalk, samples=[(channel, shown[source].value)])
-    yield Added(Hypothesis("filter", "all channels"), samples=[*enumerate(motion.filtered)])
+    yield Added(Hypothesis(FILTER, "all channels"), samples=[*enumerate(motion.filtered)])
     if len(inputs) == 1:
         early = [(channel, -ERRORS[CLOCK].tested(one)) for channel, one in enumerate(shown)]
         yield Added(Hypothesis(CLOCK, inputs[0]), samples=early)

@@ -50,6 +50,7 @@ from linkwise.likelihood.tests.columns import (
     terms_along,
 )
 from linkwise.likelihood.tests.score_test import (
+    FILTER,
     MEMORY_TERMS,
     PRICE_OF_REACH,
     CandidateForce,
@@ -60,7 +61,6 @@ from linkwise.likelihood.tests.score_test import (
     candidate_forces,
     determinant_slopes,
     in_units_of,
-    linear_terms,
     missing_forces,
     missing_terms,
     usual_terms,
@@ -343,7 +343,7 @@ def diagnose(
     try:
         with one_blas_thread():
             if any(force.ambient for force in fit.random_forces):
-                causes = _missing_terms(fit, identified)
+                causes = _significant(_beside_ambient_forces(fit, identified), fit, identified)
             else:
                 tested = tested_causes(fit, identified, channels, terms=terms)
                 causes = _significant(tested, fit, identified)
@@ -445,60 +445,55 @@ def tested_causes(
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
-def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    optimum, hypotheses, tests = fit.optimum, tested.hypotheses, tested.tests
-    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
-    kinds = [hypothesis.kind for hypothesis in hypotheses]
-    relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
-    late = np.array([kind.endswith("delay") for kind in kinds])
-    small = np.where(relative, np.abs(sizes) < LARGEST, ~late | (np.abs(sizes) < _LATEST * _sample(optimum)))
-    at_filter = kinds.index("filter")
-    small &= np.array([kind != HIGH_PASS for kind in kinds]) | (sizes > 0.0)
-    limit = least_gain(len(gains))
-    significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
-    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER
-    if significant[at_filter]:
-        attenuation = sizes[at_filter] * tested.attenuation
-        significant[at_filter] = 0.0 < attenuation < LARGEST
-    scaled = replace(
-        tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
-    )
-    forces = link_forces(optimum, identified) if significant.any() else {}
-    causes = (
-        replace(
-            _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
-            remark=_remark(hypotheses[number], sizes[number], optimum),
-        )
-        for number in np.flatnonzero(significant).tolist()
-    )
-    return tuple(cause for cause in causes if cause.gain > limit or cause.shift > _SHIFTED)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # as in `_significant`
-def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
-    optimum = fit.optimum
-    lacking = missing_terms(identified)
-    hypotheses, forces = [one for one, _ in lacking], [force for _, force in lacking]
+def _beside_ambient_forces(fit: LikelihoodFit, identified: Structure) -> TestedCauses:
+    """Missing terms by the marginal likelihood; errors of sensors and of masses are not tested beside ambient forces."""
+    optimum, parameters = fit.optimum, len(fit.values)
+    there = [f"{link.name}.{name}" for link in identified.links for name in link.coefficients]
+    lacking = [each for each in missing_terms(identified, there) if each[0].term not in _NO_SLOPE]
+    forces = [force for _, force in lacking]
     candidates, norms = candidate_forces(optimum.segments, optimum.misfit, forces)
-    quadratic, parameters = augmented_quadratic(optimum, candidates), len(fit.values)
-    deviations = quadratic.tests(parameters).deviations
+    quadratic = augmented_quadratic(optimum, candidates)
+    deviations = (quadratic.tests(parameters).deviations * norms).tolist()
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
-    smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _NO_SLOPE]
-    slopes = determinant_slopes(
-        optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
-    )
-    slope = quadratic.slope.copy()
-    slope[parameters + np.array(smooth)] += slopes * norms[smooth]
-    tests = replace(quadratic, slope=slope).tests(parameters)
-    powers = link_forces(optimum, identified)
-    present = {link.name: linear_terms(link) for link in identified.links}
-    return tuple(
-        _cause(hypotheses[number], tests, number, powers)
-        for number in sorted(smooth, key=lambda number: -tests.gains[number])
-        if tests.gains[number] > least_gain(len(smooth))
-        and hypotheses[number].term not in present[hypotheses[number].where]  # which rounding alone leaves
-    )
+    slopes = determinant_slopes(optimum, identified, masses, list(zip(forces, deviations, strict=True)))
+    slope = quadratic.slope + np.concatenate([np.zeros(parameters), slopes * norms])
+    hypotheses = tuple(hypothesis for hypothesis, _ in lacking)
+    return TestedCauses(hypotheses, np.ones(len(norms)), replace(quadratic, slope=slope), 0.0, optimum)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
+def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
+    """The causes that chance hardly gives, as large as the first order describes."""
+    optimum, tests, causes = fit.optimum, tested.tests, []
+    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
+    deviations = tests.deviations * optimum.noise * tested.units
+    masses = likely_masses(tested.hypotheses, gains)
+    limit, forces = least_gain(len(gains)), dict[str, float]()
+    sample = float(optimum.segments.step[0]) * optimum.segments.refine
+    for number, hypothesis in enumerate(tested.hypotheses):
+        size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
+        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]
+        small = (
+            0.0 < size * tested.attenuation < LARGEST if is_filter else _is_small(hypothesis, size, sample)
+        )
+        if not (beyond and small):
+            continue
+        forces = forces or link_forces(optimum, identified)
+        cause = _cause(hypothesis, size, float(deviations[number]), forces.get(hypothesis.where, 0.0))
+        cause = replace(cause, gain=float(gains[number]), remark=_remark(hypothesis, size, optimum, sample))
+        cause = _with_changes(cause, fit, tests.changes[:, number])
+        if cause.gain > limit or cause.shift > _SHIFTED:
+            causes.append(cause)
+    return tuple(causes)
+
+
+def _is_small(hypothesis: Hypothesis, size: float, sample: float) -> bool:
+    """Whether the first order describes an error of a size, by the distance of samples in s."""
+    if hypothesis.kind.endswith("delay"):
+        return abs(size) < _LATEST * sample
+    if hypothesis.kind == HIGH_PASS:
+        return size > 0.0
+    return not CAUSE_KINDS[hypothesis.kind].relative or abs(size) < LARGEST
 
 
 def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
@@ -525,16 +520,10 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
     )
 
 
-def _sample(optimum: Optimum) -> float:
-    """The distance of samples in s."""
-    return float(optimum.segments.step[0]) * optimum.segments.refine
-
-
-def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
-    sample = _sample(optimum)
+def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum, sample: float) -> str:
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
-    if hypothesis.kind == "filter" and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
+    if hypothesis.kind == FILTER and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
         inputs = optimum.segments.inputs
         driven = any(part is not None for part in (inputs.force, inputs.base, inputs.frame, inputs.points))
         return "as of an input that runs in straight lines between its samples" if driven else ""
@@ -543,21 +532,21 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     return ""
 
 
-def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
-    force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
-    # stiffness follows its square
-    scale = 0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
-    size = scale * float(tests.sizes[number])
+def _cause(hypothesis: Hypothesis, size: float, deviation: float, of_link: float) -> Cause:
+    """The cause of a size, a term relative to the force `of_link`; an error of a stiffness as that of a frequency."""
+    of_frequency = hypothesis.kind == "frequency"
+    force = of_link if hypothesis.term else 0.0
+    scale = 0.5 / force if of_frequency and force > 0.0 else 1.0
     return Cause(
         kind=hypothesis.kind,
         where=hypothesis.where,
-        size=size,
+        size=scale * size,
         unit=hypothesis.unit,
-        gain=float(tests.gains[number]),
-        standard_error=scale * float(tests.deviations[number]),
-        term="" if hypothesis.kind == "frequency" else hypothesis.term,
+        gain=0.0,
+        standard_error=scale * deviation,
+        term="" if of_frequency else hypothesis.term,
         source=hypothesis.source,
-        share=abs(size) / float(force) if force > 0.0 else 0.0,
+        share=abs(scale * size) / force if force > 0.0 else 0.0,
     )
 
 

@@ -448,6 +448,9 @@ _TERMS = tuple(
         ("1", "d", "d*abs(d)", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
     )
 )
+FILTER = "filter"
+"""The kind of a hypothesis of a filter that all sensors share."""
+
 BETWEEN_MODES = "damping between modes"
 """The kind of a hypothesis of damping that a host lacks, whose place is the link that would hold it."""
 
