@@ -9,7 +9,7 @@ Damping ratios leave out what a damper at one place of a host adds between its m
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations, permutations
@@ -20,7 +20,6 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import CLOCK
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import UncertainForces
 from linkwise.likelihood.shooting.residuals import (
     Misfit,
     SensorErrors,
@@ -48,7 +47,7 @@ from linkwise.likelihood.tests.score_test import (
     states_along,
 )
 from linkwise.model.coefficient import SHAPE
-from linkwise.model.host import DAMPING, Host, Pair, damping_link
+from linkwise.model.host import DAMPING, damping_link
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
@@ -261,7 +260,10 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
         yield Added(Hypothesis("mass", name), [(-1, number, force)])
     if segments.inputs.force is None:
         return
-    scaled, late = _estimated(segments.inputs.uncertain)
+    estimated, uncertain = set[tuple[str, str]](), segments.inputs.uncertain  # whose scores are rounding
+    if uncertain is not None:
+        for kind, unknowns in (("force gain", uncertain.gains), ("force delay", uncertain.delays)):
+            estimated |= {(kind, uncertain.channels[k]) for k in np.flatnonzero(unknowns >= 0)}
     for number, name in own:  # on a mode a force acts at points
         applied, smallest = motion.applied[:, :, number], 0.0
         if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
@@ -271,21 +273,9 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
         force, channel = motion.input(applied), f"force:{name}"
         if not np.max(np.abs(force[::2])) > smallest:
             continue
-        if channel not in scaled:
-            yield Added(Hypothesis("force gain", channel), [(-1, number, force)])
-        if channel not in late:
-            yield Added(Hypothesis("force delay", channel), [(-1, number, -motion.rate(force))])
-
-
-def _estimated(uncertain: UncertainForces | None) -> tuple[list[str], list[str]]:
-    """The forces whose gains, and those whose delays, are among the unknowns: their scores are rounding."""
-    if uncertain is None:
-        return [], []
-    gains, delays = (
-        [name for name, number in zip(uncertain.channels, numbers, strict=True) if number >= 0]
-        for numbers in (uncertain.gains, uncertain.delays)
-    )
-    return gains, delays
+        for kind, change in (("force gain", force), ("force delay", -motion.rate(force))):
+            if (kind, channel) not in estimated:
+                yield Added(Hypothesis(kind, channel), [(-1, number, change)])
 
 
 def base_errors(motion: FittedMotion) -> Iterator[Added]:
@@ -319,27 +309,22 @@ _MODE_PAIRS = 30  # pairs of modes that are tested, the nearest ones
 
 def damping_between_modes(motion: FittedMotion) -> Iterator[Added]:
     """Damping of pairs whose damping is not estimated, the nearest modes first: each mode feels the other's rate."""
-    index = motion.structure.topology.index
-    for host, pair in nearest_pairs(motion.structure, motion.segments.system.parameters.names):
-        first, second = (index[host.coordinates[number - 1]] for number in pair)
-        yield Added(
-            Hypothesis(BETWEEN_MODES, damping_link(host.name, pair)),
-            [
-                (mode, index[GROUND], motion.states[:, 1, other])
-                for mode, other in ((first, second), (second, first))
-            ],
-        )
-
-
-def nearest_pairs(structure: Structure, estimated: Collection[str] = ()) -> list[tuple[Host, Pair]]:
-    """Pairs of modes of a host whose damping is not among the coefficients `estimated`, the nearest first; 30 at most."""
-    pairs = [
-        (host, pair)
-        for host in structure.hosts
-        for pair in combinations(range(1, len(host.modes) + 1), 2)
-        if f"{damping_link(host.name, pair)}.{DAMPING}" not in estimated
-    ]
-    return sorted(pairs, key=lambda place: _distance(*place))[:_MODE_PAIRS]
+    index, estimated = motion.structure.topology.index, motion.segments.system.parameters.names
+    pairs = []
+    for host in motion.structure.hosts:
+        frequencies = [mode.frequency.value or 0.0 for mode in host.modes]
+        for first, second in combinations(range(len(host.modes)), 2):
+            link = damping_link(host.name, (first + 1, second + 1))
+            if f"{link}.{DAMPING}" not in estimated:
+                low, high = sorted((frequencies[first], frequencies[second]))
+                places = (index[host.coordinates[first]], index[host.coordinates[second]])
+                pairs.append(((high - low) / max(high + low, np.finfo(float).tiny), link, places))
+    for _, link, (first, second) in sorted(pairs, key=lambda pair: pair[0])[:_MODE_PAIRS]:
+        forces = [
+            (mode, index[GROUND], motion.states[:, 1, other])
+            for mode, other in ((first, second), (second, first))
+        ]
+        yield Added(Hypothesis(BETWEEN_MODES, link), forces)
 
 
 def largest_damping(structure: Structure) -> dict[str, float]:
@@ -359,12 +344,6 @@ def largest_damping(structure: Structure) -> dict[str, float]:
             product = max(own[first - 1], 0.0) * max(own[second - 1], 0.0)
             largest[damping_link(host.name, (first, second))] = float(np.sqrt(product))
     return largest
-
-
-def _distance(host: Host, pair: Pair) -> float:
-    """How far apart two modes are: the difference of their frequencies relative to the sum."""
-    first, second = (host.modes[number - 1].frequency.value or 0.0 for number in pair)
-    return abs(first - second) / max(first + second, np.finfo(float).tiny)
 
 
 _SHAPES = 60  # modes and points of which the shapes are tested

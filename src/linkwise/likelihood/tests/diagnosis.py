@@ -60,9 +60,9 @@ from linkwise.likelihood.tests.score_test import (
     augmented_quadratic,
     candidate_forces,
     determinant_slopes,
-    in_units_of,
     missing_forces,
     missing_terms,
+    unit_of,
     usual_terms,
 )
 from linkwise.model.coefficient import MASS
@@ -78,16 +78,17 @@ class TestedCauses:
 
     `quadratic` is in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of which `units` (h,) are in
     their own; `attenuation` is what a filter of unit size takes off the gain of a channel. Its model is in the segments of
-    `longer`, by which blocks of the records scatter.
+    `longer`, by which blocks of the records scatter; `structure` has the values there.
     """
 
     __test__ = False  # no test of pytest
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: Sequence[Hypothesis]
     units: Floats
     quadratic: Quadratic
     attenuation: float
     longer: Optimum
+    structure: Structure
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
@@ -208,9 +209,12 @@ def _hinted(
     if not len(likely):
         return None
     likely = likely[np.argsort(-gains[likely])]
-    named = [(tested.hypotheses[number[k]], float(errors[k])) for k in likely]
-    causes = [Cause(one.kind, one.where, error, one.unit, 0.0, 0.0) for one, error in named]
-    return moves[:, likely] @ moves[:, likely].T, " or ".join(cause.description for cause in causes)
+    words = []
+    for k in likely:
+        one = tested.hypotheses[number[k]]
+        cause = Cause(one.kind, one.where, float(errors[k]), unit_of(one, tested.structure), 0.0, 0.0)
+        words.append(cause.description)
+    return moves[:, likely] @ moves[:, likely].T, " or ".join(words)
 
 
 def beyond_white(fit: LikelihoodFit) -> float:
@@ -343,13 +347,13 @@ def diagnose(
     try:
         with one_blas_thread():
             if any(force.ambient for force in fit.random_forces):
-                causes = _significant(_beside_ambient_forces(fit, identified), fit, identified)
+                causes = _significant(_beside_ambient_forces(fit, identified), fit)
             else:
                 tested = tested_causes(fit, identified, channels, terms=terms)
-                causes = _significant(tested, fit, identified)
+                causes = _significant(tested, fit)
                 if causes and not terms:
                     tested = tested_causes(fit, identified, channels, terms=True)
-                    causes = _significant(tested, fit, identified)
+                    causes = _significant(tested, fit)
                 remark = _not_tested(tested)
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
@@ -440,8 +444,8 @@ def tested_causes(
     with np.errstate(over="ignore", invalid="ignore"):  # a candidate may be infinite somewhere
         columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors))
         quadratic = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
-        named = in_units_of(columns.hypotheses, identified)
-        return TestedCauses(named, columns.units, quadratic, motion.attenuation, optimum)
+        named = columns.hypotheses, columns.units
+        return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
@@ -457,12 +461,12 @@ def _beside_ambient_forces(fit: LikelihoodFit, identified: Structure) -> TestedC
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
     slopes = determinant_slopes(optimum, identified, masses, list(zip(forces, deviations, strict=True)))
     slope = quadratic.slope + np.concatenate([np.zeros(parameters), slopes * norms])
-    hypotheses = tuple(hypothesis for hypothesis, _ in lacking)
-    return TestedCauses(hypotheses, np.ones(len(norms)), replace(quadratic, slope=slope), 0.0, optimum)
+    named = [hypothesis for hypothesis, _ in lacking], np.ones(len(norms))
+    return TestedCauses(*named, replace(quadratic, slope=slope), 0.0, optimum, identified)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
-def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
+def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     """The causes that chance hardly gives, as large as the first order describes."""
     optimum, tests, causes = fit.optimum, tested.tests, []
     gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
@@ -478,9 +482,11 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure
         )
         if not (beyond and small):
             continue
-        forces = forces or link_forces(optimum, identified)
-        cause = _cause(hypothesis, size, float(deviations[number]), forces.get(hypothesis.where, 0.0))
-        cause = replace(cause, gain=float(gains[number]), remark=_remark(hypothesis, size, optimum, sample))
+        forces = forces or link_forces(optimum, tested.structure)
+        force = forces.get(hypothesis.where, 0.0)
+        cause = _cause(hypothesis, size, float(deviations[number]), force)
+        remark, unit = _remark(hypothesis, size, optimum, sample), unit_of(hypothesis, tested.structure)
+        cause = replace(cause, gain=float(gains[number]), unit=unit, remark=remark)
         cause = _with_changes(cause, fit, tests.changes[:, number])
         if cause.gain > limit or cause.shift > _SHIFTED:
             causes.append(cause)

@@ -15,14 +15,14 @@ Scores of missing terms by the marginal likelihood, where random forces act: the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats
 from linkwise.estimates.causes import CAUSE_KINDS
 from linkwise.expression import to_text
 from linkwise.expression.program import cached_program
@@ -39,7 +39,6 @@ from linkwise.likelihood.shooting.linear_model import (
     precise_model,
     tested_in_pieces,
 )
-from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
@@ -51,11 +50,11 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
-Pieces = Callable[[Floats, Floats, tuple[Floats, Floats]], tuple[Floats, Floats]]
-"""The part (N, L, K) of a state that is left after each piece of a motion, and what the piece adds.
+Pieces = Callable[[Floats, Floats, tuple[float, float]], tuple[Floats, Floats]]
+"""The part (N, K) of a state that is left after each piece of a motion, and what the piece adds.
 
-By the change of the elongation in m (N, L, K), the duration in s (K,), which the first piece, between segments, takes nothing
-of, and the standard deviations of the elongation in m and of its rate in m/s (L, 1).
+By the change of the elongation in m (N, K), the duration in s (K,), which the first piece, between segments, takes nothing of,
+and the standard deviations of the elongation in m and of its rate in m/s.
 """
 
 
@@ -72,12 +71,12 @@ class MemoryForce:
     pieces: Pieces
 
     def along(self, motion: Floats, step: Floats, linked: Bools) -> Floats:
-        """The force along elongations of some links.
+        """The force along the elongation of a link.
 
         Parameters
         ----------
-        motion : array of shape (2 J + 1, 2, L, K)
-            Elongations in m and their rates in m/s, at the ends of the J steps of K segments and in their middles, in turn.
+        motion : array of shape (2 J + 1, 2, K)
+            The elongation in m and its rate in m/s, at the ends of the J steps of K segments and in their middles, in turn.
         step : array of shape (K,)
             Duration of a step in s.
         linked : array of bool, shape (K - 1,)
@@ -85,41 +84,37 @@ class MemoryForce:
 
         Returns
         -------
-        array of shape (2 J + 1, L, K)
+        array of shape (2 J + 1, K)
             The force there; zero where there is no motion.
         """
         path = motion[:, 0]
-        spread = np.std(path, axis=(0, 2)), np.std(motion[::2, 1], axis=(0, 2))
-        moves = np.isfinite(spread).all(axis=0) & (np.min(spread, axis=0) > 0.0)
+        spread = float(np.std(path)), float(np.std(motion[::2, 1]))
+        if not (np.isfinite(spread).all() and min(spread) > 0.0):
+            return np.zeros(path.shape)
         change = np.empty(path.shape)
         np.subtract(path[1:], path[:-1], out=change[1:])
-        change[0, :, :1] = 0.0
-        # where a segment starts, that before it ends
-        np.subtract(path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:])
-        d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in spread)
-        force = _states(*self.pieces(change, 0.5 * step, (d, v)), linked)
-        force[:, ~moves] = 0.0
-        return force
+        change[0, 0] = 0.0
+        np.subtract(path[0, 1:], path[-1, :-1], out=change[0, 1:])  # from where the segment before ends
+        return _states(*self.pieces(change, 0.5 * step, spread), linked)
 
 
 def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
-    """(N, L, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
+    """(N, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
 
     Where segments are not `linked` (K - 1,) it is zero. That is a system of equations with two diagonals.
     """
     follows = np.append(False, linked)
     left[0] *= follows
     added[0] = np.where(follows, added[0], 0.0)
-    left, added = left.transpose(1, 2, 0), added.transpose(1, 2, 0)
-    diagonals = np.stack([np.ones(left.size), np.roll(-left.ravel(), -1)])
-    states, _ = dtbtrs(diagonals, added.reshape(-1, 1), uplo="L", diag="U")
-    return np.asarray(states.reshape(added.shape).transpose(2, 0, 1))
+    diagonals = np.stack([np.ones(left.size), np.roll(-left.T.ravel(), -1)])
+    states, _ = dtbtrs(diagonals, added.T.reshape(-1, 1), uplo="L", diag="U")
+    return np.asarray(states.reshape(added.T.shape).T)
 
 
 _REACH = 0.3  # of the standard deviation of the elongation
 
 
-def _slip(change: Floats, duration: Floats, motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def _slip(change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
     """A slider that yields over a reach, by dz = (dd - z |dd|)/x0; exact where the elongation is monotonic over a piece.
 
     That is the model of P. R. Dahl ("A solid friction model", 1968). With a third of the deviation it resembles sliders that
@@ -130,7 +125,7 @@ def _slip(change: Floats, duration: Floats, motion: tuple[Floats, Floats]) -> tu
     return left, np.sign(change) * (1.0 - left)
 
 
-def _relaxation(change: Floats, duration: Floats, motion: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def _relaxation(change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
     """A spring in series with a damper (Maxwell), z' = v - z/tau; exact where the rate is constant over a piece.
 
     The time tau is the ratio of the deviations of d and v, that of a radian of a harmonic motion. Those that relax thirty
@@ -235,9 +230,6 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats | None, param
 def _without(matrix: Floats, within: Bools) -> Floats:
     """The matrix with zeros in the rows and columns that are not `within`."""
     return np.where(within[:, np.newaxis] & within, matrix, 0.0)
-
-
-_AT_ONCE = 6_000_000  # numbers in the forces of one batch
 
 
 @dataclass(frozen=True)
@@ -361,46 +353,25 @@ def forces_along(
 ) -> tuple[Single, Floats]:
     """(2 J + 1, f, K) the forces at the ends and in the middles of the steps of tangents, scaled as of `candidate_forces`."""
     motion = _with_points(states_along(segments, misfit), segments.system.at(misfit.point.theta).points)
-    pairs = {pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))}
-    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % motion.shape[2]
-    firsts, seconds = map(as_slice, places)
-    elongations = motion[:, :, firsts] - motion[:, :, seconds]
-    both = np.empty((len(elongations), len(forces), segments.count), np.float32)
-    units = np.ones(len(forces))
-    for laws, numbers in _of_equal_pairs(forces):
-        size = max(1, _AT_ONCE // (len(laws) * len(elongations) * segments.count))
-        for begin in range(0, numbers.shape[1], size):
-            some = numbers[:, begin : begin + size]
-            among = as_slice(np.array([pairs[forces[k].first, forces[k].second] for k in some[0]]))
-            for own, values in zip(some, _along(laws, segments, elongations[:, :, among]), strict=True):
-                power = np.einsum("jlk,jlk->l", values[::2], values[::2]) / max(values[::2, 0].size, 1)
-                units[own] = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
-                both[:, as_slice(own)] = values * units[own, None]
-    return both, units
-
-
-def _of_equal_pairs(forces: Sequence[CandidateForce]) -> Iterator[tuple[list[Law | MemoryForce], Indices]]:
-    """The laws that act between the same L pairs of places, evaluated together, and the numbers (l, L) of their forces."""
-    by_law: dict[Law | MemoryForce, list[int]] = {}
+    every = segments.flow_steps_per_tangent
+    step = segments.step * every
+    along = {name: input_along(values, every) for name, values in segments.inputs.signals.items()}
+    both = np.empty((len(motion), len(forces), segments.count), np.float32)
+    units, between = np.ones(len(forces)), dict[tuple[int, int], list[int]]()
     for number, force in enumerate(forces):
-        by_law.setdefault(force.law, []).append(number)
-    groups: dict[tuple[object, ...], list[Law | MemoryForce]] = {}
-    for law, numbers in by_law.items():
-        pairs = tuple((forces[number].first, forces[number].second) for number in numbers)
-        groups.setdefault((isinstance(law, MemoryForce) and law, pairs), []).append(law)
-    for laws in groups.values():
-        yield laws, np.array([by_law[law] for law in laws])
-
-
-def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats) -> Iterable[Floats]:
-    """Forces (2 J + 1, L, K) by d and v (2 J + 1, 2, L, K) at the ends and in the middles of the steps of tangents."""
-    step = segments.step * segments.flow_steps_per_tangent
-    plain = tuple(law.expression for law in laws if isinstance(law, Law))
-    if plain:
-        signals = segments.inputs.signals
-        along = [input_along(values, segments.flow_steps_per_tangent)[:, None] for values in signals.values()]
-        return cached_program(plain, (*VARIABLES, *signals))(motion[:, 0], motion[:, 1], *along)
-    return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
+        between.setdefault((force.first, force.second), []).append(number)
+    for (first, second), numbers in between.items():
+        elongation = motion[:, :, first] - motion[:, :, second]
+        plain = tuple(law.expression for k in numbers if isinstance(law := forces[k].law, Law))
+        program = cached_program(plain, (*VARIABLES, *along)) if plain else None
+        results = iter(program(elongation[:, 0], elongation[:, 1], *along.values()) if program else ())
+        for number in numbers:
+            law = forces[number].law
+            values = next(results) if isinstance(law, Law) else law.along(elongation, step, segments.linked)
+            power = float(np.einsum("jk,jk->", values[::2], values[::2])) / values[::2].size
+            units[number] = 1.0 / np.sqrt(power) if power > 0.0 else 1.0
+            np.multiply(values, units[number], out=both[:, number], casting="same_kind")
+    return both, units
 
 
 def in_turn(ends: Floats, middles: Floats) -> Floats:
@@ -463,7 +434,7 @@ _PAIRS = 40  # without a link, up to which all of them are tested
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One thing that may be wrong, with the words of a `Cause`; `in_units_of` states the `unit` of all but forces."""
+    """One thing that may be wrong, with the words of a `Cause`; the `unit` of a force, of others as `unit_of` says."""
 
     kind: str
     where: str
@@ -472,14 +443,9 @@ class Hypothesis:
     unit: str = ""
 
 
-def in_units_of(hypotheses: Iterable[Hypothesis], structure: Structure) -> tuple[Hypothesis, ...]:
-    """Hypotheses with the unit of their size: that of their force, of their kind, or of the channel that they are in."""
-    return tuple(
-        replace(
-            lacking, unit=lacking.unit or CAUSE_KINDS[lacking.kind].unit or unit_in(structure, lacking.where)
-        )
-        for lacking in hypotheses
-    )
+def unit_of(hypothesis: Hypothesis, structure: Structure) -> str:
+    """The unit of its size: that of its force, of its kind, or of the channel that it is in."""
+    return hypothesis.unit or CAUSE_KINDS[hypothesis.kind].unit or unit_in(structure, hypothesis.where)
 
 
 Lacking = list[tuple[Hypothesis, CandidateForce]]
