@@ -175,14 +175,15 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
     they change by more than the error is significant. None without any.
     """
-    names = fit.optimum.segments.system.parameters.names
-    masses = which_stated(tested.hypotheses, names)
+    masses = which_stated(tested.hypotheses, fit.optimum.segments.system.parameters.names)
     sensors = [k for k, one in enumerate(tested.hypotheses) if one.kind in _USUAL_ERRORS]
-    groups = {"masses": (masses, 0.0), "sensors": (sensors, 1.0)}
-    hints = {what: _hinted(fit, tested, *group) for what, group in groups.items()}
-    found = {what: hint for what, hint in hints.items() if hint is not None}
-    words = " or ".join(each for _, each in found.values())
-    return ({what: added for what, (added, _) in found.items()}, words) if found else None
+    added, words = dict[str, Floats](), list[str]()
+    for what, numbers, resemblance in (("masses", masses, 0.0), ("sensors", sensors, 1.0)):
+        hint = _hinted(fit, tested, numbers, resemblance)
+        if hint is not None:
+            added[what] = hint[0]
+            words.append(hint[1])
+    return (added, " or ".join(words)) if added else None
 
 
 def _hinted(
