@@ -1,15 +1,10 @@
-"""Clipped samples: those at an end of the range of a sensor, beyond which the fitted motion goes.
+"""What is wrong with the recording itself: samples at an end of a range, lost or written twice, noise that is stated smaller
+than it is, and errors of a whole channel.
 
-Records whose samples are not evenly spaced in time, as they show by themselves: samples lost, held or written twice.
-
-Errors of a whole channel: the wrong sign, another unit, the place of another channel, a high pass.
-
-A score test says what a small error would explain, and of an error of -200 % it says anything. These are hypotheses of their
-own: each is taken out of the records, and the weak form says how well the laws explain what is left, with coefficients of
-their own. One is named where the records as they stand are not explained, and those without it are to within their noise,
-which no other cause does.
-
-Noise that is stated smaller than it is: residuals that are white, and larger than it.
+A score test says what a small error would explain, and of an error of -200 % it says anything. The wrong sign, another unit,
+the place of another channel and a high pass are hypotheses of their own: each is taken out of the records, and the weak form
+says how well the laws explain what is left, with coefficients of their own. One is named where the records as they stand are
+not explained, and those without it are to within their noise, which no other cause does.
 """
 
 from __future__ import annotations

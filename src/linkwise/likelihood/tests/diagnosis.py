@@ -1,6 +1,9 @@
-"""What was tested of a fit: hypotheses of what it may lack, and the equations at its optimum with a column for each.
+"""What could explain what a fit leaves: score tests for errors of sensors, masses and applied forces, and for missing terms.
 
-Stated masses that may be off: where their scores make an answer doubtful, and what intervals hold of it.
+Each hypothesis is one more column in the linearised equations at the optimum, and its gain is what its best size would take
+off -2 log likelihood, all coefficients fitted anew to first order (Rao 1948). A gain follows chi-square with one degree of
+freedom where the cause is not there. Motion that is exactly that of the laws is tested in longer segments, at a part of the
+cost.
 
 Coefficients make up for nearly all of an error of a mass: with them, it scales all forces on it, and no more than the reaction
 on its neighbours tells. Its score may then be too small to be significant among all that is tested, while coefficients are
@@ -8,15 +11,8 @@ dozens of standard errors off. There are few masses, so that a smaller score tha
 does not, the intervals hold what every mass to which it points would make of the coefficients, alone: masses look alike, as
 one that is too heavy and another that is too light.
 
-An optimum in longer segments, for what follows a search: the same motion at a part of the cost.
-
-What could explain what a fit leaves: score tests for errors of sensors, masses and applied forces, and for missing terms.
-
-Each cause is one more column in the linearised equations at the optimum, and its gain is what its best size would take off
--2 log likelihood, all coefficients fitted anew to first order (Rao 1948). A gain follows chi-square with one degree of
-freedom where the cause is not there.
-
-By how much evidence is overstated where the error of a law is taken for white noise.
+Where the error of a law is taken for white noise, evidence is overstated by as much as scores of blocks scatter more than
+their information says.
 """
 
 from __future__ import annotations

@@ -1,16 +1,12 @@
-"""Score tests (Rao 1948): the local quadratic model of the cost in the parameters and the amplitudes of candidate forces.
+"""Score tests (Rao 1948): the cost about an optimum in the parameters and in the sizes of what is tested, all zero.
 
-At an optimum the Gauss-Newton model of the cost is augmented by forces of amplitude zero, one column each, without a new
-search. It predicts the reduction of the cost by any of them and the change of the parameters, for hundreds of forces at the
-cost of one step of the fit.
+The Gauss-Newton model of the cost is augmented by one column for each force or error, without a new search. It predicts the
+reduction of the cost by any of them and the change of the parameters, for hundreds of columns at the cost of one step of the
+fit: `Quadratic` is that model, `single_tests` what each column alone would do.
 
-Hypotheses of what a fit may lack: terms of its links, and links of its structure.
-
-Score tests of columns one at a time: what each takes off the cost, its size, and how it changes the coefficients.
-
-Forces with memory along a motion: what a law of displacement and velocity lacks where a joint slips or a mount relaxes.
-
-Scores of missing terms by the marginal likelihood, where random forces act: the part of the log determinant.
+Hypotheses are terms of links and links of a structure that a fit may lack, among them forces with memory along the motion:
+what a law of displacement and velocity lacks where a joint slips or a mount relaxes. Where random forces act, the score of a
+term has the slope of the log determinant as well (`determinant_slopes`).
 """
 
 from __future__ import annotations

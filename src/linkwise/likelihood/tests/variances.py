@@ -127,6 +127,11 @@ class VarianceScore:
             gain=_gain(excess, square, cube),
         )
 
+    def cause(self, kind: str, where: str, unit: str, scale: float = 1.0) -> Cause:
+        """The cause of a kind whose size is the deviation, in a `unit` of which that of the score is so many."""
+        error = 0.5 * self.error / self.deviation
+        return Cause(kind, where, scale * self.deviation, unit, self.gain, scale * error)
+
 
 def _gain(excess: float, square: float, cube: float) -> float:
     """What a variance takes off -2 log likelihood, the sum of squares being a chi-square of the same moments."""
@@ -344,14 +349,7 @@ class InputNoise:
         score = self.score
         if score.normal < SIGNIFICANT or score.deviation > LARGEST * self.rms:
             return None
-        return Cause(
-            kind="input noise",
-            where=self.channel,
-            size=score.deviation,
-            unit=self.unit,
-            gain=score.gain,
-            standard_error=0.5 * score.error / score.deviation,
-        )
+        return score.cause("input noise", self.channel, self.unit)
 
 
 def noise_of_inputs(
