@@ -45,12 +45,11 @@ def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[C
     The largest samples of a sensor that was not overloaded have noise to the outside, so that the motion is inside. A motion
     with a large model error follows the samples, and is beyond them by less than it misses them by.
     """
-    responses = [name for name in records[0].channels if name not in records[0].inputs]
     ends: dict[str, set[tuple[float, float]]] = {}
     for record in records:
         for signal in RecordSignals.of(record).responses:
             ends.setdefault(signal.channel, set()).update(rails(signal))
-    for number, name in enumerate(responses):
+    for number, name in enumerate(records[0].responses):
         samples, observed = fit.segments.samples[:, number], fit.segments.observed[:, number]
         residuals = fit.misfit.residuals[:, number] / fit.optimum.noise
         beyond = [-side * residuals[(samples == value) & observed] for value, side in ends.get(name, ())]
@@ -123,7 +122,7 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     Several where the equations cannot tell them apart, as a displacement that is too large from another that is too small;
     none where the weak form does not apply. `structure` has its unknowns, all of the terms that were offered in a search.
     """
-    parts = _loudest_parts(records)
+    parts = [*map(_loudest_part, records)]
     return tuple(
         error
         for error in _likeliest(parts, structure)
@@ -140,7 +139,7 @@ def likeliest_error(
     counts, of several high passes the likeliest, and of several signs the first, as the others differ by the direction that is
     positive; but for laws that hold it, none of one sensor or an input, where no others outvote it.
     """
-    likeliest = _likeliest(_loudest_parts(records), structure, _MAY_BE)
+    likeliest = _likeliest([*map(_loudest_part, records)], structure, _MAY_BE)
     signs = [error.where for error in likeliest if error.kind == "sign"]
     outvoted = len(signs) == 1 and signs[0] in records[0].responses and len(records[0].channels) > 2
     if signs and not outvoted and not all(map(_is_odd, structure.links)):
@@ -222,14 +221,10 @@ def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float =
         return []
 
     def gain(error: Cause) -> float:
-        try:
-            return as_recorded - _misfit([corrected(part, error) for part in parts], structure)
-        except (LinkwiseError, np.linalg.LinAlgError):
-            return -np.inf
+        return as_recorded - _misfit([corrected(part, error) for part in parts], structure)
 
-    try:
-        as_recorded = _misfit(parts, structure)
-    except (LinkwiseError, np.linalg.LinAlgError):
+    as_recorded = _misfit(parts, structure)
+    if not np.isfinite(as_recorded):
         return []
     errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
     errors = [replace(error, gain=gain(error)) for error in errors]
@@ -238,27 +233,27 @@ def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float =
     return [error for error in errors if error.gain > max(least, enough.get(error.kind, _CONVINCING))]
 
 
-def _loudest_parts(records: Sequence[Record]) -> list[Record]:
-    """The loudest part of each record, its noise not stated: it is found, as units change."""
-    return [replace(record, noise={}, simulated=None)[_loudest_part(record)] for record in records]
-
-
-def _loudest_part(record: Record) -> slice:
-    """The part of a long record in which its responses have the largest power; all of a short one."""
+def _loudest_part(record: Record) -> Record:
+    """The part of a long record in which its responses have the largest power, its noise not stated: it is found, as units
+    change.
+    """
+    record = replace(record, noise={}, simulated=None)
     if len(record) <= _SAMPLES:
-        return slice(None)
+        return record
     responses = np.nan_to_num(record.select(record.responses).values)
     power = np.sum((responses / np.maximum(np.std(responses, axis=0), np.finfo(float).tiny)) ** 2, axis=1)
     firsts = (*range(0, len(record) - _SAMPLES, _SAMPLES // 4), len(record) - _SAMPLES)
     first = max(firsts, key=lambda first: float(np.sum(power[first : first + _SAMPLES])))
-    return slice(first, first + _SAMPLES)
+    return record[first : first + _SAMPLES]
 
 
 def _misfit(records: Sequence[Record], structure: Structure) -> float:
-    return sum(
-        record_misfit(with_displacements(record, structure.masses), structure)
-        for record in framed_records(records, structure, integrated=True)
-    )
+    """What the weak form leaves of records; infinite where it does not apply."""
+    try:
+        framed = framed_records(records, structure, integrated=True)
+        return sum(record_misfit(with_displacements(one, structure.masses), structure) for one in framed)
+    except (LinkwiseError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def _is_explained(error: Cause, record: Record, structure: Structure) -> bool:
@@ -278,15 +273,14 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
     """Channels of the wrong sign, in another unit, in each other's place, or relative to the base; or all of them."""
     places = (*structure.mass_names, BASE)
     measured = [name for name in record.channels if name.kind in _UNITS and name.place in places]
-    forces, motions = (
-        [name for name in measured if (name.kind == "force") is force] for force in (True, False)
-    )
+    forces = [name for name in measured if name.kind == "force"]
+    motions = [name for name in measured if name.kind != "force"]
     for name in (*forces, *motions):
         yield _error("sign", name)
-    angular = {name for name in motions if unit_in(structure, name) == KINDS["x"].angular_unit}
-    units = {
-        name: (*_UNITS[name.kind], *(_ANGLES if name in angular else ())) for name in (*motions, *forces)
-    }
+    units = {name: _UNITS[name.kind] for name in (*motions, *forces)}
+    for name in motions:
+        if unit_in(structure, name) == KINDS["x"].angular_unit:
+            units[name] = (*units[name], *_ANGLES)
     for usual in zip_longest(*units.values()):  # the most usual of all channels first
         yield from (_error("unit", name, times) for name, times in zip(units, usual, strict=True) if times)
     for kind, where in _ALL.items():
