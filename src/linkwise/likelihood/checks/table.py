@@ -48,8 +48,11 @@ FINDINGS = (
 
 def judge(of: Examined, *, without: Collection[str] = ()) -> Judgement:
     """The judgement on a fit by all checks in turn, `without` those of some names."""
-    found = (check.judge(of) for check in VERDICTS if check.name not in without)
-    judgement: Judgement = next(verdict for verdict in found if verdict is not None)
+    judgement: Judgement | None = None
+    for check in VERDICTS:
+        if judgement is None and check.name not in without:
+            judgement = check.judge(of)
+    assert judgement is not None  # the last check always has a verdict
     for check in FINDINGS:
         if not (judgement.is_final or check.name in without):
             judgement = check.judge(of, judgement) or judgement

@@ -95,6 +95,11 @@ class FittedMotion:
         return force
 
     @cached_property
+    def responses(self) -> list[Channel]:
+        """The channels that are no inputs, in the order of their samples."""
+        return [name for name in self.channels if not name.is_input]
+
+    @cached_property
     def shown(self) -> list[Shown]:
         """What each channel shows."""
         return shown_motion(self.segments, self.misfit)
@@ -213,8 +218,8 @@ class TestedColumns:
 def terms_along(motion: FittedMotion, lacking: Lacking) -> Iterator[Added]:
     """Each missing force alone, in its root mean square, with what load cells show of it."""
     along, _ = forces_along(motion.segments, motion.misfit, [force for _, force in lacking])
-    shown = [name for name in motion.channels if not name.is_input]
-    cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.kind == "f"}
+    responses = enumerate(motion.responses)
+    cells = {name.removeprefix("f:"): channel for channel, name in responses if name.kind == "f"}
     every, count = 2 * motion.segments.tangent_refine, len(motion.segments.samples)
     for k, (hypothesis, force) in enumerate(lacking):
         measured = hypothesis.kind == "term" and hypothesis.where in cells
@@ -232,18 +237,19 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
     in s, crosstalk the part of another channel of the same kind that is seen as well.
     """
     shown, kinds = motion.shown, motion.segments.sensors.kind
-    names, inputs = ([name for name in motion.channels if name.is_input is which] for which in (False, True))
+    names, errors = motion.responses, [*ERRORS.items()]
     for channel, one in enumerate(shown):
-        for kind, error in ERRORS.items():
+        for kind, error in errors:
             yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
     for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):
         if kinds[channel] == kinds[source]:
             crosstalk = Hypothesis("crosstalk", names[channel], source=names[source])
             yield Added(crosstalk, samples=[(channel, shown[source].value)])
     yield Added(Hypothesis(FILTER, "all channels"), samples=[*enumerate(motion.filtered)])
-    if len(inputs) == 1:
+    if len(motion.channels) == len(names) + 1:
+        [only] = {*motion.channels} - {*names}
         early = [(channel, -ERRORS[CLOCK].tested(one)) for channel, one in enumerate(shown)]
-        yield Added(Hypothesis(CLOCK, inputs[0]), samples=early)
+        yield Added(Hypothesis(CLOCK, only), samples=early)
 
 
 _ROUNDING = 1e-9  # of a force
@@ -365,12 +371,11 @@ def shape_errors(motion: FittedMotion) -> Iterator[Added]:
     if len(places) > _SHAPES:
         return
     applied = _applied_at_points(motion)
-    responses = [name for name in channels if not name.is_input]
     for point, mode, shape in places:
         number = structure.topology.index[mode]
         kinds = [
             (k, int(motion.segments.sensors.kind[k]))
-            for k, name in enumerate(responses)
+            for k, name in enumerate(motion.responses)
             if name.place == point
         ]
         yield Added(

@@ -473,11 +473,11 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
-        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]
-        small = (
+        if not (gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]):
+            continue
+        if not (
             0.0 < size * tested.attenuation < LARGEST if is_filter else _is_small(hypothesis, size, sample)
-        )
-        if not (beyond and small):
+        ):
             continue
         forces = forces or link_forces(optimum, tested.structure)
         force = forces.get(hypothesis.where, 0.0)

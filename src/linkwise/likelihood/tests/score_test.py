@@ -478,15 +478,21 @@ def missing_terms(structure: Structure, estimated: Collection[str] = ()) -> Lack
 
     Terms whose coefficients are among those `estimated`, by name, are there: their scores are rounding.
     """
+    modes, lacking = structure.modes, []
     offered = {link.name: laws for link in structure.links if (laws := _offered(link, structure))}
-    tested = sorted(offered, key=lambda name: name in structure.modes)[:_LINKS]
-    lacking = []
+    tested = sorted(offered, key=lambda name: name in modes)[:_LINKS]
     for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
-        present = linear_terms(link, estimated)
-        for law in offered[link.name] if link.name in tested else ():
-            if law.text.replace(" ", "") not in present:
-                force = CandidateForce(first, second, law)
-                lacking.append((_of_term(link, law, structure), force))
+        if link.name not in tested:
+            continue
+        present, unit = linear_terms(link, estimated), link.law.force_unit
+        for law in offered[link.name]:
+            if law.text.replace(" ", "") in present:
+                continue
+            if link.name in modes and law.text == "d":  # beside that of the mode
+                hypothesis = Hypothesis("frequency", link.name, law.text, unit="1")
+            else:
+                hypothesis = Hypothesis("term", link.name, law.text, unit=unit)
+            lacking.append((hypothesis, CandidateForce(first, second, law)))
     return lacking
 
 
@@ -504,13 +510,6 @@ def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[st
         for name in link.law.linear
         if estimated is None or f"{link.name}.{name}" in estimated
     }
-
-
-def _of_term(link: Link, law: Law | MemoryForce, structure: Structure) -> Hypothesis:
-    """A term that a link lacks; a force like d beside that of a mode is an error of its frequency."""
-    if link.name in structure.modes and law.text == "d":
-        return Hypothesis("frequency", link.name, law.text, unit="1")
-    return Hypothesis("term", link.name, law.text, unit=link.law.force_unit)
 
 
 def _missing_links(structure: Structure) -> Lacking:
