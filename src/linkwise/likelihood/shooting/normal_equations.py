@@ -82,47 +82,21 @@ class NormalBlocks:
         """Store [J r]'[J r] of the Jacobian and residuals `rows` (k, r, m + p + 1) of a chunk.
 
         Returns corners and gradients (b, p + 1, p + 1) of its pieces. Rows in single precision are multiplied segment by
-        segment and the products summed in double precision; those in double precision are multiplied at once. The rows may
-        leave out the last unknowns of the border.
+        segment and the products summed in double precision; those in double precision are multiplied at once.
         """
         m, single = self.state.shape[1], rows.dtype == np.float32
         product = (rows if single else rows[..., :m]).transpose(0, 2, 1) @ rows
         self.state[part] = product[:, :m, :m]
-        self.right[part, :, : product.shape[2] - m - 1] = product[:, :m, m:-1]
-        self.right[part, :, -1] = product[:, :m, -1]
+        self.right[part] = product[:, :m, m:]
         if single:
             return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
         borders = (rows[piece, :, m:].reshape(-1, rows.shape[2] - m) for piece in pieces)
         return np.stack([border.T @ border for border in borders])
 
     def add_corners(self, blocks: Indices, corners: Floats) -> None:
-        """Add corners and gradients (b, p + 1, p + 1), as of `put`, to those of b consecutive `blocks`."""
-        some, put = slice(blocks[0], blocks[-1] + 1), corners.shape[1] - 1
-        self.corners[some, :put, :put] += corners[:, :-1, :-1]
-        self.corner_gradients[some, :put] += corners[:, -1, :-1]
-
-    def put_errors(self, part: slice, rows: Floats, columns: Sequence[tuple[int, Indices, Single]]) -> Floats:
-        """Store products of `columns` (k, c, M), errors of sensors by channel, with `rows` (k, M C, m + p + 1) of a chunk.
-
-        The errors, by number, come last in the border. Returns their products (e, p + e + 1) with border and residuals.
-        """
-        rows = rows.reshape(len(rows), columns[0][2].shape[2], -1, rows.shape[2])
-        m, before = self.state.shape[1], rows.shape[3] - self.state.shape[1] - 1
-        sums = np.zeros((self.right.shape[2] - 1 - before, self.right.shape[2]))
-        for channel, numbers, own in columns:
-            product = own @ rows[:, :, channel]
-            self.right[part, :, before + numbers] = product[..., :m].transpose(0, 2, 1)
-            sums[numbers, :before] = product[..., m:-1].sum(axis=0, dtype=float)
-            sums[numbers, -1] = product[..., -1].sum(axis=0, dtype=float)
-            sums[numbers[:, None], before + numbers] = (own @ own.transpose(0, 2, 1)).sum(axis=0, dtype=float)
-        return sums
-
-    def add_errors(self, sums: Floats) -> None:
-        """Add the sums of `put_errors`, of which blocks are not told apart."""
-        before = self.corners.shape[1] - len(sums)
-        self.corners[0, before:] += sums[:, :-1]
-        self.corners[0, :before, before:] += sums[:, :before].T
-        self.corner_gradients[0, before:] += sums[:, -1]
+        """Add corners and gradients (b, p + 1, p + 1), as of `put`, to those of b `blocks`."""
+        self.corners[blocks] += corners[:, :-1, :-1]
+        self.corner_gradients[blocks] += corners[:, -1, :-1]
 
 
 def columns_of_forces(segments: Segments) -> Indices:
@@ -310,11 +284,11 @@ def linearise(
     """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
-    `blocks` of segments, but for the errors.
+    `blocks` of segments.
     """
-    m, K, added = segments.system.dimension, segments.count, 0 if errors is None else len(errors.channel)
+    m, K = segments.system.dimension, segments.count
     p = segments.parameters + _extra_columns(candidates, errors)
-    moving = p - added
+    moving = segments.parameters + _extra_columns(candidates, None)
     parts, ends_of_blocks = chunks(segments, moving), block_ends(K, blocks)
     data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
     joined, defects_by_node = np.zeros((2, K, m))
@@ -322,54 +296,27 @@ def linearise(
     state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
 
     @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(part: slice) -> tuple[Floats, Floats, Floats | None]:
+    def work(part: slice) -> tuple[Floats, Floats]:
         pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
-        corners, of_errors = data.put(part, rows, pieces), None
-        if errors is not None:
-            columns = _columns_of_errors(segments, misfit, scales, loss, part, errors)
-            of_errors = data.put_errors(part, rows, columns)
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
+        corners = data.put(part, rows, pieces)
         ends *= joined[part, :, None]
         ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
-        state_ends[part], right_ends[part, :, :moving] = ends[:, :, :m], ends[:, :, m:-1]
-        right_ends[part, :, -1] = ends[:, :, -1]
-        return corners, defects.put(part, ends, pieces), of_errors
+        state_ends[part], right_ends[part] = ends[:, :, :m], ends[:, :, m:]
+        return corners, defects.put(part, ends, pieces)
 
     by_part = map(work, parts) if executor is None or len(parts) == 1 else executor.map(work, parts)
-    for part, (shown, moved, of_errors) in zip(parts, by_part, strict=True):
+    for part, sums in zip(parts, by_part, strict=True):
         own = np.array([block for block, _ in blocks_of(part, ends_of_blocks)])
-        data.add_corners(own, shown)
-        defects.add_corners(own, moved)
-        if of_errors is not None:
-            data.add_errors(of_errors)
-    linear = Linearization(data, defects, state_ends[:-1], right_ends[:-1], joined[:-1])
-    unknowns = segments.sensors.unknowns
-    if added and unknowns:  # which come last
-        linear = linear.within(np.r_[: moving - unknowns, moving:p, moving - unknowns : moving])
-    data = linear.data
+        for form, corners in zip((data, defects), sums, strict=True):
+            form.add_corners(own, corners)
     data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
     add_starts(data.state, data.right, segments, misfit.point.nodes, scales)
     if segments.prior is not None:
         add_prior(data.corners[0], data.corner_gradients[0], segments.prior, misfit.point, scales)
     if segments.random is not None:
         _add_random_forces(data, segments.random, misfit.point, scales)
-    return linear
-
-
-def _columns_of_errors(
-    segments: Segments, misfit: Misfit, scales: Scales, loss: Loss, part: slice, errors: SensorErrors
-) -> list[tuple[int, Indices, Single]]:
-    """Of each channel with errors their numbers, and what they add to its samples, whitened (k, c, M)."""
-    _, whiten = _weights(segments, misfit, scales, loss, part)
-    factors, columns = segments.sensors.factors(misfit.point.gains), list[tuple[int, Indices, Single]]()
-    for channel in np.unique(errors.channel).tolist():
-        numbers = np.flatnonzero(errors.channel == channel)
-        shown = whiten[:, channel, None] * errors.values[:, numbers, part]
-        own: Single = np.ascontiguousarray(shown.transpose(2, 1, 0), np.float32)
-        if channel in segments.sensors.scaled:
-            own *= np.float32(factors[channel])
-        columns.append((channel, numbers, own))
-    return columns
+    return Linearization(data, defects, state_ends[:-1], right_ends[:-1], joined[:-1])
 
 
 def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
