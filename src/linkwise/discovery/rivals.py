@@ -26,7 +26,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.terms import Offset, of_kind
 from linkwise.likelihood.tests.columns import Added, TestedColumns, errors_of_stated_values
-from linkwise.likelihood.tests.score_test import Hypothesis, LocalQuadratic, local_quadratic
+from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic, local_quadratic
 from linkwise.model.coefficient import Name
 from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
@@ -149,7 +149,7 @@ def rival_errors(selection: Selection, identified: Structure) -> tuple[Rival, ..
 def _in_place_of_terms(
     selection: Selection,
     errors: Sequence[Hypothesis],
-    local: LocalQuadratic,
+    local: Quadratic,
     largest: Floats,
     terms: Sequence[int],
 ) -> tuple[Rival, ...]:
@@ -250,7 +250,7 @@ def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Ri
                 Added(error, samples=[(number, ones) for number in numbers])
                 for error, numbers in errors.items()
             )
-            local = columns.local_quadratic(optimum)
+            local = columns.quadratic(optimum).in_units(optimum, columns.units)
         return _in_place_of_terms(selection, [*errors], local, np.full(len(errors), np.inf), constants)
     except np.linalg.LinAlgError:
         return ()

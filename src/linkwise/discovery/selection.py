@@ -18,7 +18,7 @@ from linkwise.likelihood.optima.restarts import fit_with_restarts
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import link_forces
-from linkwise.likelihood.tests.score_test import LocalQuadratic, candidate_forces, local_quadratic
+from linkwise.likelihood.tests.score_test import Quadratic, candidate_forces, local_quadratic
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part
 from linkwise.records.record import Record
@@ -87,7 +87,7 @@ class Selection:
         return tuple(self.quadratic.moves(self.inside, swaps=True))
 
     def quadratic_beside(
-        self, local: LocalQuadratic, pairs: Sequence[int], names: Sequence[str]
+        self, local: Quadratic, pairs: Sequence[int], names: Sequence[str]
     ) -> QuadraticModel:
         """The criterion about the same fit in its parameters and in what `names` call, on the scale of `quadratic`.
 

@@ -53,14 +53,17 @@ def with_delays(
     Where the laws do not explain the records then, shifts further away are tried, since a delay has other optima about a part
     of a period away. Also whether an interrupt ended the search.
     """
-    best = _on_one_clock(search, records, options)
-    if len({record.rate for record in records}) == 1:
-        for delay in of_kind(options.errors, Delay):
+    delays, clocks = of_kind(options.errors, Delay), of_kind(options.errors, Clock)
+    if delays or clocks:
+        best = _on_one_clock(search, records, options)
+        for delay in delays if len({record.rate for record in records}) == 1 else ():
             if isinf(delay.deviation) and not delay.near:
                 best = _at_best_shift(best, delay.channel)
-    shown = best.shifts.of(best.late)
-    fit = finish(best.fit, shown)
-    return report(fit, shown), fit.interrupted
+        found, records = best.fit, best.shifts.of(best.late)
+    else:
+        found = search(records, options)
+    fit = finish(found, records)
+    return report(fit, records), fit.interrupted
 
 
 def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _ShiftedFit:

@@ -270,9 +270,29 @@ def explained_answer(
     return answer if as_stated else replace(stated, alternative=answer)
 
 
-def _by_alerts(first: _Model) -> _Model | None:
-    """Clipped samples, spikes and hums that the records show by themselves, and errors of sensors and inputs beside them."""
-    beside = _beside_alerts(first)
+def _by_alerts(model: _Model) -> _Model | None:
+    """Clipped samples, spikes and hums that the records show by themselves, and errors of sensors and inputs beside them.
+
+    Readings at an end of a range are bounds, spikes are missing, and hums of sensors unknown.
+    """
+    alerts = [alert for alert in model.answer.alerts if alert.channel in model.records[0].responses]
+    faults = sorted({alert.kind for alert in alerts} & {CLIPPED, SPIKES})
+    refused = model.records[0].responses if model.options.random else ()
+    stated = (*refused, *(hum.channel for hum in of_kind(model.options.errors, Hum)))
+    lines = {a.channel: a.frequencies for a in alerts if a.kind == HUM and a.channel not in stated}
+    records = [mark_missing(record, faults) for record in model.records] if faults else model.records
+    marked = {
+        (alert.kind, alert.channel): sum(marked_samples(record).get(alert.channel, 0) for record in records)
+        for alert in alerts
+        if alert.kind in faults
+    }
+    causes = [Cause(*what, float(count), "1", 0.0, 0.0) for what, count in marked.items() if count]
+    hums = [Hum(name, hz) for name, several in lines.items() for hz in several]
+    causes += [Cause(HUM, hum.channel, hum.frequency, "Hz", 0.0, 0.0) for hum in hums]
+    if not causes:
+        return None
+    options = replace(model.options, errors=(*model.options.errors, *hums))
+    beside = model.beside(*causes, options=options, records=records)
     return None if beside is None else _with_errors(beside)
 
 
@@ -435,30 +455,6 @@ def _beside_slip(model: _Model) -> _Model | None:
         if beside is not None and beside.is_explained:
             return beside
     return None
-
-
-def _beside_alerts(model: _Model) -> _Model | None:
-    """The model without what its records show by themselves: readings at an end of a range are bounds, spikes are missing, and
-    hums of sensors unknown; None where they show nothing of that.
-    """
-    alerts = [alert for alert in model.answer.alerts if alert.channel in model.records[0].responses]
-    faults = sorted({alert.kind for alert in alerts} & {CLIPPED, SPIKES})
-    refused = model.records[0].responses if model.options.random else ()
-    stated = (*refused, *(hum.channel for hum in of_kind(model.options.errors, Hum)))
-    lines = {a.channel: a.frequencies for a in alerts if a.kind == HUM and a.channel not in stated}
-    records = [mark_missing(record, faults) for record in model.records] if faults else model.records
-    marked = {
-        (alert.kind, alert.channel): sum(marked_samples(record).get(alert.channel, 0) for record in records)
-        for alert in alerts
-        if alert.kind in faults
-    }
-    causes = [Cause(*what, float(count), "1", 0.0, 0.0) for what, count in marked.items() if count]
-    hums = [Hum(name, hz) for name, several in lines.items() for hz in several]
-    causes += [Cause(HUM, hum.channel, hum.frequency, "Hz", 0.0, 0.0) for hum in hums]
-    if not causes:
-        return None
-    options = replace(model.options, errors=(*model.options.errors, *hums))
-    return model.beside(*causes, options=options, records=records)
 
 
 def _beside_error(first: _Model, model: _Model) -> _Model | None:

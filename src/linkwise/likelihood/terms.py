@@ -546,6 +546,8 @@ def with_integrated(errors: Sequence[Term], frames: Sequence[FramedRecord]) -> t
 
     One whose offset is free starts from that.
     """
+    if not any(frame.drifting for frame in frames):
+        return tuple(errors)
     named = {plain: name for name, plain in frames[0].names.items()}
     integrals = dict.fromkeys(named[plain] for frame in frames for plain in frame.drifting)
     held = {one.channel for one in of_kind(errors, Offset) if isinf(one.deviation)}

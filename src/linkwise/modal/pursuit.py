@@ -240,7 +240,7 @@ def pursued_modes(
     doubtful: list[tuple[float, float]] = []
     while len(modes.logs) < most:
         progress(ProgressReport(len(modes.logs) / (most + 1), f"mode {len(modes.logs) + 1}"))
-        addition = _best_addition(modes, doubtful)
+        addition = best_addition(modes, doubtful)
         if addition is None or any(low < np.exp(addition[0, 0]) < high for low, high in doubtful):
             break
         added = _refined(part, np.concatenate([modes.logs, addition]))
@@ -410,7 +410,7 @@ def _residues(modes: Projection) -> Floats:
     return np.asarray(total / np.where(weight > 0.0, weight, 1.0))
 
 
-def _best_addition(modes: Projection, doubtful: Sequence[tuple[float, float]]) -> Floats | None:
+def best_addition(modes: Projection, doubtful: Sequence[tuple[float, float]]) -> Floats | None:
     """(1, 2) logarithms of frequency and damping of the mode that explains most of what the others leave, outside of
     `doubtful` bands in Hz. None where none follows the force.
     """

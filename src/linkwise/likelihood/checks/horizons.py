@@ -17,7 +17,7 @@ none; the motion is held closer with a tenth of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -65,7 +65,7 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
     """
     if fit.optimum.segments.random is not None:
         return None
-    path = list(_from_exact(fit))[::-1] if fit.of_misfit else list(_path(fit))
+    path = _from_exact(fit)[::-1] if fit.of_misfit else _path(fit)
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves or min(moves) > _LARGEST:
         return None
@@ -84,47 +84,37 @@ def _largest_move(before: LikelihoodFit, after: LikelihoodFit) -> float:
     return float(np.max(np.abs(moved[free]) / deviations[free], initial=0.0))
 
 
-def _path(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
+def _path(fit: LikelihoodFit) -> list[LikelihoodFit]:
     """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
-    optimum = fit.optimum
-    exact = optimum.q <= AnnealingSchedule.final_q
-    loosest = _LOOSE if exact else optimum.q
-    tighter = {q: reach for q, reach in _REACH.items() if q < loosest}
-    for q, reach in [(loosest, 1), *tighter.items()]:
-        horizon = _at_horizon(fit, optimum, q, reach)
-        if horizon is None:
-            return
-        optimum = horizon.optimum
-        yield horizon
+    exact = fit.optimum.q <= AnnealingSchedule.final_q
+    loosest = _LOOSE if exact else fit.optimum.q
+    return _followed(fit, [(loosest, 1), *((q, reach) for q, reach in _REACH.items() if q < loosest)])
 
 
-def _from_exact(fit: LikelihoodFit) -> Iterator[LikelihoodFit]:
+def _from_exact(fit: LikelihoodFit) -> list[LikelihoodFit]:
     """A fit of exact laws, and the optima at looser and looser relaxations as long as they are found: over short horizons
     a record may not tell what it does over long ones, as the motion of many modes by few sensors.
     """
-    yield fit
-    optimum = fit.optimum
-    for q, reach in reversed(_REACH.items()):
-        if q > _LOOSE or not _has_blocks(optimum, reach):
-            continue
-        horizon = _at_horizon(fit, optimum, q, reach)
-        if horizon is None:
-            return
-        optimum = horizon.optimum
-        yield horizon
+    looser = [(q, reach) for q, reach in reversed(_REACH.items()) if q <= _LOOSE]
+    return [fit, *_followed(fit, [step for step in looser if _has_blocks(fit.optimum, step[1])])]
+
+
+def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> list[LikelihoodFit]:
+    """The fits at relaxations, of which the error of a state reaches so many segments, each searched from the one before."""
+    path, optimum = list[LikelihoodFit](), fit.optimum
+    for q, reach in relaxations:
+        found = optimum_at(optimum, q, _STEPS) if _has_blocks(optimum, reach) else None
+        there = _by_blocks(fit, found) if found and found.status is AnnealingStatus.CONVERGED else None
+        if there is None:
+            break
+        path.append(there)
+        optimum = there.optimum
+    return path
 
 
 def _has_blocks(optimum: Optimum, reach: int) -> bool:
     """Whether blocks are long beside the segments that the error of a state reaches."""
     return optimum.segments.count >= _INDEPENDENT * reach * BLOCKS[0]
-
-
-def _at_horizon(fit: LikelihoodFit, start: Optimum, q: float, reach: int) -> LikelihoodFit | None:
-    """The fit at a relaxation, searched from an optimum at another one; None where there is none, or no blocks."""
-    if not _has_blocks(start, reach):
-        return None
-    found = optimum_at(start, q, _STEPS)
-    return _by_blocks(fit, found) if found.status is AnnealingStatus.CONVERGED else None
 
 
 def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit:

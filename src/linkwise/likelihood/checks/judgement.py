@@ -41,6 +41,8 @@ _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
 _CONTRADICTED = frozenset({"sign", "unit", "swapped", "relative", "high pass", "clipped"})
 """The same of a sign, a unit, a place or a range of a sensor, which no small size makes harmless."""
+_LEAVES_NOISE = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
+"""Verdicts on laws that leave only noise."""
 _NOTHING = 1.0
 """Of the forces on a mass: laws that leave more in the mean square are no better than none, which leave all of it."""
 _CHANCE = 3.0  # standard deviations of chi-square within which missing terms of many links are not looked for
@@ -193,6 +195,12 @@ class Examined:
     def is_settled(self) -> bool:
         """Whether the search converged to values with standard errors, which the residuals say something of."""
         return self.fit.converged and self.fit.has_errors
+
+    def is_unexplained(self, verdict: Verdict) -> bool:
+        """Whether the laws leave more than noise by a `verdict`, and the answer is not to be trusted."""
+        settled = self.fit.model_error > 0.0 or self.fit.chi_square_off
+        unsettled = verdict is Verdict.NOT_CONVERGED and not settled
+        return verdict.forbids and not unsettled and verdict not in _LEAVES_NOISE
 
     @property
     def has_intervals_by_blocks(self) -> bool:

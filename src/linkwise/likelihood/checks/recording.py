@@ -1,44 +1,29 @@
-"""Clipped samples: those at an end of the range of a sensor, beyond which the fitted motion goes.
+"""What is wrong with the recording itself: samples at an end of a range, lost or written twice, noise that is stated smaller
+than it is, and errors of a whole channel.
 
-Records whose samples are not evenly spaced in time, as they show by themselves: samples lost, held or written twice.
-
-Errors of a whole channel: the wrong sign, another unit, the place of another channel, a high pass.
-
-A score test says what a small error would explain, and of an error of -200 % it says anything. These are hypotheses of their
-own: each is taken out of the records, and the weak form says how well the laws explain what is left, with coefficients of
-their own. One is named where the records as they stand are not explained, and those without it are to within their noise,
-which no other cause does.
-
-Noise that is stated smaller than it is: residuals that are white, and larger than it.
-
-Hosts that lack a mode in the band.
-
-The modes of a host move alone under the forces on its points: those that are applied, and those of the links along the fitted
-motion. A sensor on the host shows a sum of these motions and of free decays, in which a host that is stated as it should be
-has only its own frequencies. A mode that is not stated leaves a peak, and one more frequency explains it. Amplitudes are free
-at every sensor, so that no shape has to be known, nor any to be right.
+A score test says what a small error would explain, and of an error of -200 % it says anything. The wrong sign, another unit,
+the place of another channel and a high pass are hypotheses of their own: each is taken out of the records, and the weak form
+says how well the laws explain what is left, with coefficients of their own. One is named where the records as they stand are
+not explained, and those without it are to within their noise, which no other cause does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations, zip_longest
 
 import numpy as np
 import scipy
 
-from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError
 from linkwise.estimates.causes import DEGREES, Cause
 from linkwise.inspection.channel_signal import RecordSignals
 from linkwise.inspection.inspect import inspect
 from linkwise.inspection.samples import rails
 from linkwise.likelihood.checks.judgement import Examined, Judgement
-from linkwise.likelihood.fit import LikelihoodFit, motion_of_links
+from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_white
-from linkwise.modal.oscillators import SampledForce
-from linkwise.model.host import Host
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.progress import silent
@@ -60,12 +45,11 @@ def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[C
     The largest samples of a sensor that was not overloaded have noise to the outside, so that the motion is inside. A motion
     with a large model error follows the samples, and is beyond them by less than it misses them by.
     """
-    responses = [name for name in records[0].channels if name not in records[0].inputs]
     ends: dict[str, set[tuple[float, float]]] = {}
     for record in records:
         for signal in RecordSignals.of(record).responses:
             ends.setdefault(signal.channel, set()).update(rails(signal))
-    for number, name in enumerate(responses):
+    for number, name in enumerate(records[0].responses):
         samples, observed = fit.segments.samples[:, number], fit.segments.observed[:, number]
         residuals = fit.misfit.residuals[:, number] / fit.optimum.noise
         beyond = [-side * residuals[(samples == value) & observed] for value, side in ends.get(name, ())]
@@ -76,7 +60,6 @@ def clipped_samples(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[C
             yield Cause("clipped", name, float(count), "1", gain, standard_error=0.0)
 
 
-_MORE = 20.0  # times what any other cause explains: a mode that is lacking is no small error, as these are
 _JUMPS = "jumps between two samples"  # of a channel that lacks samples, without a gap in the times
 _SYSTEMATIC = (Verdict.MEASUREMENT_ERROR, Verdict.SYSTEMATIC_MISFIT, Verdict.UNEXPLAINED_FORCES)
 
@@ -139,7 +122,7 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     Several where the equations cannot tell them apart, as a displacement that is too large from another that is too small;
     none where the weak form does not apply. `structure` has its unknowns, all of the terms that were offered in a search.
     """
-    parts = _loudest_parts(records)
+    parts = [*map(_loudest_part, records)]
     return tuple(
         error
         for error in _likeliest(parts, structure)
@@ -156,7 +139,7 @@ def likeliest_error(
     counts, of several high passes the likeliest, and of several signs the first, as the others differ by the direction that is
     positive; but for laws that hold it, none of one sensor or an input, where no others outvote it.
     """
-    likeliest = _likeliest(_loudest_parts(records), structure, _MAY_BE)
+    likeliest = _likeliest([*map(_loudest_part, records)], structure, _MAY_BE)
     signs = [error.where for error in likeliest if error.kind == "sign"]
     outvoted = len(signs) == 1 and signs[0] in records[0].responses and len(records[0].channels) > 2
     if signs and not outvoted and not all(map(_is_odd, structure.links)):
@@ -238,14 +221,10 @@ def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float =
         return []
 
     def gain(error: Cause) -> float:
-        try:
-            return as_recorded - _misfit([corrected(part, error) for part in parts], structure)
-        except (LinkwiseError, np.linalg.LinAlgError):
-            return -np.inf
+        return as_recorded - _misfit([corrected(part, error) for part in parts], structure)
 
-    try:
-        as_recorded = _misfit(parts, structure)
-    except (LinkwiseError, np.linalg.LinAlgError):
+    as_recorded = _misfit(parts, structure)
+    if not np.isfinite(as_recorded):
         return []
     errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
     errors = [replace(error, gain=gain(error)) for error in errors]
@@ -254,27 +233,27 @@ def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float =
     return [error for error in errors if error.gain > max(least, enough.get(error.kind, _CONVINCING))]
 
 
-def _loudest_parts(records: Sequence[Record]) -> list[Record]:
-    """The loudest part of each record, its noise not stated: it is found, as units change."""
-    return [replace(record, noise={}, simulated=None)[_loudest_part(record)] for record in records]
-
-
-def _loudest_part(record: Record) -> slice:
-    """The part of a long record in which its responses have the largest power; all of a short one."""
+def _loudest_part(record: Record) -> Record:
+    """The part of a long record in which its responses have the largest power, its noise not stated: it is found, as units
+    change.
+    """
+    record = replace(record, noise={}, simulated=None)
     if len(record) <= _SAMPLES:
-        return slice(None)
+        return record
     responses = np.nan_to_num(record.select(record.responses).values)
     power = np.sum((responses / np.maximum(np.std(responses, axis=0), np.finfo(float).tiny)) ** 2, axis=1)
     firsts = (*range(0, len(record) - _SAMPLES, _SAMPLES // 4), len(record) - _SAMPLES)
     first = max(firsts, key=lambda first: float(np.sum(power[first : first + _SAMPLES])))
-    return slice(first, first + _SAMPLES)
+    return record[first : first + _SAMPLES]
 
 
 def _misfit(records: Sequence[Record], structure: Structure) -> float:
-    return sum(
-        record_misfit(with_displacements(record, structure.masses), structure)
-        for record in framed_records(records, structure, integrated=True)
-    )
+    """What the weak form leaves of records; infinite where it does not apply."""
+    try:
+        framed = framed_records(records, structure, integrated=True)
+        return sum(record_misfit(with_displacements(one, structure.masses), structure) for one in framed)
+    except (LinkwiseError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def _is_explained(error: Cause, record: Record, structure: Structure) -> bool:
@@ -294,15 +273,14 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
     """Channels of the wrong sign, in another unit, in each other's place, or relative to the base; or all of them."""
     places = (*structure.mass_names, BASE)
     measured = [name for name in record.channels if name.kind in _UNITS and name.place in places]
-    forces, motions = (
-        [name for name in measured if (name.kind == "force") is force] for force in (True, False)
-    )
+    forces = [name for name in measured if name.kind == "force"]
+    motions = [name for name in measured if name.kind != "force"]
     for name in (*forces, *motions):
         yield _error("sign", name)
-    angular = {name for name in motions if unit_in(structure, name) == KINDS["x"].angular_unit}
-    units = {
-        name: (*_UNITS[name.kind], *(_ANGLES if name in angular else ())) for name in (*motions, *forces)
-    }
+    units = {name: _UNITS[name.kind] for name in (*motions, *forces)}
+    for name in motions:
+        if unit_in(structure, name) == KINDS["x"].angular_unit:
+            units[name] = (*units[name], *_ANGLES)
     for usual in zip_longest(*units.values()):  # the most usual of all channels first
         yield from (_error("unit", name, times) for name, times in zip(units, usual, strict=True) if times)
     for kind, where in _ALL.items():
@@ -417,241 +395,6 @@ def beyond_statement(records: Sequence[Record]) -> str:
     )
 
 
-_MODES = 60  # modes of a host, and samples for each of its columns, that can be told apart
-_DAMPING = (0.003, 0.01, 0.03)  # of a mode that is not stated
-_PEAKS = 4  # of what is left that are tried
-_APART = 0.08  # relative distance from a stated frequency, below which that is rather off
-_NYQUIST = 0.45  # of the rate: frequencies up to which a mode is in the band
-_JUDGED = 0.5  # of what is left in the sensors of the host: one more mode beside other causes explains less
-_MODE_GAIN = 50.0  # of -2 log likelihood for each column that is added
-_SEEN = 100.0  # of the noise in power: a mode that should be seen in the sensors
-_NEEDED = 0.05  # of what a mode that should be seen takes off: less, and it is elsewhere
-_TRIALS = 8  # frequencies about a peak
-_STILL = 1e-3  # periods in a record of a motion that stands for a rigid one
-_RANK = 1e-8  # of a column of unit length that others explain
-_OFF = 4  # frequencies a little off the stated ones that may leave more than a mode that is lacking
-
-
-def lacking_modes(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> tuple[Cause, ...]:
-    """Modes that hosts lack, by what the forces on them leave in their sensors.
-
-    Parameters
-    ----------
-    fit : LikelihoodFit
-        A fit whose laws do not explain the records.
-    identified : Structure
-        The structure with its values.
-    records : sequence of Record
-        The records, of which the first is looked at.
-
-    Returns
-    -------
-    tuple of Cause
-        For each host at most one; none on a moving base, and where a model error stands for what the laws lack.
-    """
-    record = records[0]
-    if not fit.chi_square_off or any(channel.place == BASE for channel in record.channels):
-        return ()
-    start = record[: min(len(record), _SAMPLES)]
-    forces = _forces_on_points(fit, identified, records, len(start))
-    causes = []
-    for host in identified.hosts:
-        shown = _Shown.of(host, start, forces, fit.noise)
-        cause = None if shown is None else shown.cause()
-        if cause is not None:
-            causes.append(cause)
-    return tuple(causes)
-
-
-def _forces_on_points(
-    fit: LikelihoodFit, identified: Structure, records: Sequence[Record], samples: int
-) -> dict[str, Floats]:
-    """(N,) the force on each point of a host along the fitted motion, from the start of the first record."""
-    record, motion = records[0], motion_of_links(fit, identified, records)
-    points = {point for host in identified.hosts for point in host.points}
-    totals: dict[str, Floats] = {}
-    for number, link in enumerate(identified.links):
-        if link.name in identified.modes or not points.intersection(link.between):
-            continue
-        force = None if motion.identified_force is None else motion.identified_force[:samples, number]
-        if force is None or np.isnan(force).any():
-            force = link.force(motion.d[:samples, number], motion.v[:samples, number], {})
-        for point, sign in zip(link.between, (-1.0, 1.0), strict=True):
-            if point in points:
-                totals[point] = totals.get(point, 0.0) + sign * np.nan_to_num(force)
-    for channel in record.forces:
-        if (point := channel.place) in points:
-            totals[point] = totals.get(point, 0.0) + np.nan_to_num(record.channel(channel)[:samples])
-    return totals
-
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """What the sensors of a host show, in units of their noise, and the forces on its points."""
-
-    host: Host
-    step: float
-    forces: Mapping[str, SampledForce]
-    kinds: tuple[int, ...]  # derivative that each of c sensors shows
-    points: tuple[str, ...]
-    units: tuple[float, ...]  # standard deviation of the noise of each sensor
-    values: Floats  # (N, c)
-    present: Bools  # (N,)
-
-    @classmethod
-    def of(
-        cls, host: Host, record: Record, forces: Mapping[str, Floats], noise: Mapping[str, float]
-    ) -> _Shown | None:
-        """None where no sensor is on the host, no force acts, or there are too many modes for the samples."""
-        sensors = [
-            (channel, channel.order, channel.place)
-            for channel in record.motions
-            if channel.place in host.points
-        ]
-        acting = {point: SampledForce(force, record.step) for point, force in forces.items() if force.any()}
-        acting = {point: force for point, force in acting.items() if point in host.points}
-        values = [mode.frequency.value for mode in host.modes]
-        columns = (len(values) + 1) * (len(acting) + 2)
-        if not sensors or not acting or None in values or len(values) > _MODES:
-            return None
-        units = tuple(noise.get(name) or 1.0 for name, _, _ in sensors)
-        stack = np.stack([record.channel(name) for name, _, _ in sensors], axis=1) / np.array(units)
-        present = np.isfinite(stack).all(axis=1)
-        if present.sum() < _MODES * columns / 10:
-            return None
-        kinds, points = zip(*((kind, point) for _, kind, point in sensors), strict=True)
-        return cls(host, record.step, acting, kinds, points, units, np.nan_to_num(stack), present)
-
-    def cause(self) -> Cause | None:
-        """The mode that explains most of what is left, if it explains what no other cause does."""
-        highest, slowest = _NYQUIST / self.step, _STILL / (self.step * len(self.values))
-        stated = {
-            name: (max(float(mode.frequency.value or 0.0), slowest), float(mode.damping.value or 0.0))
-            for name, mode in zip(self.host.coordinates, self.host.modes, strict=True)
-            if (mode.frequency.value or 0.0) <= highest
-        }
-        columns = [self._columns(*mode) for mode in stated.values()]
-        first = float(np.sum(_Explained.by(self, columns).left ** 2))
-        for _ in range(_OFF):
-            explained = _Explained.by(self, columns)
-            trials = [self._refined(explained, frequency) for frequency in self._peaks(explained.left)]
-            if not trials:
-                return None
-            power, frequency, added = min(trials, key=lambda trial: trial[0])
-            if not any(abs(frequency / f - 1.0) < _APART for f, _ in stated.values()):
-                break
-            columns.append(added)  # what a stated frequency that is a little off leaves
-        else:
-            return None
-        count, before = len(self.kinds) * added.shape[2], float(np.sum(explained.left**2))
-        gain = float(explained.left.size * np.log(before / max(power, 1.0)))
-        share = (before - power) / first
-        if share < _JUDGED or gain < _MODE_GAIN * count or self._moved(columns, list(stated), added):
-            return None
-        return Cause("mode", self.host.name, frequency, "Hz", gain, standard_error=0.0, share=share)
-
-    def _columns(self, frequency: float, damping: float) -> Floats:
-        """(3, N, f + 2) displacement, velocity and acceleration of a mode under each force, and of its free decay."""
-        time = self.step * np.arange(len(self.values))
-        w = 2.0 * np.pi * frequency
-        pole = w * complex(-damping, np.sqrt(max(1.0 - damping**2, 1e-6)))
-        decay = np.stack([pole**order * np.exp(pole * time) for order in range(3)]) / w
-        moved = [force.motion(frequency, min(damping, 0.99)) for force in self.forces.values()]
-        return np.stack([*moved, decay.real, decay.imag], axis=2)
-
-    def _peaks(self, left: Floats) -> list[float]:
-        """Frequencies in Hz at which most is left, apart from each other."""
-        spectrum = np.sum(np.abs(scipy.fft.rfft(left, axis=0)) ** 2, axis=1)
-        frequencies = scipy.fft.rfftfreq(len(left), self.step)
-        spectrum[(frequencies < 2.0 * frequencies[1]) | (frequencies > _NYQUIST / self.step)] = 0.0
-        peaks: list[float] = []
-        for _ in range(_PEAKS):
-            peak = float(frequencies[int(np.argmax(spectrum))])
-            if peak == 0.0:
-                break
-            peaks.append(peak)
-            spectrum[np.abs(frequencies - peak) < max(_APART * peak, 3.0 * frequencies[1])] = 0.0
-        return peaks
-
-    def _refined(self, explained: _Explained, near: float) -> tuple[float, float, Floats]:
-        """The power that one more mode near a frequency leaves, its frequency, and its columns."""
-        width = max(0.03 * near, 1.5 / (self.step * len(self.values)))
-        best = (np.inf, near, np.zeros((3, len(self.values), 0)))
-        for damping in _DAMPING:
-            solved = scipy.optimize.minimize_scalar(
-                lambda frequency, damping=damping: explained.power_with(self._columns(frequency, damping)),
-                bounds=(max(near - width, 0.1 * near), near + width),
-                method="bounded",
-                options={"maxiter": _TRIALS},
-            )
-            if solved.fun < best[0]:
-                best = (float(solved.fun), float(solved.x), self._columns(float(solved.x), damping))
-        return best
-
-    def _moved(self, columns: Sequence[Floats], stated: Sequence[str], added: Floats) -> bool:
-        """Whether the sensors do not show a stated mode that they should: then it is another one, and none is lacking."""
-        for number, name in enumerate(stated):
-            shapes = np.array([self.host.shape(point)[name] for point in self.forces])
-            driven = columns[number][:, :, : len(shapes)] @ shapes
-            expected = np.stack(
-                [
-                    self.host.shape(point)[name] * driven[kind] / unit
-                    for kind, point, unit in zip(self.kinds, self.points, self.units, strict=True)
-                ],
-                axis=1,
-            )
-            others = _Explained.by(self, [*columns[:number], *columns[number + 1 :], added])
-            alone = float(np.sum(others.left_of(expected[self.present]) ** 2))
-            needed = float(np.sum(others.left**2)) - others.power_with(columns[number])
-            if alone > _SEEN * len(self.kinds) and needed < _NEEDED * alone:
-                return True
-        return False
-
-
-@dataclass(frozen=True, eq=False)
-class _Explained:
-    """What columns of a host's motion leave of its sensors: orthonormal bases (N, q) by kind of sensor, and `left` (N, c)."""
-
-    kinds: tuple[int, ...]
-    present: Bools
-    bases: dict[int, Floats]
-    left: Floats
-
-    @classmethod
-    def by(cls, shown: _Shown, columns: Sequence[Floats]) -> _Explained:
-        bases = {}
-        for kind in sorted(set(shown.kinds)):
-            parts = [part[kind] for part in columns] + [np.ones((len(shown.values), 1))]
-            bases[kind] = _orthonormal(np.concatenate(parts, axis=1)[shown.present])
-        own = cls(shown.kinds, shown.present, bases, shown.values[shown.present])
-        return replace(own, left=own.left_of(own.left))
-
-    def left_of(self, values: Floats) -> Floats:
-        """(N, c) what the columns leave of other values of the sensors."""
-        left = values.copy()
-        for kind, basis in self.bases.items():
-            own = np.equal(self.kinds, kind)
-            left[:, own] -= basis @ (basis.T @ left[:, own])
-        return left
-
-    def power_with(self, added: Floats) -> float:
-        """The power that is left where columns (3, N, p) are added."""
-        power = float(np.sum(self.left**2))
-        for kind, basis in self.bases.items():
-            more = added[kind][self.present]
-            more = more / np.maximum(np.linalg.norm(more, axis=0), np.finfo(float).tiny)
-            more = _orthonormal(more - basis @ (basis.T @ more))
-            power -= float(np.sum((more.T @ self.left[:, np.equal(self.kinds, kind)]) ** 2))
-        return power
-
-
-def _orthonormal(columns: Floats) -> Floats:
-    """(N, q) a basis of columns (N, p), without those that the others leave nothing of."""
-    size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    basis, root, _ = scipy.linalg.qr(columns / size, mode="economic", pivoting=True)
-    return np.asarray(basis[:, np.abs(root.diagonal()) > _RANK])
-
-
 def errors_of_records(of: Examined, before: Judgement) -> Judgement | None:
     """Whether samples are clipped, or a whole channel has the wrong sign, another unit or place, or a high pass.
 
@@ -661,7 +404,7 @@ def errors_of_records(of: Examined, before: Judgement) -> Judgement | None:
     if of.fit.random_forces or not (before.verdict.forbids or before.diagnosis):
         return None
     clipped = tuple(clipped_samples(of.fit, of.records))
-    unexplained = _is_unexplained(of.fit, before.verdict)
+    unexplained = of.is_unexplained(before.verdict)
     of_channels = (recording_errors(of.records, structure) for structure in of.structures if unexplained)
     errors = (*clipped, *next(filter(None, of_channels), ()))
     if not errors:
@@ -675,36 +418,6 @@ def errors_of_records(of: Examined, before: Judgement) -> Judgement | None:
         added={},
         is_final=True,
     )
-
-
-def modes_of_hosts(of: Examined, before: Judgement) -> Judgement | None:
-    """Whether hosts lack modes, before all other causes: errors of sensors look a little like them."""
-    settled = before.verdict is not Verdict.NOT_CONVERGED  # else the forces of links are wrong
-    if of.fit.random_forces or not (settled and _is_unexplained(of.fit, before.verdict)):
-        return None
-    most = max((cause.gain for cause in before.diagnosis), default=0.0)
-    causes = lacking_modes(of.fit, of.identified, of.records) if of.identified.hosts else ()
-    causes = tuple(cause for cause in causes if cause.gain > _MORE * most)
-    if not causes:
-        return None
-    parts = [
-        f"with {cause.description}, the forces on it explain {100.0 * cause.share:.3g} % of what its stated modes leave in "
-        f"its sensors: {_ADVICE[cause.kind]}"
-        for cause in causes
-    ]
-    return replace(
-        before,
-        verdict=Verdict.UNEXPLAINED_FORCES,
-        message=f"The structure does not explain the record: {'; '.join(parts)}.",
-        diagnosis=(*causes, *before.diagnosis),
-        is_final=True,
-    )
-
-
-def _is_unexplained(fit: LikelihoodFit, verdict: Verdict) -> bool:
-    """Whether the laws leave more than noise, and the answer is not to be trusted."""
-    unsettled = verdict is Verdict.NOT_CONVERGED and fit.model_error == 0.0 and not fit.chi_square_off
-    return verdict.forbids and not unsettled and verdict not in _LEAVES_NOISE
 
 
 def _explanation(errors: Sequence[Cause], *, is_clipped: bool) -> str:
@@ -728,15 +441,11 @@ def _factor(cause: Cause) -> str:
     return f"{1.0 / cause.size:g}" if cause.kind == "unit" else ""
 
 
-_LEAVES_NOISE = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
-"""Verdicts on laws that leave only noise."""
-
 _ADVICE = {
     "sign": "change the sign of {where}",
     "unit": "multiply {where} by {factor}, or state its unit",
     "swapped": "exchange {where} and {source}",
     "relative": "name {where} as relative, rel:x:MASS, or add the motion of the base",
     "high pass": "couple the sensor of {where} directly (DC), or integrate what it took off",
-    "mode": "state that mode, or keep it of the matrices",
     "clipped": "mark these samples as missing (mark_missing), or measure with a larger range",
 }

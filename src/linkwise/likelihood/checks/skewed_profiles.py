@@ -220,8 +220,8 @@ class _Profiles:
     @classmethod
     def of(cls, fit: LikelihoodFit, tested: TestedCauses | None) -> _Profiles | None:
         """Those of a fit; None of long records in pieces, and where equations are singular."""
-        if tested is not None and tested.model is not None:
-            optimum, model = tested.longer, tested.model
+        if tested is not None and tested.quadratic.model is not None:
+            optimum, model = tested.longer, tested.quadratic.model
         elif is_long(fit.segments):
             return None
         else:

@@ -62,13 +62,13 @@ def slips(
         return
     try:
         stated = _equations(record, structure, values)
-        found = [_likeliest(record, channel, structure, values, stated) for channel in channels]
+        found = [(*_likeliest(record, name, structure, values, stated), str(name)) for name in channels]
     except (LinkwiseError, np.linalg.LinAlgError):
         return
-    for gain, shift, sample, margin, name in sorted(found, reverse=True)[:_CHANNELS]:
+    for gain, shift, sample, name in sorted(found, reverse=True)[:_CHANNELS]:
         if gain > _CONVINCING:
             cause = Cause(SLIP, name, float(shift), "1", gain, 0.0, source=f"{record.time[sample]:.4g} s")
-            yield cause, without_slip(record, name, sample, shift, margin)
+            yield cause, without_slip(record, name, sample, shift, stated.window.length)
 
 
 def without_slip(record: Record, name: str, sample: int, shift: int, margin: int) -> Record:
@@ -92,8 +92,8 @@ def _likeliest(
     structure: Structure,
     values: Mapping[str, float],
     stated: WeakEquations,
-) -> tuple[float, int, int, int, str]:
-    """What the best slip of a channel explains, its shift and the first sample behind it with its margin, and the channel.
+) -> tuple[float, int, int]:
+    """What the best slip of a channel explains, its shift and the first sample behind it.
 
     Windows at an end that a shift leaves open count neither before it nor behind it.
     """
@@ -107,7 +107,7 @@ def _likeliest(
         return np.cumsum(np.nansum(np.minimum((residual / scale) ** 2, _OUTLIER**2), axis=1)) / overlap
 
     column = record.channels.index(channel)
-    best = (0.0, 0, 0, stated.window.length, str(channel))
+    best = (0.0, 0, 0)
     for shift in (sign * size for size in _SHIFTS for sign in (1, -1)):
         shown = record.values.copy()
         shown[:, column] = _shifted(shown[:, column], shift)
@@ -118,9 +118,7 @@ def _likeliest(
         ends = int(_ENDS * len(left)) + 1
         window = ends + int(np.argmin(left[ends:-ends]))
         sample = round((stated.time[window] - record.start) * record.rate)
-        best = max(
-            best, (float(before[-1] - left[window]), shift, sample, stated.window.length, str(channel))
-        )
+        best = max(best, (float(before[-1] - left[window]), shift, sample))
     return best
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 from linkwise.likelihood.checks import recording, verdicts
 from linkwise.likelihood.checks.changed_coefficients import changed_coefficients
+from linkwise.likelihood.checks.host_modes import modes_of_hosts
 from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 
@@ -40,7 +41,7 @@ FINDINGS = (
     Check("changes along the record", "approximates", changed_coefficients),
     Check("skewed profiles", "widens", skewed_profiles),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
-    Check("modes that hosts lack", "approximates", recording.modes_of_hosts),
+    Check("modes that hosts lack", "approximates", modes_of_hosts),
     Check("uneven samples", "names", recording.uneven_samples),
 )
 """Checks that follow, in their order, each on what those before it said."""
@@ -48,8 +49,11 @@ FINDINGS = (
 
 def judge(of: Examined, *, without: Collection[str] = ()) -> Judgement:
     """The judgement on a fit by all checks in turn, `without` those of some names."""
-    found = (check.judge(of) for check in VERDICTS if check.name not in without)
-    judgement: Judgement = next(verdict for verdict in found if verdict is not None)
+    judgement: Judgement | None = None
+    for check in VERDICTS:
+        if judgement is None and check.name not in without:
+            judgement = check.judge(of)
+    assert judgement is not None  # the last check always has a verdict
     for check in FINDINGS:
         if not (judgement.is_final or check.name in without):
             judgement = check.judge(of, judgement) or judgement

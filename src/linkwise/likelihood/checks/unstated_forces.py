@@ -146,14 +146,11 @@ def _unstated(
     place: str, score: VarianceScore, rms: float | None, fit: LikelihoodFit, identified: Structure
 ) -> Cause:
     """A random force that nobody stated: noise of the input, where its root mean square `rms` is far larger, else ambient."""
-    error = 0.5 * score.error / score.deviation
     if rms is not None and (score.deviation < LARGEST * rms or place.startswith("signal:")):
-        unit = unit_in(identified, place)
-        return Cause("input noise", place, score.deviation, unit, score.gain, error)
-    density = _density(fit)
+        return score.cause("input noise", place, unit_in(identified, place))
     mass = place.rpartition(":")[2]
     unit = f"{unit_in(identified, f'force:{mass}')}/sqrt(Hz)"
-    return Cause("ambient", mass, density * score.deviation, unit, score.gain, density * error)
+    return score.cause("ambient", mass, unit, _density(fit))
 
 
 def _larger(force: RandomForceEstimate, score: VarianceScore) -> Cause:

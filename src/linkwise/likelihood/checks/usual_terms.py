@@ -47,6 +47,7 @@ from linkwise.likelihood.tests.score_test import (
     MEMORY_TERMS,
     PRICE_OF_REACH,
     Hypothesis,
+    Quadratic,
     linear_terms,
     single_tests,
     which_between_modes,
@@ -89,28 +90,26 @@ def _hinted(fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, 
     limits = _limits(hypotheses, doubted=doubted)
     if not np.any(_gains_of(tested, numbers) > limits * fit.optimum.noise**2):
         return None
-    order = [*range(p), *(p + number for number in numbers)]
-    curvature, slope = tested.curvature[np.ix_(order, order)], tested.slope[order]
-    return _added(fit, hypotheses, curvature, slope, limits, _MOST_DOUBTED if doubted else _MOST)
+    quadratic = tested.quadratic.within([*range(p), *(p + number for number in numbers)])
+    return _added(fit, hypotheses, quadratic, limits, _MOST_DOUBTED if doubted else _MOST)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not taken
 def _added(
     fit: LikelihoodFit,
     hypotheses: Sequence[Hypothesis],
-    curvature: Floats,
-    slope: Floats,
+    quadratic: Quadratic,
     least: Floats,
     at_most: int,
 ) -> Hint | None:
     """The terms that gain more than the `least` (h,), each the likeliest beside those before it, up to a number."""
     optimum, p = fit.optimum, len(fit.values)
-    scale = 1.0 / np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
-    curvature, slope = curvature * np.outer(scale, scale), slope * scale
+    scale = 1.0 / np.sqrt(np.maximum(quadratic.curvature.diagonal(), np.finfo(float).tiny))
+    curvature, slope = quadratic.curvature * np.outer(scale, scale), quadratic.slope * scale
     order, added = np.arange(len(slope)), 0
     for position in range(p, p + min(at_most, len(hypotheses))):
         among = np.ix_(order, order)
-        gains = single_tests(curvature[among], slope[order], curvature[among], position).gains
+        gains = single_tests(curvature[among], slope[order], None, position).gains
         beyond = np.where(np.isfinite(gains), gains, 0.0) / optimum.noise**2
         enough = beyond > least[order[position:] - p]
         if not enough.any():

@@ -6,7 +6,7 @@ optimum, and the same samples in segments several times as long have the same on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -198,15 +198,6 @@ class SensorErrors:
 
     channel: Indices
     values: Floats
-
-    @classmethod
-    def of(cls, samples: Iterable[tuple[int, Floats]]) -> SensorErrors | None:
-        """Those that add something (M, K) to channels by number; None without any."""
-        channels, values = [], []
-        for channel, added in samples:
-            channels.append(channel)
-            values.append(added)
-        return cls(np.array(channels, dtype=int), np.stack(values, axis=1)) if channels else None
 
 
 def shown_motion(segments: Segments, misfit: Misfit) -> list[Shown]:

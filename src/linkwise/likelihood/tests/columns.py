@@ -9,19 +9,17 @@ Damping ratios leave out what a damper at one place of a host adds between its m
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
-from itertools import combinations, permutations
+from functools import cached_property
+from itertools import chain, combinations, permutations
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import CLOCK
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import UncertainForces
 from linkwise.likelihood.shooting.residuals import (
     Misfit,
     SensorErrors,
@@ -32,26 +30,26 @@ from linkwise.likelihood.shooting.residuals import (
 )
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import NumericSystem
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single
 from linkwise.likelihood.terms import ERRORS, Shown
 from linkwise.likelihood.tests.score_test import (
     BETWEEN_MODES,
-    AugmentedQuadratic,
+    FILTER,
     CandidateForce,
     Hypothesis,
     Lacking,
-    LocalQuadratic,
+    Quadratic,
     augmented_quadratic,
     candidate_forces,
-    in_their_units,
+    forces_along,
     in_turn,
     input_along,
     states_along,
 )
 from linkwise.model.coefficient import SHAPE
-from linkwise.model.host import DAMPING, Host, Pair, damping_link
+from linkwise.model.host import DAMPING, damping_link
 from linkwise.model.law import VARIABLES, Law
-from linkwise.model.link import GROUND, Link
+from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
 from linkwise.records.channel import BASE, Channel
 from linkwise.runtime import one_blas_thread
@@ -95,6 +93,11 @@ class FittedMotion:
         force = np.empty_like(d)
         self.mechanics.force(d, v, memory, force, np.empty_like(memory))
         return force
+
+    @cached_property
+    def responses(self) -> list[Channel]:
+        """The channels that are no inputs, in the order of their samples."""
+        return [name for name in self.channels if not name.is_input]
 
     @cached_property
     def shown(self) -> list[Shown]:
@@ -141,15 +144,20 @@ class FittedMotion:
 class Added:
     """What an error of unit size adds: `forces` (2 J + 1, K) in N along the motion, each between two places and negative on
     the first, and `samples` (M, K) of channels by number.
+
+    These are scaled so that the root mean square of the forces is 1, but where they are given in a `unit` of its size.
     """
 
     error: Hypothesis
-    forces: Sequence[tuple[int, int, Floats]] = ()
+    forces: Sequence[tuple[int, int, Floats | Single]] = ()
     samples: Sequence[tuple[int, Floats]] = ()
+    unit: float | None = None
 
     @property
     def scale(self) -> float:
-        """Root mean square of its forces; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
+        """What it is divided by; 1 of an error of sensors alone, and 0 where it adds nothing that is finite."""
+        if self.unit is not None:
+            return 1.0
         power = sum(float(np.mean(values[::2] ** 2)) for _, _, values in self.forces)
         if not 0.0 < power < np.inf:
             return float(bool(self.samples))
@@ -158,9 +166,9 @@ class Added:
 
 @dataclass(frozen=True, eq=False)
 class TestedColumns:
-    """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of candidate `forces` and of sensor `errors`.
+    """h `hypotheses`, the `units` (h,) of their scaled sizes, and the columns of f candidate `forces` and e sensor `errors`.
 
-    `of_forces` (f, h) and `of_errors` (e, h) are what each hypothesis has of these.
+    Their `owners` (f + e,) are the numbers of the hypotheses.
     """
 
     __test__ = False  # no test of pytest
@@ -169,92 +177,54 @@ class TestedColumns:
     units: Floats
     forces: CandidateForces | None
     errors: SensorErrors | None
-    of_forces: Floats
-    of_errors: Floats
+    owners: Sequence[int]
 
     @classmethod
     def of(cls, every: Iterable[Added]) -> TestedColumns:
-        """Errors whose forces have a root mean square of 1; without those that add nothing."""
-        kept = [(added, scale) for added in every if (scale := added.scale) > 0.0]
-        forces = [
-            (k, first, second, np.asarray(values / scale, np.float32))
-            for k, (added, scale) in enumerate(kept)
-            for first, second, values in added.forces
-        ]
-        samples = [
-            (k, channel, values / scale)
-            for k, (added, scale) in enumerate(kept)
-            for channel, values in added.samples
-        ]
-        everyone, candidates = np.eye(len(kept)), None
+        """What errors add in their units; without those that add nothing."""
+        hypotheses, units = list[Hypothesis](), list[float]()
+        forces, samples = list[tuple[int, int, int, Floats | Single]](), list[tuple[int, int, Floats]]()
+        for added in every:
+            scale, number = added.scale, len(hypotheses)
+            if not scale > 0.0:
+                continue
+            hypotheses.append(added.error)
+            units.append(added.unit or 1.0 / scale)
+            for first, second, values in added.forces:
+                forces.append((number, first, second, np.asarray(values / scale, np.float32)))
+            for channel, values in added.samples:
+                samples.append((number, channel, values / scale))
+        candidates, errors, owners = None, None, list[int]()
         if forces:
-            _, firsts, seconds, along = zip(*forces, strict=True)
+            numbers, firsts, seconds, along = zip(*forces, strict=True)
             both = np.stack(along, axis=1)
             candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
-        return cls(
-            [added.error for added, _ in kept],
-            1.0 / np.array([scale for _, scale in kept]),
-            candidates,
-            SensorErrors.of((channel, values) for _, channel, values in samples),
-            everyone[[k for k, *_ in forces]],
-            everyone[[k for k, *_ in samples]],
-        )
+            owners.extend(numbers)
+        if samples:
+            numbers, channels, shown = zip(*samples, strict=True)
+            errors = SensorErrors(np.array(channels), np.stack(shown, axis=1))
+            owners.extend(numbers)
+        return cls(hypotheses, np.array(units), candidates, errors, owners)
 
-    @classmethod
-    def of_terms(cls, motion: FittedMotion, lacking: Lacking) -> TestedColumns:
-        """Each missing force alone, in its root mean square, with what load cells show of it."""
-        hypotheses = [hypothesis for hypothesis, _ in lacking]
-        candidates, _ = candidate_forces(motion.segments, motion.misfit, [force for _, force in lacking])
-        shown = [name for name in motion.channels if not name.is_input]
-        cells = {name.removeprefix("f:"): channel for channel, name in enumerate(shown) if name.kind == "f"}
-        measured = [k for k, one in enumerate(hypotheses) if one.kind == "term" and one.where in cells]
-        every = motion.segments.tangent_refine
-        errors = SensorErrors(
-            np.array([cells[hypotheses[k].where] for k in measured], dtype=int),
-            candidates.starts[::every, measured][: len(motion.segments.samples)].astype(float),
-        )
-        everyone = np.eye(len(hypotheses))
-        return cls(hypotheses, np.ones(len(hypotheses)), candidates, errors, everyone, everyone[measured])
-
-    @classmethod
-    def joined(cls, parts: Sequence[TestedColumns]) -> TestedColumns:
-        """All of some, in this order."""
-        forces = [part.forces for part in parts if part.forces is not None]
-        errors = [part.errors for part in parts if part.errors is not None]
-        return cls(
-            [hypothesis for part in parts for hypothesis in part.hypotheses],
-            np.concatenate([part.units for part in parts]),
-            reduce(CandidateForces.joined, forces) if forces else None,
-            SensorErrors(
-                np.concatenate([part.channel for part in errors]),
-                np.concatenate([part.values for part in errors], axis=1),
-            )
-            if errors
-            else None,
-            scipy.linalg.block_diag(*(part.of_forces for part in parts)),
-            scipy.linalg.block_diag(*(part.of_errors for part in parts)),
-        )
-
-    def by_sizes(self, augmented: AugmentedQuadratic, parameters: int) -> tuple[Floats, Floats, Floats]:
-        """Curvature, slope and its covariance in the parameters and the sizes of the hypotheses."""
-        weights = scipy.linalg.block_diag(
-            np.eye(parameters), np.concatenate([self.of_forces, self.of_errors])
-        )
-        curvature = weights.T @ augmented.curvature @ weights
-        white = augmented.scatter is augmented.curvature
-        scatter = curvature if white else weights.T @ augmented.scatter @ weights
-        return curvature, weights.T @ augmented.slope, scatter
-
-    @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-    def local_quadratic(self, optimum: Optimum) -> LocalQuadratic:
-        """The local model in the parameters and, after them, the sizes of the hypotheses.
-
-        Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
-        """
+    @np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite; results are checked
+    def quadratic(self, optimum: Optimum, blocks: int = 1) -> Quadratic:
+        """The cost in the parameters and, after them, the scaled sizes of the hypotheses; as `augmented_quadratic`."""
         forces = self.forces or candidate_forces(optimum.segments, optimum.misfit, [])[0]
-        augmented = augmented_quadratic(optimum, forces, self.errors)
-        equations = self.by_sizes(augmented, optimum.segments.system.parameters.size)
-        return in_their_units(optimum, AugmentedQuadratic(*equations), self.units)
+        p, h = optimum.segments.system.parameters.size, len(self.hypotheses)
+        sums = np.eye(p + h)[[*range(p), *(p + owner for owner in self.owners)]]
+        return augmented_quadratic(optimum, forces, self.errors, blocks).summed(sums)
+
+
+def terms_along(motion: FittedMotion, lacking: Lacking) -> Iterator[Added]:
+    """Each missing force alone, in its root mean square, with what load cells show of it."""
+    along, _ = forces_along(motion.segments, motion.misfit, [force for _, force in lacking])
+    responses = enumerate(motion.responses)
+    cells = {name.removeprefix("f:"): channel for channel, name in responses if name.kind == "f"}
+    every, count = 2 * motion.segments.tangent_refine, len(motion.segments.samples)
+    for k, (hypothesis, force) in enumerate(lacking):
+        measured = hypothesis.kind == "term" and hypothesis.where in cells
+        samples = [(cells[hypothesis.where], along[::every, k][:count].astype(float))] if measured else ()
+        yield Added(hypothesis, [(force.first, force.second, along[:, k])], samples, unit=1.0)
 
 
 _COUPLED = 8  # channels up to which crosstalk between every two of them is tested
@@ -267,18 +237,19 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
     in s, crosstalk the part of another channel of the same kind that is seen as well.
     """
     shown, kinds = motion.shown, motion.segments.sensors.kind
-    names, inputs = ([name for name in motion.channels if name.is_input is which] for which in (False, True))
+    names, errors = motion.responses, [*ERRORS.items()]
     for channel, one in enumerate(shown):
-        for kind, error in ERRORS.items():
+        for kind, error in errors:
             yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
     for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):
         if kinds[channel] == kinds[source]:
             crosstalk = Hypothesis("crosstalk", names[channel], source=names[source])
             yield Added(crosstalk, samples=[(channel, shown[source].value)])
-    yield Added(Hypothesis("filter", "all channels"), samples=[*enumerate(motion.filtered)])
-    if len(inputs) == 1:
+    yield Added(Hypothesis(FILTER, "all channels"), samples=[*enumerate(motion.filtered)])
+    if len(motion.channels) == len(names) + 1:
+        [only] = {*motion.channels} - {*names}
         early = [(channel, -ERRORS[CLOCK].tested(one)) for channel, one in enumerate(shown)]
-        yield Added(Hypothesis(CLOCK, inputs[0]), samples=early)
+        yield Added(Hypothesis(CLOCK, only), samples=early)
 
 
 _ROUNDING = 1e-9  # of a force
@@ -295,7 +266,10 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
         yield Added(Hypothesis("mass", name), [(-1, number, force)])
     if segments.inputs.force is None:
         return
-    scaled, late = _estimated(segments.inputs.uncertain)
+    estimated, uncertain = set[tuple[str, str]](), segments.inputs.uncertain  # whose scores are rounding
+    if uncertain is not None:
+        for kind, unknowns in (("force gain", uncertain.gains), ("force delay", uncertain.delays)):
+            estimated |= {(kind, uncertain.channels[k]) for k in np.flatnonzero(unknowns >= 0)}
     for number, name in own:  # on a mode a force acts at points
         applied, smallest = motion.applied[:, :, number], 0.0
         if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
@@ -305,21 +279,9 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
         force, channel = motion.input(applied), f"force:{name}"
         if not np.max(np.abs(force[::2])) > smallest:
             continue
-        if channel not in scaled:
-            yield Added(Hypothesis("force gain", channel), [(-1, number, force)])
-        if channel not in late:
-            yield Added(Hypothesis("force delay", channel), [(-1, number, -motion.rate(force))])
-
-
-def _estimated(uncertain: UncertainForces | None) -> tuple[list[str], list[str]]:
-    """The forces whose gains, and those whose delays, are among the unknowns: their scores are rounding."""
-    if uncertain is None:
-        return [], []
-    gains, delays = (
-        [name for name, number in zip(uncertain.channels, numbers, strict=True) if number >= 0]
-        for numbers in (uncertain.gains, uncertain.delays)
-    )
-    return gains, delays
+        for kind, change in (("force gain", force), ("force delay", -motion.rate(force))):
+            if (kind, channel) not in estimated:
+                yield Added(Hypothesis(kind, channel), [(-1, number, change)])
 
 
 def base_errors(motion: FittedMotion) -> Iterator[Added]:
@@ -353,27 +315,22 @@ _MODE_PAIRS = 30  # pairs of modes that are tested, the nearest ones
 
 def damping_between_modes(motion: FittedMotion) -> Iterator[Added]:
     """Damping of pairs whose damping is not estimated, the nearest modes first: each mode feels the other's rate."""
-    index = motion.structure.topology.index
-    for host, pair in nearest_pairs(motion.structure, motion.segments.system.parameters.names):
-        first, second = (index[host.coordinates[number - 1]] for number in pair)
-        yield Added(
-            Hypothesis(BETWEEN_MODES, damping_link(host.name, pair)),
-            [
-                (mode, index[GROUND], motion.states[:, 1, other])
-                for mode, other in ((first, second), (second, first))
-            ],
-        )
-
-
-def nearest_pairs(structure: Structure, estimated: Collection[str] = ()) -> list[tuple[Host, Pair]]:
-    """Pairs of modes of a host whose damping is not among the coefficients `estimated`, the nearest first; 30 at most."""
-    pairs = [
-        (host, pair)
-        for host in structure.hosts
-        for pair in combinations(range(1, len(host.modes) + 1), 2)
-        if f"{damping_link(host.name, pair)}.{DAMPING}" not in estimated
-    ]
-    return sorted(pairs, key=lambda place: _distance(*place))[:_MODE_PAIRS]
+    index, estimated = motion.structure.topology.index, motion.segments.system.parameters.names
+    pairs = []
+    for host in motion.structure.hosts:
+        frequencies = [mode.frequency.value or 0.0 for mode in host.modes]
+        for first, second in combinations(range(len(host.modes)), 2):
+            link = damping_link(host.name, (first + 1, second + 1))
+            if f"{link}.{DAMPING}" not in estimated:
+                low, high = sorted((frequencies[first], frequencies[second]))
+                places = (index[host.coordinates[first]], index[host.coordinates[second]])
+                pairs.append(((high - low) / max(high + low, np.finfo(float).tiny), link, places))
+    for _, link, (first, second) in sorted(pairs, key=lambda pair: pair[0])[:_MODE_PAIRS]:
+        forces = [
+            (mode, index[GROUND], motion.states[:, 1, other])
+            for mode, other in ((first, second), (second, first))
+        ]
+        yield Added(Hypothesis(BETWEEN_MODES, link), forces)
 
 
 def largest_damping(structure: Structure) -> dict[str, float]:
@@ -395,12 +352,6 @@ def largest_damping(structure: Structure) -> dict[str, float]:
     return largest
 
 
-def _distance(host: Host, pair: Pair) -> float:
-    """How far apart two modes are: the difference of their frequencies relative to the sum."""
-    first, second = (host.modes[number - 1].frequency.value or 0.0 for number in pair)
-    return abs(first - second) / max(first + second, np.finfo(float).tiny)
-
-
 _SHAPES = 60  # modes and points of which the shapes are tested
 
 
@@ -420,12 +371,11 @@ def shape_errors(motion: FittedMotion) -> Iterator[Added]:
     if len(places) > _SHAPES:
         return
     applied = _applied_at_points(motion)
-    responses = [name for name in channels if not name.is_input]
     for point, mode, shape in places:
         number = structure.topology.index[mode]
         kinds = [
             (k, int(motion.segments.sensors.kind[k]))
-            for k, name in enumerate(responses)
+            for k, name in enumerate(motion.responses)
             if name.place == point
         ]
         yield Added(
@@ -465,61 +415,47 @@ def _by_shape(
     return [*forces, (-1, number, on_mode)]
 
 
-_NOTHING = Number(0.0)
 _OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
 """Coefficients of modes, and by how many times a relative error of one changes the stiffness or damping."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def errors_of_stated_values(
     optimum: Optimum, structure: Structure, identified: Structure
-) -> tuple[Sequence[Hypothesis], LocalQuadratic]:
+) -> tuple[Sequence[Hypothesis], Quadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
 
     With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
     """
+    motion = FittedMotion(optimum, identified)
     with one_blas_thread():
-        known, forces, sizes = _known_terms(structure)
-        terms, units = candidate_forces(optimum.segments, optimum.misfit, forces)
-        own, nothing = np.eye(len(known)), np.empty((0, len(known)))
-        of_laws = TestedColumns(known, units / np.array(sizes), terms, None, own, nothing)
-        of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, identified)))
-        errors = TestedColumns.joined([of_masses, of_laws])
-        return errors.hypotheses, errors.local_quadratic(optimum)
+        columns = TestedColumns.of(chain(inertia_and_inputs(motion), _known_terms(motion, structure)))
+        return columns.hypotheses, columns.quadratic(optimum).in_units(optimum, columns.units)
 
 
-def _known_terms(structure: Structure) -> tuple[list[Hypothesis], list[CandidateForce], list[float]]:
-    """The terms of links whose coefficients are known and not 0, by the names of these, with the size of a relative error.
+def _known_terms(motion: FittedMotion, structure: Structure) -> Iterator[Added]:
+    """Relative errors of the coefficients of terms of links that are known and not 0, by the names of these.
 
     Of modes of hosts these are frequencies and damping.
     """
-    hypotheses, forces, sizes = [], [], []
+    known = list(_known_coefficients(structure))
+    along, units = forces_along(motion.segments, motion.misfit, [force for _, force, _ in known])
+    for k, (hypothesis, force, size) in enumerate(known):
+        yield Added(hypothesis, [(force.first, force.second, along[:, k])], unit=float(units[k]) / size)
+
+
+def _known_coefficients(structure: Structure) -> Iterator[tuple[Hypothesis, CandidateForce, float]]:
+    """The force of each such coefficient, and that by which it goes with a relative error."""
     for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
-        known_values = {
-            name: Number(coefficient.value or 0.0)
-            for name, coefficient in link.coefficients.items()
-            if coefficient.known
-        }
+        values = {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
+        known = {name: value for name, value in values.items() if link.coefficients[name].known}
         for name in () if link.name in structure.modes else link.law.linear:
-            basis = substitute(
-                link.law.basis[name], {key: known_values[key] for key in known_values if key != name}
-            )
-            if known_values.get(name, _NOTHING) == _NOTHING or not set(symbols(basis)) <= set(VARIABLES):
-                continue
-            hypotheses.append(Hypothesis("coefficient", f"{link.name}.{name}"))
-            forces.append(CandidateForce(first, second, Law.parse(to_text(basis))))
-            sizes.append(known_values[name].value)
+            others = {key: Number(value) for key, value in known.items() if key != name}
+            basis = substitute(link.law.basis[name], others)
+            if known.get(name) and set(symbols(basis)) <= set(VARIABLES):
+                force = CandidateForce(first, second, Law.parse(to_text(basis)))
+                yield Hypothesis("coefficient", f"{link.name}.{name}"), force, known[name]
         for name, variable, weight in _OF_MODES if link.name in structure.mass_names else ():
-            if (value := _weight(link, variable) * weight) and link.coefficients[name].known:
-                hypotheses.append(Hypothesis(name, link.name))
-                forces.append(CandidateForce(first, second, Law.parse(variable)))
-                sizes.append(value)
-    return hypotheses, forces, sizes
-
-
-def _weight(link: Link, variable: str) -> float:
-    """The stiffness, of the variable "d", or the damping, of "v", of a mode in SI units."""
-    slopes = link.law.partials(
-        0.0, 0.0, {name: coefficient.value or 0.0 for name, coefficient in link.coefficients.items()}
-    )
-    return float(slopes.by_d if variable == "d" else slopes.by_v)
+            slopes = link.law.partials(0.0, 0.0, values)
+            size = weight * float(slopes.by_d if variable == "d" else slopes.by_v)
+            if size and name in known:
+                yield Hypothesis(name, link.name), CandidateForce(first, second, Law.parse(variable)), size

@@ -1,6 +1,9 @@
-"""What was tested of a fit: hypotheses of what it may lack, and the equations at its optimum with a column for each.
+"""What could explain what a fit leaves: score tests for errors of sensors, masses and applied forces, and for missing terms.
 
-Stated masses that may be off: where their scores make an answer doubtful, and what intervals hold of it.
+Each hypothesis is one more column in the linearised equations at the optimum, and its gain is what its best size would take
+off -2 log likelihood, all coefficients fitted anew to first order (Rao 1948). A gain follows chi-square with one degree of
+freedom where the cause is not there. Motion that is exactly that of the laws is tested in longer segments, at a part of the
+cost.
 
 Coefficients make up for nearly all of an error of a mass: with them, it scales all forces on it, and no more than the reaction
 on its neighbours tells. Its score may then be too small to be significant among all that is tested, while coefficients are
@@ -8,15 +11,8 @@ dozens of standard errors off. There are few masses, so that a smaller score tha
 does not, the intervals hold what every mass to which it points would make of the coefficients, alone: masses look alike, as
 one that is too heavy and another that is too light.
 
-An optimum in longer segments, for what follows a search: the same motion at a part of the cost.
-
-What could explain what a fit leaves: score tests for errors of sensors, masses and applied forces, and for missing terms.
-
-Each cause is one more column in the linearised equations at the optimum, and its gain is what its best size would take off
--2 log likelihood, all coefficients fitted anew to first order (Rao 1948). A gain follows chi-square with one degree of
-freedom where the cause is not there.
-
-By how much evidence is overstated where the error of a law is taken for white noise.
+Where the error of a law is taken for white noise, evidence is overstated by as much as scores of blocks scatter more than
+their information says.
 """
 
 from __future__ import annotations
@@ -32,7 +28,7 @@ from linkwise.arrays import Bools, Floats
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
-from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information
+from linkwise.likelihood.shooting.linear_model import block_information
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
 from linkwise.likelihood.shooting.normal_equations import block_ends
 from linkwise.likelihood.shooting.residuals import (
@@ -47,22 +43,22 @@ from linkwise.likelihood.tests.columns import (
     errors_of_sensors,
     inertia_and_inputs,
     shape_errors,
+    terms_along,
 )
 from linkwise.likelihood.tests.score_test import (
+    FILTER,
     MEMORY_TERMS,
     PRICE_OF_REACH,
     CandidateForce,
     Hypothesis,
+    Quadratic,
     SingleTests,
     augmented_quadratic,
     candidate_forces,
     determinant_slopes,
-    finite_columns,
-    in_units_of,
-    linear_terms,
     missing_forces,
     missing_terms,
-    single_tests,
+    unit_of,
     usual_terms,
 )
 from linkwise.model.coefficient import MASS
@@ -74,61 +70,51 @@ from linkwise.runtime import one_blas_thread
 
 @dataclass(frozen=True, eq=False)
 class TestedCauses:
-    """What may explain what a fit leaves, and the equations at its optimum with a column for each.
+    """What may explain what a fit leaves, and the cost at its optimum with a column for each.
 
-    `curvature`, `slope` and `scatter` are in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of
-    which `units` (h,) are in their own; `attenuation` is what a filter of unit size takes off the gain of a channel. `model`
-    is that of the optimum alone, in the segments of `longer`, by which blocks of the records scatter; None where not found
-    beside these.
+    `quadratic` is in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of which `units` (h,) are in
+    their own; `attenuation` is what a filter of unit size takes off the gain of a channel. Its model is in the segments of
+    `longer`, by which blocks of the records scatter; `structure` has the values there.
     """
 
     __test__ = False  # no test of pytest
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: Sequence[Hypothesis]
     units: Floats
-    curvature: Floats
-    slope: Floats
-    scatter: Floats
+    quadratic: Quadratic
     attenuation: float
-    model: FactoredModel | None
     longer: Optimum
+    structure: Structure
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
         """Those of the optimum; None where its model is not in blocks, or its equations are singular."""
-        if self.model is None or not self.model.in_blocks:
+        model = self.quadratic.model
+        if model is None or not model.in_blocks:
             return None
-        of_blocks = block_information(self.model, self.longer.q)
+        of_blocks = block_information(model, self.longer.q)
         return None if of_blocks is None else BlockScores(*of_blocks)
 
     @cached_property
     # a candidate may be infinite somewhere; it is then not tested
     @np.errstate(over="ignore", invalid="ignore")
     def tests(self) -> SingleTests:
-        """Of each hypothesis alone."""
-        tests = single_tests(self.curvature, self.slope, self.scatter, self._parameters)
-        for number, hypothesis in enumerate(self.hypotheses):
-            if hypothesis.kind == CLOCK and tests.gains[number] > 0.0:
-                self._test_beside_delay(tests, number, hypothesis.where)
+        """Of each hypothesis alone; of a clock beside the delay of its channel."""
+        p = len(self.quadratic.slope) - len(self.hypotheses)
+        tests = self.quadratic.tests(p)
+        for number, clock in enumerate(self.hypotheses):
+            if clock.kind == CLOCK and tests.gains[number] > 0.0:
+                self._test_beside_delay(tests, p, number, clock.where)
         return tests
 
-    @property
-    def _parameters(self) -> int:
-        return len(self.slope) - len(self.hypotheses)
-
-    def _test_beside_delay(self, tests: SingleTests, number: int, channel: str) -> None:
+    def _test_beside_delay(self, tests: SingleTests, p: int, number: int, channel: str) -> None:
         """Test a clock beside the delay of its channel, with what both gain where the clock gains more than by chance."""
-        p = self._parameters
         late = [
             k
             for k, one in enumerate(self.hypotheses)
             if one.kind.endswith("delay") and one.where == channel and tests.gains[k] > 0.0
         ]
-        chosen = np.array([*range(p), *(p + k for k in late), p + number])
-        curvature, scatter = (part[np.ix_(chosen, chosen)] for part in (self.curvature, self.scatter))
-        if self.scatter is self.curvature:
-            scatter = curvature
-        own = single_tests(curvature, self.slope[chosen], scatter, p + len(late))
+        own = self.quadratic.within([*range(p), *(p + k for k in late), p + number]).tests(p + len(late))
         both = late if own.gains[0] > _CHANCE_OF_CLOCK else []
         tests.gains[number] = own.gains[0] + tests.gains[both].sum()
         tests.sizes[number], tests.deviations[number] = own.sizes[0], own.deviations[0]
@@ -185,14 +171,15 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
     they change by more than the error is significant. None without any.
     """
-    names = fit.optimum.segments.system.parameters.names
-    masses = which_stated(tested.hypotheses, names)
+    masses = which_stated(tested.hypotheses, fit.optimum.segments.system.parameters.names)
     sensors = [k for k, one in enumerate(tested.hypotheses) if one.kind in _USUAL_ERRORS]
-    groups = {"masses": (masses, 0.0), "sensors": (sensors, 1.0)}
-    hints = {what: _hinted(fit, tested, *group) for what, group in groups.items()}
-    found = {what: hint for what, hint in hints.items() if hint is not None}
-    words = " or ".join(each for _, each in found.values())
-    return ({what: added for what, (added, _) in found.items()}, words) if found else None
+    added, words = dict[str, Floats](), list[str]()
+    for what, numbers, resemblance in (("masses", masses, 0.0), ("sensors", sensors, 1.0)):
+        hint = _hinted(fit, tested, numbers, resemblance)
+        if hint is not None:
+            added[what] = hint[0]
+            words.append(hint[1])
+    return (added, " or ".join(words)) if added else None
 
 
 def _hinted(
@@ -219,9 +206,12 @@ def _hinted(
     if not len(likely):
         return None
     likely = likely[np.argsort(-gains[likely])]
-    named = [(tested.hypotheses[number[k]], float(errors[k])) for k in likely]
-    causes = [Cause(one.kind, one.where, error, one.unit, 0.0, 0.0) for one, error in named]
-    return moves[:, likely] @ moves[:, likely].T, " or ".join(cause.description for cause in causes)
+    words = []
+    for k in likely:
+        one = tested.hypotheses[number[k]]
+        cause = Cause(one.kind, one.where, float(errors[k]), unit_of(one, tested.structure), 0.0, 0.0)
+        words.append(cause.description)
+    return moves[:, likely] @ moves[:, likely].T, " or ".join(words)
 
 
 def beyond_white(fit: LikelihoodFit) -> float:
@@ -354,14 +344,14 @@ def diagnose(
     try:
         with one_blas_thread():
             if any(force.ambient for force in fit.random_forces):
-                causes = _missing_terms(fit, identified)
+                causes = _significant(_beside_ambient_forces(fit, identified), fit)
             else:
                 tested = tested_causes(fit, identified, channels, terms=terms)
-                causes = _significant(tested, fit, identified)
+                causes = _significant(tested, fit)
                 if causes and not terms:
                     tested = tested_causes(fit, identified, channels, terms=True)
-                    causes = _significant(tested, fit, identified)
-                remark = _not_tested(tested, len(fit.values))
+                    causes = _significant(tested, fit)
+                remark = _not_tested(tested)
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit, identified))
@@ -422,12 +412,11 @@ class Diagnosis:
     remark: str = ""
 
 
-def _not_tested(tested: TestedCauses, parameters: int) -> str:
+def _not_tested(tested: TestedCauses) -> str:
     """A sentence on the hypotheses whose effect is not finite, which have no score; empty where all have one."""
-    finite = finite_columns(tested.curvature, tested.slope, tested.scatter, parameters)
     names = [
         f"{hypothesis.term or hypothesis.kind} in {hypothesis.where}"
-        for hypothesis, is_finite in zip(tested.hypotheses, finite, strict=True)
+        for hypothesis, is_finite in zip(tested.hypotheses, tested.tests.finite, strict=True)
         if not is_finite
     ]
     listed = (
@@ -436,95 +425,78 @@ def _not_tested(tested: TestedCauses, parameters: int) -> str:
     return f" Not tested, since the motion makes them infinite: {listed}." if names else ""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere; it is then not tested
 def tested_causes(
     fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
 ) -> TestedCauses:
-    """Errors of sensors, masses and forces, and missing terms, all of these and missing links only where `terms` is true.
+    """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts; all terms, and missing links, only
+    where `terms` is true.
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     optimum = in_longer_segments(fit)
     motion = FittedMotion(optimum, identified, channels)
-    columns = TestedColumns.joined(_columns(motion, terms=terms))
-    # which are those of terms and sensors at least
-    assert columns.forces is not None and columns.errors is not None
-    blocks = blocks_in(optimum.segments, fit.segments)
-    augmented = augmented_quadratic(optimum, columns.forces, columns.errors, blocks)
-    equations = columns.by_sizes(augmented, optimum.segments.system.parameters.size)
-    named = in_units_of(columns.hypotheses, identified)
-    return TestedCauses(named, columns.units, *equations, motion.attenuation, augmented.model, optimum)
-
-
-def _columns(motion: FittedMotion, *, terms: bool) -> list[TestedColumns]:
-    """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts."""
-    estimated = motion.segments.system.parameters.names
-    lacking = (missing_forces if terms else usual_terms)(motion.structure, estimated)
-    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if motion.structure.hosts else ()
-    return [
-        TestedColumns.of_terms(motion, lacking),
-        TestedColumns.of(
-            chain(inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
-        ),
-    ]
+    lacking = (missing_forces if terms else usual_terms)(identified, optimum.segments.system.parameters.names)
+    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
+    errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
+    with np.errstate(over="ignore", invalid="ignore"):  # a candidate may be infinite somewhere
+        columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors))
+        quadratic = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
+        named = columns.hypotheses, columns.units
+        return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
-def _significant(tested: TestedCauses, fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    optimum, hypotheses, tests = fit.optimum, tested.hypotheses, tested.tests
-    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
-    kinds = [hypothesis.kind for hypothesis in hypotheses]
-    relative = np.array([CAUSE_KINDS[kind].relative for kind in kinds])
-    late = np.array([kind.endswith("delay") for kind in kinds])
-    small = np.where(relative, np.abs(sizes) < LARGEST, ~late | (np.abs(sizes) < _LATEST * _sample(optimum)))
-    at_filter = kinds.index("filter")
-    small &= np.array([kind != HIGH_PASS for kind in kinds]) | (sizes > 0.0)
-    limit = least_gain(len(gains))
-    significant = small & ((gains > limit) | likely_masses(hypotheses, gains))
-    significant[at_filter] = gains[at_filter] > _CHANCE_OF_FILTER
-    if significant[at_filter]:
-        attenuation = sizes[at_filter] * tested.attenuation
-        significant[at_filter] = 0.0 < attenuation < LARGEST
-    scaled = replace(
-        tests, gains=gains, sizes=sizes, deviations=tests.deviations * optimum.noise * tested.units
-    )
-    forces = link_forces(optimum, identified) if significant.any() else {}
-    causes = (
-        replace(
-            _with_changes(_cause(hypotheses[number], scaled, number, forces), fit, tests.changes[:, number]),
-            remark=_remark(hypotheses[number], sizes[number], optimum),
-        )
-        for number in np.flatnonzero(significant).tolist()
-    )
-    return tuple(cause for cause in causes if cause.gain > limit or cause.shift > _SHIFTED)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # as in `_significant`
-def _missing_terms(fit: LikelihoodFit, identified: Structure) -> tuple[Cause, ...]:
-    """Missing terms beside ambient forces, with which errors of sensors and of masses are not tested."""
-    optimum = fit.optimum
-    lacking = missing_terms(identified)
-    hypotheses, forces = [one for one, _ in lacking], [force for _, force in lacking]
+def _beside_ambient_forces(fit: LikelihoodFit, identified: Structure) -> TestedCauses:
+    """Missing terms by the marginal likelihood; errors of sensors and of masses are not tested beside ambient forces."""
+    optimum, parameters = fit.optimum, len(fit.values)
+    there = [f"{link.name}.{name}" for link in identified.links for name in link.coefficients]
+    lacking = [each for each in missing_terms(identified, there) if each[0].term not in _NO_SLOPE]
+    forces = [force for _, force in lacking]
     candidates, norms = candidate_forces(optimum.segments, optimum.misfit, forces)
-    augmented = augmented_quadratic(optimum, candidates)
-    curvature, slope = augmented.curvature, augmented.slope.copy()
-    parameters = optimum.segments.system.parameters.size
-    deviations = single_tests(curvature, slope, curvature, parameters).deviations
+    quadratic = augmented_quadratic(optimum, candidates)
+    deviations = (quadratic.tests(parameters).deviations * norms).tolist()
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
-    smooth = [number for number, hypothesis in enumerate(hypotheses) if hypothesis.term not in _NO_SLOPE]
-    slopes = determinant_slopes(
-        optimum, identified, masses, [(forces[k], float(deviations[k] * norms[k])) for k in smooth]
-    )
-    slope[parameters + np.array(smooth)] += slopes * norms[smooth]
-    tests = single_tests(curvature, slope, curvature, parameters)
-    powers = link_forces(optimum, identified)
-    present = {link.name: linear_terms(link) for link in identified.links}
-    return tuple(
-        _cause(hypotheses[number], tests, number, powers)
-        for number in sorted(smooth, key=lambda number: -tests.gains[number])
-        if tests.gains[number] > least_gain(len(smooth))
-        and hypotheses[number].term not in present[hypotheses[number].where]  # which rounding alone leaves
-    )
+    slopes = determinant_slopes(optimum, identified, masses, list(zip(forces, deviations, strict=True)))
+    slope = quadratic.slope + np.concatenate([np.zeros(parameters), slopes * norms])
+    named = [hypothesis for hypothesis, _ in lacking], np.ones(len(norms))
+    return TestedCauses(*named, replace(quadratic, slope=slope), 0.0, optimum, identified)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
+def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
+    """The causes that chance hardly gives, as large as the first order describes."""
+    optimum, tests, causes = fit.optimum, tested.tests, []
+    gains, sizes = tests.gains / optimum.noise**2, tests.sizes * tested.units
+    deviations = tests.deviations * optimum.noise * tested.units
+    masses = likely_masses(tested.hypotheses, gains)
+    limit, forces = least_gain(len(gains)), dict[str, float]()
+    sample = float(optimum.segments.step[0]) * optimum.segments.refine
+    for number, hypothesis in enumerate(tested.hypotheses):
+        size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
+        if not (gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]):
+            continue
+        if not (
+            0.0 < size * tested.attenuation < LARGEST if is_filter else _is_small(hypothesis, size, sample)
+        ):
+            continue
+        forces = forces or link_forces(optimum, tested.structure)
+        force = forces.get(hypothesis.where, 0.0)
+        cause = _cause(hypothesis, size, float(deviations[number]), force)
+        remark, unit = _remark(hypothesis, size, optimum, sample), unit_of(hypothesis, tested.structure)
+        cause = replace(cause, gain=float(gains[number]), unit=unit, remark=remark)
+        cause = _with_changes(cause, fit, tests.changes[:, number])
+        if cause.gain > limit or cause.shift > _SHIFTED:
+            causes.append(cause)
+    return tuple(causes)
+
+
+def _is_small(hypothesis: Hypothesis, size: float, sample: float) -> bool:
+    """Whether the first order describes an error of a size, by the distance of samples in s."""
+    if hypothesis.kind.endswith("delay"):
+        return abs(size) < _LATEST * sample
+    if hypothesis.kind == HIGH_PASS:
+        return size > 0.0
+    return not CAUSE_KINDS[hypothesis.kind].relative or abs(size) < LARGEST
 
 
 def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
@@ -551,16 +523,10 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
     )
 
 
-def _sample(optimum: Optimum) -> float:
-    """The distance of samples in s."""
-    return float(optimum.segments.step[0]) * optimum.segments.refine
-
-
-def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
-    sample = _sample(optimum)
+def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum, sample: float) -> str:
     if hypothesis.kind == "force delay" and abs(size / sample - 0.5) < _HALF:
         return "half a sample, as of a force that is held between its samples"
-    if hypothesis.kind == "filter" and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
+    if hypothesis.kind == FILTER and abs(size / (_STRAIGHT * sample**2) - 1.0) < _NEAR:
         inputs = optimum.segments.inputs
         driven = any(part is not None for part in (inputs.force, inputs.base, inputs.frame, inputs.points))
         return "as of an input that runs in straight lines between its samples" if driven else ""
@@ -569,21 +535,21 @@ def _remark(hypothesis: Hypothesis, size: float, optimum: Optimum) -> str:
     return ""
 
 
-def _cause(hypothesis: Hypothesis, tests: SingleTests, number: int, forces: dict[str, float]) -> Cause:
-    force = forces.get(hypothesis.where, 0.0) if hypothesis.term else 0.0
-    # stiffness follows its square
-    scale = 0.5 / force if hypothesis.kind == "frequency" and force > 0.0 else 1.0
-    size = scale * float(tests.sizes[number])
+def _cause(hypothesis: Hypothesis, size: float, deviation: float, of_link: float) -> Cause:
+    """The cause of a size, a term relative to the force `of_link`; an error of a stiffness as that of a frequency."""
+    of_frequency = hypothesis.kind == "frequency"
+    force = of_link if hypothesis.term else 0.0
+    scale = 0.5 / force if of_frequency and force > 0.0 else 1.0
     return Cause(
         kind=hypothesis.kind,
         where=hypothesis.where,
-        size=size,
+        size=scale * size,
         unit=hypothesis.unit,
-        gain=float(tests.gains[number]),
-        standard_error=scale * float(tests.deviations[number]),
-        term="" if hypothesis.kind == "frequency" else hypothesis.term,
+        gain=0.0,
+        standard_error=scale * deviation,
+        term="" if of_frequency else hypothesis.term,
         source=hypothesis.source,
-        share=abs(size) / float(force) if force > 0.0 else 0.0,
+        share=abs(scale * size) / force if force > 0.0 else 0.0,
     )
 
 

@@ -1,29 +1,24 @@
-"""Score tests (Rao 1948): the local quadratic model of the cost in the parameters and the amplitudes of candidate forces.
+"""Score tests (Rao 1948): the cost about an optimum in the parameters and in the sizes of what is tested, all zero.
 
-At an optimum the Gauss-Newton model of the cost is augmented by forces of amplitude zero, one column each, without a new
-search. It predicts the reduction of the cost by any of them and the change of the parameters, for hundreds of forces at the
-cost of one step of the fit.
+The Gauss-Newton model of the cost is augmented by one column for each force or error, without a new search. It predicts the
+reduction of the cost by any of them and the change of the parameters, for hundreds of columns at the cost of one step of the
+fit: `Quadratic` is that model, `single_tests` what each column alone would do.
 
-Hypotheses of what a fit may lack: terms of its links, and links of its structure.
-
-Score tests of columns one at a time: what each takes off the cost, its size, and how it changes the coefficients.
-
-Forces with memory along a motion: what a law of displacement and velocity lacks where a joint slips or a mount relaxes.
-
-Scores of missing terms by the marginal likelihood, where random forces act: the part of the log determinant.
+Hypotheses are terms of links and links of a structure that a fit may lack, among them forces with memory along the motion:
+what a law of displacement and velocity lacks where a joint slips or a mount relaxes. Where random forces act, the score of a
+term has the slope of the log determinant as well (`determinant_slopes`).
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats
 from linkwise.estimates.causes import CAUSE_KINDS
 from linkwise.expression import to_text
 from linkwise.expression.program import cached_program
@@ -40,11 +35,10 @@ from linkwise.likelihood.shooting.linear_model import (
     precise_model,
     tested_in_pieces,
 )
-from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.rotations import differ_in_unit
@@ -52,8 +46,16 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
+Pieces = Callable[[Floats, Floats, tuple[float, float]], tuple[Floats, Floats]]
+"""The part (N, K) of a state that is left after each piece of a motion, and what the piece adds.
 
-class MemoryForce(ABC):
+By the change of the elongation in m (N, K), the duration in s (K,), which the first piece, between segments, takes nothing of,
+and the standard deviations of the elongation in m and of its rate in m/s.
+"""
+
+
+@dataclass(frozen=True)
+class MemoryForce:
     """A force of unit size whose state decays by a part of itself over each piece of the motion, and is driven by the rest.
 
     Its state is zero at the begin of each record; what it was there fades. `text` is what a diagnosis calls it, and `law` the
@@ -62,30 +64,15 @@ class MemoryForce(ABC):
 
     text: str
     law: str
-
-    @abstractmethod
-    def pieces(
-        self, change: Floats, duration: Floats, motion: tuple[Floats, Floats]
-    ) -> tuple[Floats, Floats]:
-        """The part (N, L, K) of the state that is left after each piece, and what the piece adds.
-
-        Parameters
-        ----------
-        change : array of shape (N, L, K)
-            The change of the elongation in m over each piece; the first piece, between segments, takes no time.
-        duration : array of shape (K,)
-            The duration in s of each other piece.
-        motion : tuple of array of shape (L, 1)
-            The standard deviations of the elongation in m and of its rate in m/s.
-        """
+    pieces: Pieces
 
     def along(self, motion: Floats, step: Floats, linked: Bools) -> Floats:
-        """The force along elongations of some links.
+        """The force along the elongation of a link.
 
         Parameters
         ----------
-        motion : array of shape (2 J + 1, 2, L, K)
-            Elongations in m and their rates in m/s, at the ends of the J steps of K segments and in their middles, in turn.
+        motion : array of shape (2 J + 1, 2, K)
+            The elongation in m and its rate in m/s, at the ends of the J steps of K segments and in their middles, in turn.
         step : array of shape (K,)
             Duration of a step in s.
         linked : array of bool, shape (K - 1,)
@@ -93,92 +80,66 @@ class MemoryForce(ABC):
 
         Returns
         -------
-        array of shape (2 J + 1, L, K)
+        array of shape (2 J + 1, K)
             The force there; zero where there is no motion.
         """
         path = motion[:, 0]
-        spread = np.std(path, axis=(0, 2)), np.std(motion[::2, 1], axis=(0, 2))
-        moves = np.isfinite(spread).all(axis=0) & (np.min(spread, axis=0) > 0.0)
+        spread = float(np.std(path)), float(np.std(motion[::2, 1]))
+        if not (np.isfinite(spread).all() and min(spread) > 0.0):
+            return np.zeros(path.shape)
         change = np.empty(path.shape)
         np.subtract(path[1:], path[:-1], out=change[1:])
-        change[0, :, :1] = 0.0
-        # where a segment starts, that before it ends
-        np.subtract(path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:])
-        d, v = (np.where(moves, deviation, 1.0)[:, None] for deviation in spread)
-        force = _states(*self.pieces(change, 0.5 * step, (d, v)), linked)
-        force[:, ~moves] = 0.0
-        return force
+        change[0, 0] = 0.0
+        np.subtract(path[0, 1:], path[-1, :-1], out=change[0, 1:])  # from where the segment before ends
+        return _states(*self.pieces(change, 0.5 * step, spread), linked)
 
 
 def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
-    """(N, L, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
+    """(N, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
 
-    Where segments are not `linked` (K - 1,) it is zero.
+    Where segments are not `linked` (K - 1,) it is zero. That is a system of equations with two diagonals.
     """
-    states, follows = added, np.append(False, linked)
-    first, states[0] = np.where(follows, added[0], 0.0), 0.0
-    fades, carried = np.empty_like(left), np.empty_like(first)
-    fades[0] = 1.0
-    np.multiply.accumulate(left[1:], axis=0, out=fades[1:])
-    for before, part, own in zip(states[:-1], left[1:], states[1:], strict=True):
-        own += np.multiply(part, before, out=carried)
-    first[:, 1:] += (linked * left[0, :, 1:]) * states[-1, :, :-1]
-    # of a segment by that of the one before it: a system of equations with two diagonals
-    by_start = np.zeros_like(first)
-    by_start[:, :-1] = -(linked * left[0, :, 1:]) * fades[-1, :, :-1]
-    starts, _ = dtbtrs(
-        np.stack([np.ones(first.size), by_start.ravel()]), first.reshape(-1, 1), uplo="L", diag="U"
-    )
-    states += fades * starts.reshape(first.shape)
-    return states
+    follows = np.append(False, linked)
+    left[0] *= follows
+    added[0] = np.where(follows, added[0], 0.0)
+    diagonals = np.stack([np.ones(left.size), np.roll(-left.T.ravel(), -1)])
+    states, _ = dtbtrs(diagonals, added.T.reshape(-1, 1), uplo="L", diag="U")
+    return np.asarray(states.reshape(added.T.shape).T)
 
 
-@dataclass(frozen=True)
-class Slip(MemoryForce):
-    """A slider that yields over `reach` times the deviation of the elongation, by dz = (dd - z |dd|)/x0.
+_REACH = 0.3  # of the standard deviation of the elongation
+
+
+def _slip(change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+    """A slider that yields over a reach, by dz = (dd - z |dd|)/x0; exact where the elongation is monotonic over a piece.
 
     That is the model of P. R. Dahl ("A solid friction model", 1968). With a third of the deviation it resembles sliders that
     yield over a twentieth of it to all of it: beside d, d**3 and v their correlation with it is 0.7 to 1, that of sign(v),
     v*abs(v) or d**5 at most 0.7.
     """
-
-    reach: float = 0.3
-    text: str = "hysteresis"
-    law: str = "bouc-wen"
-
-    def pieces(
-        self, change: Floats, duration: Floats, motion: tuple[Floats, Floats]
-    ) -> tuple[Floats, Floats]:
-        """Exact where the elongation is monotonic over a piece: the state decays towards the sign of the change."""
-        left = np.exp(-np.abs(change) / (self.reach * motion[0]))
-        return left, np.sign(change) * (1.0 - left)
+    left = np.exp(-np.abs(change) / (_REACH * motion[0]))
+    return left, np.sign(change) * (1.0 - left)
 
 
-@dataclass(frozen=True)
-class Relaxation(MemoryForce):
-    """A spring in series with a damper (Maxwell), z' = v - z/tau; tau is `time` times the ratio of the deviations of d and v.
+def _relaxation(change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+    """A spring in series with a damper (Maxwell), z' = v - z/tau; exact where the rate is constant over a piece.
 
-    That is the time of a radian of a harmonic motion. Those that relax thirty times as fast or ten times as slowly resemble
-    it: beside d, d**3 and v their correlation with it is 0.6 to 1. Faster it is a damper, slower a spring.
+    The time tau is the ratio of the deviations of d and v, that of a radian of a harmonic motion. Those that relax thirty
+    times as fast or ten times as slowly resemble it: beside d, d**3 and v their correlation with it is 0.6 to 1. Faster it is
+    a damper, slower a spring.
     """
-
-    time: float = 1.0
-    text: str = "relaxation"
-    law: str = "zener"
-
-    def pieces(
-        self, change: Floats, duration: Floats, motion: tuple[Floats, Floats]
-    ) -> tuple[Floats, Floats]:
-        """Exact where the rate is constant over a piece."""
-        time = self.time * motion[0] / motion[1]
-        decay = np.maximum(duration / time, np.finfo(float).tiny)
-        left = np.repeat(np.exp(-decay)[None], len(change), axis=0)
-        added = change * (-np.expm1(-decay) / decay)
-        left[0], added[0] = 1.0, change[0]
-        return left, added
+    time = motion[0] / motion[1]
+    decay = np.maximum(duration / time, np.finfo(float).tiny)
+    left = np.repeat(np.exp(-decay)[None], len(change), axis=0)
+    added = change * (-np.expm1(-decay) / decay)
+    left[0], added[0] = 1.0, change[0]
+    return left, added
 
 
-MEMORY_FORCES: tuple[MemoryForce, ...] = (Slip(), Relaxation())
+MEMORY_FORCES = (
+    MemoryForce("hysteresis", "bouc-wen", _slip),
+    MemoryForce("relaxation", "zener", _relaxation),
+)
 """What a link may lack that no function of its elongation and rate is."""
 
 MEMORY_TERMS = {force.text: force.law for force in MEMORY_FORCES}
@@ -206,33 +167,36 @@ class SingleTests:
         Its size, and the standard deviation of that.
     changes : array of shape (p, f)
         By how much the coefficients would change.
+    finite : array of bool, shape (f,)
+        Whether its products with the coefficients, itself and the residuals are finite; else it gains nothing.
     """
 
     gains: Floats
     sizes: Floats
     deviations: Floats
     changes: Floats
+    finite: Bools
 
 
-def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: int) -> SingleTests:
+def single_tests(curvature: Floats, slope: Floats, scatter: Floats | None, parameters: int) -> SingleTests:
     """Test the columns that follow the `parameters`.
 
-    `scatter` is the covariance of the slope, which is the curvature where noise is white. A column of which the coefficients,
-    or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite. Raises
-    numpy.linalg.LinAlgError where the equations of the parameters are not finite.
+    `scatter` is the covariance of the slope, None where that is the curvature, as of white noise. A column of which the
+    coefficients, or unknowns that were eliminated, leave nothing but rounding gains nothing, nor does one that is not finite.
+    Raises numpy.linalg.LinAlgError where the equations of the parameters are not finite.
     """
-    finite = finite_columns(curvature, slope, scatter, parameters)
+    own, added = slice(0, parameters), slice(parameters, None)
+    finite = np.isfinite(slope[added])
+    for matrix in (curvature,) if scatter is None else (curvature, scatter):
+        finite &= np.isfinite(matrix[own, added]).all(axis=0) & np.isfinite(matrix.diagonal()[added])
     if not finite.all():
-        white = scatter is curvature
-        within = np.concatenate([np.ones(parameters, dtype=bool), finite])
+        within = np.append(np.ones(parameters, dtype=bool), finite)
         curvature, slope = _without(curvature, within), np.where(within, slope, 0.0)
-        scatter = curvature if white else _without(scatter, within)
+        scatter = None if scatter is None else _without(scatter, within)
     scale = np.sqrt(np.maximum(curvature.diagonal(), np.finfo(float).tiny))
     scaled, gradient = curvature / np.outer(scale, scale), slope / scale
-    own, added = slice(0, parameters), slice(parameters, None)
-    if not (
-        np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()
-    ):  # LAPACK may never return from these
+    # LAPACK may never return from what is not finite
+    if not (np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()):
         raise np.linalg.LinAlgError("the equations of the parameters are not finite")
     projection = np.linalg.lstsq(
         scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=1e-12
@@ -242,36 +206,26 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats, parameters: 
     tested = left > _COLLINEAR
     left = np.where(tested, left, 1.0)
     variance = left
-    if scatter is not curvature:
+    if scatter is not None:
         of_slope = scatter / np.outer(scale, scale)
         coupled = np.einsum("ji,ji->i", projection[:, :-1], of_slope[own, added])
         followed = np.einsum("ji,jk,ki->i", projection[:, :-1], of_slope[own, own], projection[:, :-1])
         variance = of_slope[added, added].diagonal() - 2.0 * coupled + followed
         tested &= variance > _ROUNDED * left
         variance = np.where(tested, variance, 1.0)
-    gains = np.where(tested, score**2 / variance, 0.0)
-    changes = -projection[:, :-1] * (score / left) / scale[own, None]
-    return SingleTests(gains, score / left / scale[added], np.sqrt(variance) / left / scale[added], changes)
-
-
-def finite_columns(curvature: Floats, slope: Floats, scatter: Floats, parameters: int) -> Bools:
-    """Which of the f columns after the `parameters` have finite products with these, themselves and the residuals."""
-    own, added = slice(0, parameters), slice(parameters, None)
-    return np.asarray(
-        np.isfinite(slope[added])
-        & np.isfinite(curvature[own, added]).all(axis=0)
-        & np.isfinite(curvature.diagonal()[added])
-        & np.isfinite(scatter[own, added]).all(axis=0)
-        & np.isfinite(scatter.diagonal()[added])
+    sizes = score / left
+    return SingleTests(
+        np.where(tested, score**2 / variance, 0.0),
+        sizes / scale[added],
+        np.sqrt(variance) / left / scale[added],
+        -projection[:, :-1] * sizes / scale[own, None],
+        finite,
     )
 
 
 def _without(matrix: Floats, within: Bools) -> Floats:
     """The matrix with zeros in the rows and columns that are not `within`."""
     return np.where(within[:, np.newaxis] & within, matrix, 0.0)
-
-
-_AT_ONCE = 6_000_000  # numbers in the forces of one batch
 
 
 @dataclass(frozen=True)
@@ -284,56 +238,53 @@ class CandidateForce:
 
 
 @dataclass(frozen=True, eq=False)
-class LocalQuadratic:
-    """-2 log likelihood over the square of the noise factor, about the optimum: c - 2 g'z + z'H z in z = (theta, amplitudes).
+class Quadratic:
+    """The cost about an optimum, c - 2 g'z + z'H z, in p parameters and what is tested beside them; all else is eliminated.
 
-    `curvature` (p + f, p + f) H and `slope` (p + f,) g, with nodes, offsets and gains eliminated; `scatter` (p + f, p + f) is
-    the covariance of g where the noise is coloured, None where it is H.
+    `curvature` (k, k) H and `slope` (k,) g, and the covariance `scatter` (k, k) of g, None where noise is white, so that it is
+    H. `model` is that of the optimum without what is tested, where masses are few or it was asked for in blocks.
     """
 
     curvature: Floats
     slope: Floats
-    scatter: Floats | None
-
-
-@dataclass(frozen=True, eq=False)
-class AugmentedQuadratic:
-    """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
-
-    The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
-    masses are few or it was asked for in blocks.
-    """
-
-    curvature: Floats
-    slope: Floats
-    scatter: Floats
+    scatter: Floats | None = None
     model: FactoredModel | None = None
+
+    def within(self, order: Sequence[int]) -> Quadratic:
+        """That of some unknowns alone, in an order."""
+        chosen = np.array(order)
+        block = np.ix_(chosen, chosen)
+        scatter = None if self.scatter is None else self.scatter[block]
+        return Quadratic(self.curvature[block], self.slope[chosen], scatter)
+
+    def summed(self, sums: Floats) -> Quadratic:
+        """That in unknowns each of which stands for several of these, added up by `sums` (k, h)."""
+        scatter = None if self.scatter is None else sums.T @ self.scatter @ sums
+        return Quadratic(sums.T @ self.curvature @ sums, sums.T @ self.slope, scatter, self.model)
+
+    def in_units(self, optimum: Optimum, units: Floats) -> Quadratic:
+        """That in the parameters themselves, and in sizes whose scaled ones have the `units` (h,), as -2 log likelihood."""
+        unit = np.concatenate([optimum.scales.theta[: len(self.slope) - len(units)], units])
+        scale = np.outer(unit, unit) * optimum.noise**2
+        curvature = self.curvature / scale
+        slope = self.slope / unit / optimum.noise**2
+        slope = slope + curvature @ np.concatenate([optimum.point.theta, np.zeros(len(units))])
+        return Quadratic(curvature, slope, None if self.scatter is None else self.scatter / scale)
+
+    def tests(self, parameters: int) -> SingleTests:
+        """The tests of what follows so many parameters."""
+        return single_tests(self.curvature, self.slope, self.scatter, parameters)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> LocalQuadratic:
-    """The quadratic model at `optimum` in its p parameters and the amplitudes of f `forces`.
+def local_quadratic(optimum: Optimum, forces: Sequence[CandidateForce]) -> Quadratic:
+    """-2 log likelihood about `optimum` in its p parameters and the amplitudes of f `forces`.
 
     Raises numpy.linalg.LinAlgError where the optimum's equations are singular.
     """
     with one_blas_thread():
         candidates, units = candidate_forces(optimum.segments, optimum.misfit, forces)
-        augmented = augmented_quadratic(optimum, candidates)
-    return in_their_units(optimum, augmented, units)
-
-
-def in_their_units(optimum: Optimum, augmented: AugmentedQuadratic, units: Floats) -> LocalQuadratic:
-    """The model in the parameters themselves and, after them, in amplitudes whose scaled ones have the `units` (f,)."""
-    curvature, slope = augmented.curvature, augmented.slope
-    unit = np.concatenate([optimum.scales.theta[: len(slope) - len(units)], units])
-    scale = np.outer(unit, unit) * optimum.noise**2
-    curvature = curvature / scale
-    point = np.concatenate([optimum.point.theta, np.zeros(len(units))])
-    return LocalQuadratic(
-        curvature,
-        slope / unit / optimum.noise**2 + curvature @ point,
-        None if optimum.coloured is None else augmented.scatter / scale,
-    )
+        return augmented_quadratic(optimum, candidates).in_units(optimum, units)
 
 
 def augmented_quadratic(
@@ -341,113 +292,82 @@ def augmented_quadratic(
     candidates: CandidateForces,
     errors: SensorErrors | None = None,
     blocks: int = 1,
-) -> AugmentedQuadratic:
-    """The model at `optimum` in p scaled parameters, the amplitudes of `candidates` and the sizes of `errors`.
+) -> Quadratic:
+    """The cost at `optimum` in p scaled parameters, the amplitudes of `candidates` and the sizes of `errors`.
 
-    It is that of the optimum alone as well, in `blocks` of segments where these are several. Nodes, and the offsets and gains
-    that are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
+    The model of the optimum alone is in `blocks` of segments where these are several. Nodes, and the offsets and gains that
+    are estimated with the parameters, are eliminated. Raises numpy.linalg.LinAlgError where the equations are singular.
     """
-    segments = optimum.segments
-    in_pieces = _in_pieces(optimum, candidates, errors)
-    if in_pieces is not None:
-        return in_pieces
+    segments, misfit, scales = optimum.segments, optimum.misfit, optimum.scales
+    at = (segments, misfit, scales, optimum.loss, optimum.q)
+    if optimum.coloured is None and is_long(segments):
+        factor = tested_in_pieces(*at, candidates, errors)
+        if factor is not None:
+            return Quadratic(factor.schur, factor.reduced)
     linear = optimum.linear(candidates, errors, blocks)
-    in_blocks = blocks > 1
+    parameters, in_blocks = segments.system.parameters.size, blocks > 1
     border: Border | None
     if isinstance(linear, Linearization):
-        linear, border = precise_model(linear, optimum.q, own=segments.system.parameters.size)
+        linear, border = precise_model(linear, optimum.q, own=parameters)
     else:
         border = linear.factor(optimum.q) if in_blocks else border_equations(linear, optimum.q)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
-    added = len(candidates.first) + (0 if errors is None else len(errors.channel))
+    own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
     model = None
     if (in_blocks or isinstance(border, BorderedFactor)) and not border.damped:
-        estimated = np.delete(
-            np.arange(len(border.schur)), segments.system.parameters.size + np.arange(added)
-        )
+        estimated = np.delete(np.arange(len(border.schur)), np.arange(parameters, own))
         assert not isinstance(border, BorderEquations)  # a factor was asked for
         model = FactoredModel.within(linear, border, estimated, optimum.q)
-    own = slice(0, segments.system.parameters.size + added)
-    nuisance = slice(own.stop, None)
-    curvature, slope = border.schur[own, own], border.reduced[own]
-    follow: Floats = np.zeros((len(border.schur) - own.stop, own.stop))
-    if len(follow):  # offsets and gains of sensors
-        among, with_own = border.schur[nuisance, nuisance], border.schur[own, nuisance]
-        follow = np.asarray(np.linalg.solve(among, with_own.T), dtype=float)
-        curvature = curvature - with_own @ follow
-        slope = slope - follow.T @ border.reduced[nuisance]
+    # offsets and gains of sensors follow
+    with_own = border.schur[:own, own:]
+    follow = np.linalg.solve(border.schur[own:, own:], with_own.T)
+    curvature = border.schur[:own, :own] - with_own @ follow
+    slope = border.reduced[:own] - follow.T @ border.reduced[own:]
     if optimum.coloured is None:
-        return AugmentedQuadratic(curvature, slope, curvature, model)
-    rows = eliminated_rows(
-        segments, optimum.misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
-    )
+        return Quadratic(curvature, slope, None, model)
+    rows = eliminated_rows(*at, candidates, errors)
     assert rows is not None  # the same equations have a factor
     scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
     if segments.prior is not None:
-        add_prior_curvature(scores, segments.prior, optimum.scales, segments.system.parameters.size)
-    elimination = np.concatenate([np.eye(own.stop), -follow])
-    return AugmentedQuadratic(curvature, slope, elimination.T @ scores @ elimination)
-
-
-def _in_pieces(
-    optimum: Optimum, candidates: CandidateForces, errors: SensorErrors | None
-) -> AugmentedQuadratic | None:
-    """The model of a long record with white noise, without blocks; None of others, and where equations are singular."""
-    if optimum.coloured is not None or not is_long(optimum.segments):
-        return None
-    factor = tested_in_pieces(
-        optimum.segments, optimum.misfit, optimum.scales, optimum.loss, optimum.q, candidates, errors
-    )
-    return None if factor is None else AugmentedQuadratic(factor.schur, factor.reduced, factor.schur)
+        add_prior_curvature(scores, segments.prior, scales, parameters)
+    elimination = np.concatenate([np.eye(own), -follow])
+    return Quadratic(curvature, slope, elimination.T @ scores @ elimination, model)
 
 
 def candidate_forces(
     segments: Segments, misfit: Misfit, forces: Sequence[CandidateForce]
 ) -> tuple[CandidateForces, Floats]:
     """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
+    along, units = forces_along(segments, misfit, forces)
+    ends = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
+    return CandidateForces(ends[:, 0], ends[:, 1], along[::2], along[1::2]), units
+
+
+def forces_along(
+    segments: Segments, misfit: Misfit, forces: Sequence[CandidateForce]
+) -> tuple[Single, Floats]:
+    """(2 J + 1, f, K) the forces at the ends and in the middles of the steps of tangents, scaled as of `candidate_forces`."""
     motion = _with_points(states_along(segments, misfit), segments.system.at(misfit.point.theta).points)
-    pairs = {pair: number for number, pair in enumerate(dict.fromkeys((f.first, f.second) for f in forces))}
-    places = np.array(list(pairs), dtype=int).reshape(-1, 2).T % motion.shape[2]
-    firsts, seconds = map(as_slice, places)
-    elongations = motion[:, :, firsts] - motion[:, :, seconds]
-    both = np.empty((len(elongations), len(forces), segments.count), np.float32)
-    units = np.ones(len(forces))
-    for laws, numbers in _of_equal_pairs(forces):
-        size = max(1, _AT_ONCE // (len(laws) * len(elongations) * segments.count))
-        for begin in range(0, numbers.shape[1], size):
-            some = numbers[:, begin : begin + size]
-            among = as_slice(np.array([pairs[forces[k].first, forces[k].second] for k in some[0]]))
-            for own, values in zip(some, _along(laws, segments, elongations[:, :, among]), strict=True):
-                power = np.einsum("jlk,jlk->l", values[::2], values[::2]) / max(values[::2, 0].size, 1)
-                units[own] = 1.0 / np.sqrt(np.where(power > 0.0, power, 1.0))
-                both[:, as_slice(own)] = values * units[own, None]
-    ends_of_pairs = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
-    return CandidateForces(ends_of_pairs[:, 0], ends_of_pairs[:, 1], both[::2], both[1::2]), units
-
-
-def _of_equal_pairs(forces: Sequence[CandidateForce]) -> Iterator[tuple[list[Law | MemoryForce], Indices]]:
-    """The laws that act between the same L pairs of places, evaluated together, and the numbers (l, L) of their forces."""
-    by_law: dict[Law | MemoryForce, list[int]] = {}
+    every = segments.flow_steps_per_tangent
+    step = segments.step * every
+    along = {name: input_along(values, every) for name, values in segments.inputs.signals.items()}
+    both = np.empty((len(motion), len(forces), segments.count), np.float32)
+    units, between = np.ones(len(forces)), dict[tuple[int, int], list[int]]()
     for number, force in enumerate(forces):
-        by_law.setdefault(force.law, []).append(number)
-    groups: dict[tuple[object, ...], list[Law | MemoryForce]] = {}
-    for law, numbers in by_law.items():
-        pairs = tuple((forces[number].first, forces[number].second) for number in numbers)
-        groups.setdefault((isinstance(law, MemoryForce) and law, pairs), []).append(law)
-    for laws in groups.values():
-        yield laws, np.array([by_law[law] for law in laws])
-
-
-def _along(laws: Sequence[Law | MemoryForce], segments: Segments, motion: Floats) -> Iterable[Floats]:
-    """Forces (2 J + 1, L, K) by d and v (2 J + 1, 2, L, K) at the ends and in the middles of the steps of tangents."""
-    step = segments.step * segments.flow_steps_per_tangent
-    plain = tuple(law.expression for law in laws if isinstance(law, Law))
-    if plain:
-        signals = segments.inputs.signals
-        along = [input_along(values, segments.flow_steps_per_tangent)[:, None] for values in signals.values()]
-        return cached_program(plain, (*VARIABLES, *signals))(motion[:, 0], motion[:, 1], *along)
-    return [law.along(motion, step, segments.linked) for law in laws if isinstance(law, MemoryForce)]
+        between.setdefault((force.first, force.second), []).append(number)
+    for (first, second), numbers in between.items():
+        elongation = motion[:, :, first] - motion[:, :, second]
+        plain = tuple(law.expression for k in numbers if isinstance(law := forces[k].law, Law))
+        program = cached_program(plain, (*VARIABLES, *along)) if plain else None
+        results = iter(program(elongation[:, 0], elongation[:, 1], *along.values()) if program else ())
+        for number in numbers:
+            law = forces[number].law
+            values = next(results) if isinstance(law, Law) else law.along(elongation, step, segments.linked)
+            power = float(np.einsum("jk,jk->", values[::2], values[::2])) / values[::2].size
+            units[number] = 1.0 / np.sqrt(power) if power > 0.0 else 1.0
+            np.multiply(values, units[number], out=both[:, number], casting="same_kind")
+    return both, units
 
 
 def in_turn(ends: Floats, middles: Floats) -> Floats:
@@ -495,6 +415,9 @@ _TERMS = tuple(
         ("1", "d", "d*abs(d)", "d**2", "d**3", "d**5", "v", "v*abs(v)", "v**3", "sign(v)", "v*d**2"),
     )
 )
+FILTER = "filter"
+"""The kind of a hypothesis of a filter that all sensors share."""
+
 BETWEEN_MODES = "damping between modes"
 """The kind of a hypothesis of damping that a host lacks, whose place is the link that would hold it."""
 
@@ -510,7 +433,7 @@ _PAIRS = 40  # without a link, up to which all of them are tested
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One thing that may be wrong, with the words of a `Cause`; `in_units_of` states the `unit` of all but forces."""
+    """One thing that may be wrong, with the words of a `Cause`; the `unit` of a force, of others as `unit_of` says."""
 
     kind: str
     where: str
@@ -519,14 +442,9 @@ class Hypothesis:
     unit: str = ""
 
 
-def in_units_of(hypotheses: Iterable[Hypothesis], structure: Structure) -> tuple[Hypothesis, ...]:
-    """Hypotheses with the unit of their size: that of their force, of their kind, or of the channel that they are in."""
-    return tuple(
-        replace(
-            lacking, unit=lacking.unit or CAUSE_KINDS[lacking.kind].unit or unit_in(structure, lacking.where)
-        )
-        for lacking in hypotheses
-    )
+def unit_of(hypothesis: Hypothesis, structure: Structure) -> str:
+    """The unit of its size: that of its force, of its kind, or of the channel that it is in."""
+    return hypothesis.unit or CAUSE_KINDS[hypothesis.kind].unit or unit_in(structure, hypothesis.where)
 
 
 Lacking = list[tuple[Hypothesis, CandidateForce]]
@@ -563,20 +481,22 @@ def missing_terms(structure: Structure, estimated: Collection[str] = ()) -> Lack
 
     Terms whose coefficients are among those `estimated`, by name, are there: their scores are rounding.
     """
-    names = [link.name for link in structure.links if _offered(link, structure)]
-    tested = set(sorted(names, key=lambda name: name in structure.modes)[:_LINKS])
-    return [
-        (_of_term(link.name, law, structure), CandidateForce(first, second, law))
-        for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True)
-        if link.name in tested
-        for law in _lacking(link, structure, estimated)
-    ]
-
-
-def _lacking(link: Link, structure: Structure, estimated: Collection[str]) -> list[Law | MemoryForce]:
-    """What a link may lack that is not among its terms with coefficients `estimated`."""
-    present = linear_terms(link, estimated)
-    return [law for law in _offered(link, structure) if law.text.replace(" ", "") not in present]
+    modes, lacking = structure.modes, []
+    offered = {link.name: laws for link in structure.links if (laws := _offered(link, structure))}
+    tested = sorted(offered, key=lambda name: name in modes)[:_LINKS]
+    for link, (first, second) in zip(structure.links, structure.topology.ends.tolist(), strict=True):
+        if link.name not in tested:
+            continue
+        present, unit = linear_terms(link, estimated), link.law.force_unit
+        for law in offered[link.name]:
+            if law.text.replace(" ", "") in present:
+                continue
+            if link.name in modes and law.text == "d":  # beside that of the mode
+                hypothesis = Hypothesis("frequency", link.name, law.text, unit="1")
+            else:
+                hypothesis = Hypothesis("term", link.name, law.text, unit=unit)
+            lacking.append((hypothesis, CandidateForce(first, second, law)))
+    return lacking
 
 
 def _offered(link: Link, structure: Structure) -> tuple[Law | MemoryForce, ...]:
@@ -593,13 +513,6 @@ def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[st
         for name in link.law.linear
         if estimated is None or f"{link.name}.{name}" in estimated
     }
-
-
-def _of_term(link: str, law: Law | MemoryForce, structure: Structure) -> Hypothesis:
-    """A term that a link lacks; a force like d beside that of a mode is an error of its frequency."""
-    kind = "frequency" if link in structure.modes and law.text == "d" else "term"
-    unit = structure.link(link).law.force_unit if kind == "term" else "1"
-    return Hypothesis(kind, link, law.text, unit=unit)
 
 
 def _missing_links(structure: Structure) -> Lacking:

@@ -127,6 +127,11 @@ class VarianceScore:
             gain=_gain(excess, square, cube),
         )
 
+    def cause(self, kind: str, where: str, unit: str, scale: float = 1.0) -> Cause:
+        """The cause of a kind whose size is the deviation, in a `unit` of which that of the score is so many."""
+        error = 0.5 * self.error / self.deviation
+        return Cause(kind, where, scale * self.deviation, unit, self.gain, scale * error)
+
 
 def _gain(excess: float, square: float, cube: float) -> float:
     """What a variance takes off -2 log likelihood, the sum of squares being a chi-square of the same moments."""
@@ -175,7 +180,7 @@ _FREEDOM = 16.0  # degrees of freedom of the level in a part
 _UNSTEADY = 0.46  # of the square of the density, by root mean square: intervals are too narrow by a tenth
 
 
-def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
+def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> Iterator[Cause]:
     """Causes of what ambient forces that are not white, not independent, or not steady, leave.
 
     Parameters
@@ -185,109 +190,106 @@ def spectral_causes(fit: LikelihoodFit, slopes: Floats) -> tuple[Cause, ...]:
     slopes : array of shape (r, K, 1 + d)
         Slopes of the cost by the random forces in each segment, in their deviations; and those of d draws.
 
-    Returns
-    -------
-    tuple of Cause
+    Yields
+    ------
+    Cause
         Those of `SPECTRAL_KINDS`, and of the kind `UNSTEADY`, that are significant.
     """
-    forces, random = fit.random_forces, fit.optimum.segments.random
+    random = fit.optimum.segments.random
     assert random is not None
-    ambient = [
-        number
-        for number, force in enumerate(forces)
+    ambient = {
+        number: force
+        for number, force in enumerate(fit.random_forces)
         if force.ambient and random.present[number] and force.upper_limit is None  # else it may be chance
-    ]
+    }
     parts, counts, highest = zip(*_bands(fit), strict=True)
     if not ambient or sum(counts) < _BANDS * _FEWEST:
-        return ()
-    spectra = [
-        np.concatenate(
-            [
-                np.fft.rfft(slopes[number][part], axis=0)[1 : count + 1]
-                for part, count in zip(parts, counts, strict=True)
-            ]
+        return
+    spectra: dict[int, Floats] = {}
+    for number, force in ambient.items():
+        lines = (np.fft.rfft(slopes[number][part], axis=0) for part in parts)
+        spectra[number] = np.concatenate(
+            [of_part[1 : count + 1] for of_part, count in zip(lines, counts, strict=True)]
         )
-        for number in ambient
-    ]
-    places = np.concatenate([np.arange(count) * _BANDS // max(count, 1) for count in counts])
-    named = [forces[number] for number in ambient]
-    shown = fit.optimum.segments.centred
-    coloured = _coloured(named, spectra, places, max(highest), of_accelerations=shown)
-    unsteady = _unsteady(named, [slopes[number] ** 2 for number in ambient])
-    return (*coloured, *_correlated(named, spectra), *unsteady)
+        bands = np.concatenate([np.arange(count) * _BANDS // max(count, 1) for count in counts])
+        yield from _coloured(
+            force, spectra[number], bands, max(highest), of_accelerations=fit.optimum.segments.centred
+        )
+        yield from _unsteady(force, slopes[number] ** 2)
+    for first, second in combinations(ambient, 2):
+        yield from _correlated(ambient[first], ambient[second], spectra[first], spectra[second])
+
+
+def _uneven(powers: Floats, counts: Floats) -> tuple[Floats, float] | None:
+    """How powers (b, 1 + d) in parts differ from those of draws, behind the first, by other factors than a common one.
+
+    The factors (b,), with a mean of 1, and what they take off -2 log likelihood where the parts are means of so many `counts`
+    (b,) exponential variables; None where chance gives as much.
+    """
+    expected = powers[:, 1:].mean(axis=1)
+    if not np.all(expected > 0.0):
+        return None
+    ratio = np.maximum(powers[:, 0] / expected, np.finfo(float).tiny)
+    ratio *= counts.sum() / (counts @ ratio)
+    gain, freedom = -2.0 * float(counts @ np.log(ratio)), len(ratio) - 1.0
+    return (ratio, gain) if normal_score(gain - freedom, freedom, freedom) > _SIGNIFICANT else None
 
 
 def _coloured(
-    forces: Sequence[RandomForceEstimate],
-    spectra: Sequence[Floats],
-    places: Indices,
-    highest: float,
-    *,
-    of_accelerations: bool,
+    force: RandomForceEstimate, spectrum: Floats, bands: Indices, highest: float, *, of_accelerations: bool
 ) -> Iterator[Cause]:
-    """Forces whose `spectra` (F, 1 + d), at the `places` (F,) in bands, are no multiples of those of white ones."""
-    count = np.bincount(places, minlength=_BANDS).astype(float)
-    if count.min() < _FEWEST:
+    """A force whose `spectrum` (F, 1 + d), at lines in `bands` (F,), is no multiple of that of a white one."""
+    count = np.bincount(bands, minlength=_BANDS).astype(float)
+    sums = [np.bincount(bands, power, _BANDS).astype(float) for power in np.abs(spectrum.T) ** 2]
+    found = None if count.min() < _FEWEST else _uneven(np.stack(sums, axis=1), count)
+    if found is None:
         return
-    for force, spectrum in zip(forces, spectra, strict=True):
-        powers = np.abs(spectrum) ** 2
-        expected = np.bincount(places, powers[:, 1:].mean(axis=1), _BANDS)
-        if not np.all(expected > 0.0):
-            continue
-        ratio = np.maximum(np.bincount(places, powers[:, 0], _BANDS) / expected, np.finfo(float).tiny)
-        ratio *= count.sum() / (count @ ratio)
-        gain = -2.0 * float(count @ np.log(ratio))
-        size = float(np.sqrt(count @ (ratio - 1.0) ** 2 / count.sum()))
-        freedom = _BANDS - 1.0
-        if normal_score(gain - freedom, freedom, freedom) > _SIGNIFICANT and size > _SIZEABLE:
-            remark = (
-                f"its density is {ratio.min():.2g} to {ratio.max():.2g} times its mean below {highest:.3g} Hz"
-            )
-            if of_accelerations and ratio[-1] < _ROLLED_OFF:
-                remark += BEHIND_FILTER
-            error = float(1.0 / np.sqrt(count.sum()))
-            yield Cause(SPECTRAL_KINDS[0], force.where, size, "1", gain, error, remark=remark)
+    ratio, gain = found
+    size = float(np.sqrt(count @ (ratio - 1.0) ** 2 / count.sum()))
+    if size > _SIZEABLE:
+        remark = (
+            f"its density is {ratio.min():.2g} to {ratio.max():.2g} times its mean below {highest:.3g} Hz"
+        )
+        if of_accelerations and ratio[-1] < _ROLLED_OFF:
+            remark += BEHIND_FILTER
+        error = float(1.0 / np.sqrt(count.sum()))
+        yield Cause(SPECTRAL_KINDS[0], force.where, size, "1", gain, error, remark=remark)
 
 
-def _correlated(forces: Sequence[RandomForceEstimate], spectra: Sequence[Floats]) -> Iterator[Cause]:
-    """Pairs of forces whose `spectra` (F, 1 + d) have more in common than those of independent ones."""
-    powers = [float(np.sum(np.abs(spectrum[:, 0]) ** 2)) for spectrum in spectra]
-    for first, second in combinations(range(len(forces)), 2):
-        common = np.sum((spectra[first].conj() * spectra[second]).real, axis=0)
-        excess, scatter = common[0] - common[1:].mean(), common[1:].std()
-        whole = max(float(np.sqrt(powers[first] * powers[second])), np.finfo(float).tiny)
-        correlation = float(excess / whole)
-        if abs(excess) > _SIGNIFICANT * scatter and abs(correlation) > _SIZEABLE:
-            gain = -2.0 * len(spectra[first]) * float(np.log1p(-min(correlation**2, 1.0 - 1e-12)))
-            where, source, error = forces[first].where, forces[second].where, float(scatter / whole)
-            yield Cause(SPECTRAL_KINDS[1], where, correlation, "1", gain, error, source=source)
+def _correlated(
+    first: RandomForceEstimate, second: RandomForceEstimate, one: Floats, other: Floats
+) -> Iterator[Cause]:
+    """A pair of forces whose spectra (F, 1 + d) have more in common than those of independent ones."""
+    common = np.sum((one.conj() * other).real, axis=0)
+    excess, scatter = common[0] - common[1:].mean(), common[1:].std()
+    powers = [float(np.sum(np.abs(spectrum[:, 0]) ** 2)) for spectrum in (one, other)]
+    whole = max(float(np.sqrt(powers[0] * powers[1])), np.finfo(float).tiny)
+    correlation, error = float(excess / whole), float(scatter / whole)
+    if abs(excess) > _SIGNIFICANT * scatter and abs(correlation) > _SIZEABLE:
+        gain = -2.0 * len(one) * float(np.log1p(-min(correlation**2, 1.0 - 1e-12)))
+        yield Cause(SPECTRAL_KINDS[1], first.where, correlation, "1", gain, error, source=second.where)
 
 
-def _unsteady(forces: Sequence[RandomForceEstimate], squares: Sequence[Floats]) -> Iterator[Cause]:
-    """Forces whose `squares` of slopes (K, 1 + d) are in some parts of the records another multiple of those of steady ones.
+def _unsteady(force: RandomForceEstimate, square: Floats) -> Iterator[Cause]:
+    """A force whose squared slopes (K, 1 + d) are in some parts of the records another multiple of those of a steady one.
 
     Intervals of laws are too narrow then by the root of 1 + size^2, as the strongest parts tell most.
     """
-    for force, square in zip(forces, squares, strict=True):
-        drawn = _in_parts(square[:, 1:], _FEWEST_PARTS)
-        freedom = 2.0 * float(
-            np.sum(drawn.mean(axis=1) ** 2) / max(np.sum(drawn.var(axis=1)), np.finfo(float).tiny)
-        )
-        count = int(min(_FEWEST_PARTS * freedom / _FREEDOM, _MOST_PARTS, len(square)))
-        if count < _FEWEST_PARTS:
-            continue
-        freedom *= _FEWEST_PARTS / count
-        sums = _in_parts(square, count)
-        ratio = np.maximum(sums[:, 0] / sums[:, 1:].mean(axis=1), np.finfo(float).tiny)
-        ratio /= ratio.mean()
-        gain = -freedom * float(np.log(ratio).sum())
-        size = float(np.sqrt(max(np.mean((ratio - 1.0) ** 2) - 2.0 / freedom, 0.0)))
-        if normal_score(gain - (count - 1.0), count - 1.0, count - 1.0) > _SIGNIFICANT and size > _UNSTEADY:
-            low, high = np.sqrt([ratio.min(), ratio.max()])
-            remark = f"its density is {low:.2g} to {high:.2g} times its root mean square in {count} parts of the record"
-            yield Cause(
-                UNSTEADY, force.where, size, "1", gain, float(np.sqrt(2.0 / (freedom * count))), remark=remark
-            )
+    drawn = _in_parts(square[:, 1:], _FEWEST_PARTS)
+    scatter = max(float(np.sum(drawn.var(axis=1))), np.finfo(float).tiny)
+    independent = float(_FEWEST_PARTS * np.sum(drawn.mean(axis=1) ** 2)) / scatter  # of all parts
+    count = int(min(2.0 * independent / _FREEDOM, _MOST_PARTS, len(square)))
+    counts: Floats = np.full(count, independent / max(count, 1))
+    found = None if count < _FEWEST_PARTS else _uneven(_in_parts(square, count), counts)
+    if found is None:
+        return
+    ratio, gain = found
+    size = float(np.sqrt(max(float(np.mean((ratio - 1.0) ** 2)) - count / independent, 0.0)))
+    if size > _UNSTEADY:
+        low, high = np.sqrt(np.array([ratio.min(), ratio.max()]))
+        remark = f"its density is {low:.2g} to {high:.2g} times its root mean square in {count} parts of the record"
+        error = float(1.0 / np.sqrt(independent))
+        yield Cause(UNSTEADY, force.where, size, "1", gain, error, remark=remark)
 
 
 def _in_parts(values: Floats, count: int) -> Floats:
@@ -347,14 +349,7 @@ class InputNoise:
         score = self.score
         if score.normal < SIGNIFICANT or score.deviation > LARGEST * self.rms:
             return None
-        return Cause(
-            kind="input noise",
-            where=self.channel,
-            size=score.deviation,
-            unit=self.unit,
-            gain=score.gain,
-            standard_error=0.5 * score.error / score.deviation,
-        )
+        return score.cause("input noise", self.channel, self.unit)
 
 
 def noise_of_inputs(
