@@ -30,18 +30,15 @@ from linkwise.expression.program import cached_program
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
 from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import (
-    Border,
     FactoredModel,
-    border_equations,
     eliminated_rows,
     precise_model,
     tested_in_pieces,
 )
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
-from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature, linearise
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
@@ -300,8 +297,7 @@ class LocalQuadratic:
 class AugmentedQuadratic:
     """Curvature (k, k) and slope (k,) of the cost in scaled unknowns, and the covariance `scatter` (k, k) of the slope.
 
-    The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested, where
-    masses are few or it was asked for in blocks.
+    The latter is the curvature itself where the noise is white. `model` is that of the optimum without what is tested.
     """
 
     curvature: Floats
@@ -352,22 +348,16 @@ def augmented_quadratic(
     if in_pieces is not None:
         return in_pieces
     linear = optimum.linear(candidates, errors, blocks)
-    in_blocks = blocks > 1
-    border: Border | None
-    if isinstance(linear, Linearization):
-        linear, border = precise_model(linear, optimum.q, own=segments.system.parameters.size)
-    else:
-        border = linear.factor(optimum.q) if in_blocks else border_equations(linear, optimum.q)
+    linear, border = precise_model(linear, optimum.q, own=segments.system.parameters.size)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     added = len(candidates.first) + (0 if errors is None else len(errors.channel))
     model = None
-    if (in_blocks or isinstance(border, BorderedFactor)) and not border.damped:
+    if not border.damped:
         estimated = np.delete(
             np.arange(len(border.schur)), segments.system.parameters.size + np.arange(added)
         )
-        assert not isinstance(border, BorderEquations)  # a factor was asked for
-        model = FactoredModel.within(linear, border, estimated, optimum.q)
+        model = FactoredModel(linear, border).within(estimated)
     own = slice(0, segments.system.parameters.size + added)
     nuisance = slice(own.stop, None)
     curvature, slope = border.schur[own, own], border.reduced[own]
@@ -693,4 +683,4 @@ def _log_determinant(optimum: Optimum, structure: Structure, masses: Sequence[st
     segments = replace(optimum.segments, system=system_with(structure, masses, sample))
     misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
     factor = linearise(segments, misfit, optimum.scales, optimum.loss).equations(optimum.q).factor()
-    return float("nan") if factor is None else 2.0 * float(np.log(factor.chol[0]).sum())
+    return float("nan") if factor is None else factor.root.log_determinant
