@@ -97,11 +97,11 @@ def test_a_cubic_term_that_is_held_too_large_leaves_more_than_noise(beta: float)
 
 
 def test_a_fit_without_room_is_refused_before_the_work() -> None:
-    """200 masses over 6 s at 1 kHz: a dense block a node, 1.5 GB, and 1.9 GB of neighbours."""
+    """200 masses over 6 s at 1 kHz: three dense blocks a node, 4.6 GB, and 3.8 GB of the border."""
     needed = fit_bytes(1200, 200, 400, 500)
-    assert 8 * 1200 * 400**2 < needed < 4e9
+    assert 3 * 8 * 1200 * 400**2 < needed < 9e9
     require_room(1200, 200, 400, 500, free=needed)
     with pytest.raises(
-        lw.IdentificationError, match=r"for 200 masses over 1200 segments .* needs 3.46 GB, and 2 GB are free"
+        lw.IdentificationError, match=r"for 200 masses over 1200 segments .* needs 8.45 GB, and 2 GB are free"
     ):
         require_room(1200, 200, 400, 500, free=2_000_000_000)

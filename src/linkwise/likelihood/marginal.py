@@ -331,11 +331,11 @@ class _LogDeterminant:
         assert random is not None
         residuals = self.segments.observed.sum(axis=(0, 2)).astype(float)
         forces = np.full(len(random.rows), float(self.segments.count))
-        whole, inverse = self.linear.data.state, self._inverse_blocks()
+        whole, inverse = self.linear.state, self._inverse_blocks()
         for channel in np.flatnonzero(~known_noise).tolist():
             sigma = self.scales.sigma.copy()
             sigma[channel] *= _LOUDER
-            without = replace(self, scales=replace(self.scales, sigma=sigma)).linear.data.state
+            without = replace(self, scales=replace(self.scales, sigma=sigma)).linear.state
             residuals[channel] -= float(np.vdot(inverse, whole - without)) / (1.0 - _LOUDER**-2)
         own = inverse[:, random.rows, random.rows].T
         forces -= np.sum(own * random.curvature(self.scales.state), axis=1)
@@ -345,7 +345,7 @@ class _LogDeterminant:
         """Log det where the border (P,) is moved by a step."""
         moved = self.point.moved(self.point.nodes, self.point.border + step)
         factor = replace(self, point=moved).linear.equations(self.q).factor()
-        return np.nan if factor is None else self.factor * 2.0 * float(np.log(factor.chol[0]).sum())
+        return np.nan if factor is None else self.factor * factor.root.log_determinant
 
     @cached_property
     def linear(self) -> Linearization:
@@ -356,7 +356,7 @@ class _LogDeterminant:
     def _inverse_blocks(self) -> Floats:
         """(K, m, m) blocks of the inverse of those of the states; zeros where they are singular."""
         factor = self.linear.equations(self.q).factor()
-        return np.zeros_like(self.linear.data.state) if factor is None else factor.inverse_blocks()
+        return np.zeros_like(self.linear.state) if factor is None else factor.inverse_blocks()
 
 
 _LONG = 16_000  # segments: of fewer most searches lead straight to exact laws

@@ -52,9 +52,9 @@ from linkwise.signals.noise import channel_noise, noise_floor
 from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
 
-_BLOCKS = 4  # of a node with itself, or with the border, that are kept at the same time
+_BLOCKS = 4  # of a node with itself, or with the border, that are kept at the same time, of few masses
+_OF_MANY = 3, 2  # blocks of a node with itself, and with the border: a half of these are in single precision
 _OUTSIDE = 1e-3  # of the noise of a force, outside of its window: the equations take no zero
-_LOCAL = 4000  # bytes of a state with its neighbours, of two linearisations
 
 
 def fit_bytes(segments: int, masses: int, states: int, border: int) -> int:
@@ -72,7 +72,7 @@ def fit_bytes(segments: int, masses: int, states: int, border: int) -> int:
     """
     if masses < MANY:
         return 8 * _BLOCKS * segments * states * (states + border)
-    return segments * states * (8 * states + _LOCAL)
+    return 8 * segments * states * (_OF_MANY[0] * states + _OF_MANY[1] * border)
 
 
 def require_room(segments: int, masses: int, states: int, border: int, *, free: int | None = None) -> None:

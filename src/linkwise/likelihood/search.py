@@ -38,10 +38,11 @@ from linkwise.likelihood.noise import (
 )
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, block_information, linear_model
+from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information, linear_model
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.normal_equations import Linearization
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
 from linkwise.likelihood.shooting.steps import freedom
@@ -95,7 +96,7 @@ class Optimum:
 
     def linear(
         self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
-    ) -> GaussNewtonModel:
+    ) -> Linearization:
         """Gauss-Newton blocks, with amplitudes of `candidates` and sizes of `errors` among the unknowns."""
         return linear_model(
             self.segments,
@@ -112,8 +113,11 @@ class Optimum:
 
         The amplitudes of `candidates` follow theta among the unknowns.
         """
-        of_blocks = block_information(self.linear(candidates, blocks=blocks), self.q)
-        return None if of_blocks is None else BlockScores(*of_blocks)
+        linear = self.linear(candidates, blocks=blocks)
+        factor = linear.equations(self.q).factor()
+        if factor is None:
+            return None
+        return BlockScores(*block_information(FactoredModel(linear, factor), self.q))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
-"""The linearised problem at a point, dense for few masses and local for many, and what it tells of the unknowns.
+"""The linearised problem at a point, and what it tells of the unknowns.
 
 With H of the states, border E and corner C of all segments, F = H^-1 E says how the states follow the unknowns. The segments
 of a block contribute H_b, E_b and C_b, and their information is C_b - E_b' F + F' (H_b F - E_b). The last difference is zero
 but at the first and the last node of the block, where it is what the link with the neighbouring segment transmits: the
-product E_b' F remains, of sparse E_b where the structure has many masses. `eliminated_rows` has the rows themselves with the
-states eliminated: sums over them are what samples and links between segments say of the unknowns.
+product E_b' F remains. `eliminated_rows` has the rows themselves with the states eliminated: sums over them are what samples
+and links between segments say of the unknowns.
 
 Long records are tested in pieces (`tested_in_pieces`): a piece is a run of segments from one node to another, which it shares
 with the next. Its own equations hold a border of both ends and the unknowns of all; eliminated piece by piece, in memory that
@@ -18,22 +18,15 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.bordered_system import (
-    BlockFactor,
-    BorderedFactor,
-    BorderedSystem,
-    BorderEquations,
-)
-from linkwise.likelihood.shooting.local_equations import (
-    LocalLinearization,
-    LocalSystem,
-    local_linearization,
-)
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem
+from linkwise.likelihood.shooting.local_equations import local_linearization
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.neighbourhoods import MANY, LocalRows, clusters, neighbourhoods, reach
 from linkwise.likelihood.shooting.normal_equations import (
@@ -50,10 +43,6 @@ from linkwise.likelihood.shooting.segments import F, S, Scales, Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.runtime import processors
 
-GaussNewtonModel = Linearization | LocalLinearization
-Factor = BorderedFactor | BlockFactor
-Border = BorderEquations | Factor
-
 _LOOSER = (3.0, 10.0, 30.0, 100.0)  # times the relaxation, for a covariance
 _ROUNDED = 1e-13  # of the diagonal of the border: information of which rounding hides more than a hundredth
 _WORTHWHILE = 0.9  # of the sensitivities of the whole: what groups may have of them
@@ -68,8 +57,8 @@ def linear_model(
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
     blocks: int = 1,
-) -> GaussNewtonModel:
-    """Gauss-Newton blocks at a point.
+) -> Linearization:
+    """Gauss-Newton model at a point.
 
     Parameters
     ----------
@@ -80,8 +69,8 @@ def linear_model(
 
     Returns
     -------
-    Linearization or LocalLinearization
-        The latter where influences reach a small part of the structure within a segment.
+    Linearization
+        The model, its rows by groups of columns where influences reach a small part of the structure within a segment.
     """
     if executor is None:
         with ThreadPoolExecutor(processors()) as threads:
@@ -152,23 +141,18 @@ def column_origins(
     return [np.array(sorted(own_masses), dtype=int) for own_masses in masses]
 
 
-def border_equations(linear: GaussNewtonModel, q: float) -> Border | None:
-    """The equations of the border at a relaxation, as the factor has them; of many masses without room for the factor."""
-    return linear.border(q) if isinstance(linear, LocalLinearization) else linear.factor(q)
-
-
 def precise_model(
-    linear: GaussNewtonModel, q: float, factor: Factor | None = None, own: int | None = None
-) -> tuple[GaussNewtonModel, Factor | None]:
+    linear: Linearization, q: float, factor: BorderedFactor | None = None, own: int | None = None
+) -> tuple[Linearization, BorderedFactor | None]:
     """A linearised problem with its factor, whose rounding hides nothing that the equations tell of the border.
 
     Parameters
     ----------
-    linear : Linearization or LocalLinearization
+    linear : Linearization
         The linearised problem.
     q : float
         Relaxation.
-    factor : BorderedFactor or BlockFactor, optional
+    factor : BorderedFactor, optional
         Its factor at the relaxation.
     own : int, optional
         How many of the border, the first, rounding must not hide; candidates behind them may well be as good as singular. By
@@ -181,51 +165,49 @@ def precise_model(
         factor; None where its equations are not positive definite.
     """
     factor = factor or linear.factor(q)
-    if isinstance(linear, Linearization) and _is_rounded(linear, factor, q, own):
+    if _is_rounded(linear, factor, q, own):
         linear = with_common_shift(linear)
         factor = linear.factor(q)
     return linear, factor
 
 
-def firm_border(linear: GaussNewtonModel, q: float, factor: Factor | None = None) -> Border | None:
-    """`border_equations` at a relaxation, or at the least larger one at which nothing has to be added to the nodes.
+def firm_factor(
+    linear: Linearization, q: float, factor: BorderedFactor | None = None
+) -> BorderedFactor | None:
+    """The factor at a relaxation, or at the least larger one at which nothing has to be added to the nodes.
 
     That at the relaxation is the given one, if there is one. What is added makes a factor, and would count as information; a
     larger relaxation can only widen the covariance. Where nothing helps it is that with the addition.
     """
-    border: Border | None
-    if isinstance(linear, LocalLinearization):
-        border = factor or linear.border(q)
-    else:
-        linear, border = precise_model(linear, q, factor)
-    for looser in _LOOSER if border is not None and border.damped else ():
-        again = border_equations(linear, looser * q)
+    linear, factor = precise_model(linear, q, factor)
+    for looser in _LOOSER if factor is not None and factor.damped else ():
+        again = linear.factor(looser * q)
         if again is not None and not again.damped:
             return again
-    return border
+    return factor
 
 
-def _is_rounded(linear: Linearization, factor: Factor | None, q: float, own: int | None) -> bool:
+def _is_rounded(linear: Linearization, factor: BorderedFactor | None, q: float, own: int | None) -> bool:
     """Whether rounding hides what equations tell of some direction in the first `own` columns of the border."""
     if factor is None or not len(factor.schur[:own]):
         return False
-    diagonal = (linear.data.corner + linear.defects.corner / q**2).diagonal()[:own]
+    diagonal = (linear.of_data.matrix + linear.of_defects.matrix / q**2).diagonal()[:own]
     size = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
     relative = factor.schur[:own, :own] / np.outer(size, size)
     return bool(np.isfinite(relative).all() and np.linalg.eigvalsh(relative)[0] < _ROUNDED)
 
 
-def covariance(border: Border | None, scales: Scales, free: Bools) -> Floats:
+def covariance(factor: BorderedFactor | None, scales: Scales, free: Bools) -> Floats:
     """Of theta, offsets and gains in their own units, zero where not free; infinite where rounding leaves the equations no
     positive definite matrix, since the variances of another would be its errors alone.
     """
     size = len(scales.theta)
     unknown = np.full((size, size), np.inf)
-    if border is None:
+    if factor is None:
         return unknown
     chosen = np.ix_(free, free)
     try:
-        root = np.linalg.cholesky(border.schur[chosen])
+        root = np.linalg.cholesky(factor.schur[chosen])
     except np.linalg.LinAlgError:
         return unknown
     out = np.zeros((size, size))
@@ -234,155 +216,52 @@ def covariance(border: Border | None, scales: Scales, free: Bools) -> Floats:
     return out
 
 
-_AT_ONCE = 64  # unknowns whose states are held together, of many masses; as many nodes
-
-
 @dataclass(frozen=True, eq=False)
 class FactoredModel:
     """Gauss-Newton blocks at a point, and the `factor` of their equations at a relaxation, without damping."""
 
-    linear: GaussNewtonModel
-    factor: Factor
+    linear: Linearization
+    factor: BorderedFactor
 
     @property
     def in_blocks(self) -> bool:
         """Whether the corner of `linear` is that of several blocks."""
-        return len(self.linear.data.corner_gradients) > 1
+        return len(self.linear.of_data.gradients) > 1
 
-    @classmethod
-    def within(cls, linear: GaussNewtonModel, factor: Factor, border: Indices, q: float) -> FactoredModel:
-        """That of these unknowns of the border alone, in arrays of its own, from a linearization with more of them."""
-        own = linear.within(border)
-        if isinstance(own, LocalLinearization):
-            assert isinstance(factor, BlockFactor)
-            return cls(own, own.equations(q).with_nodes_of(factor, border))
-        assert isinstance(factor, BorderedFactor)
-        return cls(own, factor.within(border))
+    def within(self, border: Indices) -> FactoredModel:
+        """That of these unknowns of the border alone, in arrays of its own."""
+        return FactoredModel(self.linear.within(border), self.factor.within(border))
 
 
-def block_information(linear: GaussNewtonModel | FactoredModel, q: float) -> tuple[Floats, Floats] | None:
-    """Scores (B, p) and information (B, p, p) of as many blocks as the corner of `linear` has.
-
-    None where the equations are singular.
-    """
-    if isinstance(linear, FactoredModel):
-        factor, linear = linear.factor, linear.linear
-    else:
-        own = linear.equations(q).factor()
-        if own is None:
-            return None
-        factor = own
-    if isinstance(linear, LocalLinearization):
-        assert isinstance(factor, BlockFactor)
-        return _local(linear, factor, q)
-    assert isinstance(factor, BorderedFactor)
-    return _dense(linear, factor, q)
-
-
-def _dense(linear: Linearization, factor: BorderedFactor, q: float) -> tuple[Floats, Floats]:
-    weight, follow = 1.0 / q**2, followed_states(factor)
+def block_information(model: FactoredModel, q: float) -> tuple[Floats, Floats]:
+    """Scores (B, p) and information (B, p, p) of as many blocks as the corner of the model has, at its relaxation."""
+    linear, weight, follow = model.linear, 1.0 / q**2, followed_states(model.factor)
     K, _, p = follow.shape
-    gradient, corner = _corners(linear, weight)
+    gradient = linear.of_data.gradients + weight * linear.of_defects.gradients
+    corner = linear.of_data.matrices + weight * linear.of_defects.matrices
     ends = block_ends(K, len(corner))
     for block, (first, last) in enumerate(pairwise(ends)):
         inner = slice(first, min(last, K - 1))  # segments that another follows
-        own = weight * linear.defects.right[first:last] + linear.data.right[first:last]
-        along = _product(own, follow[first:last])
-        moved = linear.joined[inner, :, None] * follow[first + 1 : inner.stop + 1]
-        along -= weight * _product(linear.right_ends[inner], moved)
+        later = linear.joined[inner, :, None] * follow[first + 1 : inner.stop + 1]
+        moved = linear.state_ends[inner] @ follow[inner] - later
+        along = _product(linear.right[first:last], follow[first:last])
+        along += weight * _product(linear.right_ends[inner], moved)
         corner[block] -= along[:p]
         gradient[block] -= along[p]
-    for block, node in enumerate(ends[1:-1]):
-        moved = linear.joined[node - 1, :, None] * follow[node]
-        link = moved + linear.right_ends[node - 1, :, :p] - linear.state_ends[node - 1] @ follow[node - 1]
-        _transmit(corner, block, weight * moved.T @ link)
+        if last < K:
+            link = linear.right_ends[last - 1, :, :p] - moved[-1]
+            passed = weight * later[-1].T @ link
+            corner[block] += passed
+            corner[block + 1] -= passed
     return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
 
 
 def followed_states(factor: BorderedFactor) -> Floats:
     """(K, m, p): by how much the scaled states fall where an unknown grows by one unit and the states follow."""
-    (K, m), p = factor.shape, len(factor.schur)
-    forward = factor.forward[..., :p].reshape(K * m, p)
-    follow, _ = lapack.dtbtrs(factor.chol, forward, uplo="L", trans="T")
-    return np.ascontiguousarray(follow).reshape(K, m, p)
+    return factor.root.backward(factor.forward[..., :-1].copy())
 
 
-def _corners(linear: GaussNewtonModel, weight: float) -> tuple[Floats, Floats]:
-    """The gradients (B, p) and the corners (B, p, p) of the border, by blocks."""
-    data, defects = linear.data, linear.defects
-    gradients = data.corner_gradients + weight * defects.corner_gradients
-    if isinstance(linear, Linearization):
-        return gradients, linear.data.corners + weight * linear.defects.corners
-    return gradients, linear.data.corners_by_blocks + weight * linear.defects.corners_by_blocks
-
-
-def _transmit(corner: Floats, block: int, passed: Floats) -> None:
-    """Move what the link behind a block transmits from the next block to it."""
-    corner[block] += passed
-    corner[block + 1] -= passed
-
-
-def _local(linear: LocalLinearization, factor: BlockFactor, q: float) -> tuple[Floats, Floats]:
-    equations, weight = linear.equations(q), 1.0 / q**2
-    gradient, corner = _corners(linear, weight)
-    (K, m), p = linear.missed.shape, len(linear.data.prior)
-    ends = block_ends(K, len(corner))
-    nodes = np.array(ends[1:-1], dtype=int)
-    at_nodes, links = np.empty((len(nodes), p, m)), np.empty((len(nodes), p, m))
-    for first in range(0, p, _AT_ONCE):
-        some = slice(first, min(first + _AT_ONCE, p))
-        right = np.empty((K, some.stop - first, m))
-        for begin in range(0, K, _AT_ONCE):
-            end = min(begin + _AT_ONCE, K)
-            right[begin:end] = equations.rights(begin, end)[:, some]
-        follow = factor.nodes(right)
-        _subtract_products(equations, follow, some, gradient, corner)
-        at_nodes[:, some] = follow[nodes]
-        links[:, some] = follow[nodes] * linear.joined[nodes - 1, None, None]
-        for number, node in enumerate(nodes.tolist()):
-            coupling = (
-                equations.coupling(node - 1, node)[0] / weight
-            )  # the end by the node before, sign reversed
-            links[number, some] += follow[node - 1] @ coupling.T
-    for ends_of_group, group in zip(linear.ends, linear.groups, strict=True):
-        if len(group.moving_border):
-            moved = ends_of_group[nodes - 1, :, len(group.states) :].transpose(0, 2, 1)
-            links[:, group.moving_border[:, None], group.rows] += moved
-    for block in range(len(nodes)):
-        _transmit(corner, block, weight * at_nodes[block] @ links[block].T)
-    return gradient, 0.5 * (corner + corner.transpose(0, 2, 1))
-
-
-def _subtract_products(
-    equations: LocalSystem, follow: Floats, some: slice, gradient: Floats, corner: Floats
-) -> None:
-    """Take E_b' F and g_b' F from `corner` and `gradient`; F is `follow` (K, c, m), of `some` columns."""
-    linear, weight = equations.linear, equations.weight
-    K, own_gradient = len(follow), linear.data.gradient + weight * linear.defects.gradient
-    for block, (first, last) in enumerate(pairwise(block_ends(K, len(corner)))):
-        part, own = slice(first, last), corner[block, :, some]
-        by_state = [
-            np.ascontiguousarray(follow[part][:, :, group.states].transpose(0, 2, 1))
-            for group in linear.groups
-        ]
-        for pair, data in zip(linear.pairs, linear.products, strict=True):
-            first_group, second_group = (linear.groups[number] for number in pair.groups)
-            upper = data.upper[part, :, len(second_group.states) :].astype(float)
-            own[second_group.border] -= _product(upper, by_state[pair.first])
-            if pair.first != pair.second:
-                lower = data.lower[part].astype(float).transpose(0, 2, 1)
-                own[first_group.border] -= _product(lower, by_state[pair.second])
-        defects = weight * equations.followed_defects(part, follow)
-        for ends, group in zip(linear.ends, linear.groups, strict=True):
-            fallen = np.ascontiguousarray(defects[:, :, group.rows].transpose(0, 2, 1))
-            own[group.moving_border] -= _product(ends[part, :, len(group.states) :].astype(float), fallen)
-        inner = slice(first, min(last, K - 1))  # segments that another follows
-        gradient[block, some] -= np.einsum("km,kcm->c", own_gradient[part], follow[part])
-        later = follow[first + 1 : inner.stop + 1]
-        gradient[block, some] += weight * np.einsum("km,kcm->c", linear.missed[inner], later)
-
-
-def _product(rows: Floats, others: Floats) -> Floats:
+def _product(rows: NDArray[Any], others: Floats) -> Floats:
     """(q, c) sum over segments and rows of (k, r, q) times (k, r, c)."""
     count = rows.shape[0] * rows.shape[1]  # no -1, which columns that there are none of leave open
     return np.asarray(rows.reshape(count, rows.shape[2]).T @ others.reshape(count, others.shape[2]))
@@ -578,7 +457,7 @@ def tested_in_pieces(
         linear = linearise(
             piece_between(segments, *own), misfit.part(part), scales, loss, None, candidates.part(part), some
         )
-        factor = inner_equations(linear.equations(q)).factor(overwrite=True)
+        factor = inner_equations(linear.equations(q)).factor()
         return None if factor is None else (factor.schur, factor.reduced)
 
     with ThreadPoolExecutor(processors()) as executor:

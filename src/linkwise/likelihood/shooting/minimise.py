@@ -22,8 +22,9 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.shooting.linear_model import GaussNewtonModel, covariance, firm_border, linear_model
+from linkwise.likelihood.shooting.linear_model import covariance, firm_factor, linear_model
 from linkwise.likelihood.shooting.loss import Loss
+from linkwise.likelihood.shooting.normal_equations import Linearization
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.steps import AnnealingSchedule as AnnealingSchedule
@@ -135,7 +136,7 @@ def anneal(
     status = AnnealingStatus.EXHAUSTED
     samples = int(segments.observed.sum())
     misfit = _started(segments, start, scales, loss, schedule.initial_q)
-    linear: GaussNewtonModel | None = None
+    linear: Linearization | None = None
     damped: DampedEquations | None = None
     try:
         while len(path) < schedule.max_steps:
@@ -175,7 +176,7 @@ def anneal(
         status = AnnealingStatus.INTERRUPTED
     factor = None if damped is None else damped.undamped_factor(control.q)
     linear, damped = linear or linear_model(segments, misfit, scales, loss, executor), None
-    covariance_of = partial(covariance, firm_border(linear, control.q, factor), scales)
+    covariance_of = partial(covariance, firm_factor(linear, control.q, factor), scales)
     return _fit(segments, covariance_of, misfit, scales, loss, control.q, status, tuple(path))
 
 

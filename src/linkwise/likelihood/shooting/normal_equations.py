@@ -12,7 +12,7 @@ segments, they are small from the start, and nothing else changes (`with_common_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -43,60 +43,34 @@ from linkwise.likelihood.shooting.tangents import CandidateForces, Single, shown
 
 
 @dataclass(frozen=True, eq=False)
-class NormalBlocks:
-    """One quadratic form over scaled unknowns: state (K, m, m), right (K, m, p + 1) border and gradient, and by blocks of
-    segments the corner (B, p, p) and its gradient (B, p).
-    """
+class Corners:
+    """The border of a quadratic form, by blocks of segments: `matrices` (B, p, p) and `gradients` (B, p)."""
 
-    state: Floats
-    right: Floats
-    corners: Floats
-    corner_gradients: Floats
+    matrices: Floats
+    gradients: Floats
 
     @classmethod
-    def empty(cls, K: int, m: int, p: int, blocks: int = 1) -> NormalBlocks:
-        return cls(
-            np.empty((K, m, m)), np.zeros((K, m, p + 1)), np.zeros((blocks, p, p)), np.zeros((blocks, p))
-        )
+    def empty(cls, p: int, blocks: int) -> Corners:
+        """Zeros."""
+        return cls(np.zeros((blocks, p, p)), np.zeros((blocks, p)))
 
-    def within(self, border: Indices) -> NormalBlocks:
+    def within(self, border: Indices) -> Corners:
         """Those of these unknowns of the border alone, in arrays of their own."""
-        return replace(
-            self,
-            right=self.right[..., np.append(border, -1)],
-            corners=self.corners[:, border[:, None], border],
-            corner_gradients=self.corner_gradients[:, border],
-        )
+        return Corners(self.matrices[:, border[:, None], border], self.gradients[:, border])
 
     @property
-    def corner(self) -> Floats:
+    def matrix(self) -> Floats:
         """(p, p) of all segments."""
-        return np.asarray(self.corners.sum(axis=0))
+        return np.asarray(self.matrices.sum(axis=0))
 
     @property
-    def corner_gradient(self) -> Floats:
+    def gradient(self) -> Floats:
         """(p,) of all segments."""
-        return np.asarray(self.corner_gradients.sum(axis=0))
+        return np.asarray(self.gradients.sum(axis=0))
 
-    def put(self, part: slice, rows: Floats | Single, pieces: Sequence[slice]) -> Floats:
-        """Store [J r]'[J r] of the Jacobian and residuals `rows` (k, r, m + p + 1) of a chunk.
 
-        Returns corners and gradients (b, p + 1, p + 1) of its pieces. Rows in single precision are multiplied segment by
-        segment and the products summed in double precision; those in double precision are multiplied at once.
-        """
-        m, single = self.state.shape[1], rows.dtype == np.float32
-        product = (rows if single else rows[..., :m]).transpose(0, 2, 1) @ rows
-        self.state[part] = product[:, :m, :m]
-        self.right[part] = product[:, :m, m:]
-        if single:
-            return np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
-        borders = (rows[piece, :, m:].reshape(-1, rows.shape[2] - m) for piece in pieces)
-        return np.stack([border.T @ border for border in borders])
-
-    def add_corners(self, blocks: Indices, corners: Floats) -> None:
-        """Add corners and gradients (b, p + 1, p + 1), as of `put`, to those of b `blocks`."""
-        self.corners[blocks] += corners[:, :-1, :-1]
-        self.corner_gradients[blocks] += corners[:, -1, :-1]
+Sums = tuple[Floats, tuple[Any, ...], Floats]
+"""An array by blocks of segments, the places in some of its blocks, and what is added there."""
 
 
 def columns_of_forces(segments: Segments) -> Indices:
@@ -201,48 +175,71 @@ def blocks_of(part: slice, ends: Sequence[int]) -> list[tuple[int, slice]]:
     return [(block, slice(a, b)) for block, (a, b) in enumerate(pairwise(within)) if b > a]
 
 
+EVERY: tuple[tuple[slice | Indices, slice | Indices], ...] = ((slice(None), slice(None)),)
+"""Columns and rows of the ends of segments, where all states move all."""
+
+
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Gauss-Newton model of a misfit: the data part, and the defects for q = 1 without the diagonal of the later node."""
+    """Gauss-Newton model of a misfit: products of the samples' rows, and the ends of the segments.
 
-    data: NormalBlocks
-    defects: NormalBlocks
-    state_ends: Floats  # (K - 1, m, m) end of a segment by its node
-    right_ends: Floats  # (K - 1, m, p + 1) end by theta and offsets; last the defect, sign reversed
-    joined: Floats  # (K - 1, m) what defects weigh, as in both ends: 1, or 0 of what is not continuous
-    shift: Floats | None = None  # (m, p) by the border, relative to which the nodes are
+    Attributes
+    ----------
+    state, right : array of shape (K, m, m) and (K, m, p + 1)
+        Products of the columns of each node with these, and with the border and, last, the residuals.
+    of_data, of_defects : Corners
+        Products of the border, of samples and of the defects for q = 1.
+    state_ends, right_ends : array of shape (K - 1, m, m) and (K - 1, m, p + 1)
+        The end of a segment by its node, and by the border; last the defect, sign reversed.
+    joined : array of shape (K - 1, m)
+        What defects weigh, as in both ends: 1, or 0 of what is not continuous.
+    reach : sequence of tuple
+        The states in groups, with the rows of `state_ends` that are not zero for them.
+    shift : array of shape (m, p), optional
+        Shifts by the border, relative to which the nodes are.
+    """
+
+    state: NDArray[Any]
+    right: NDArray[Any]
+    of_data: Corners
+    of_defects: Corners
+    state_ends: NDArray[Any]
+    right_ends: NDArray[Any]
+    joined: Floats
+    reach: Sequence[tuple[slice | Indices, slice | Indices]] = EVERY
+    shift: Floats | None = None
 
     def within(self, border: Indices) -> Linearization:
         """That of these unknowns of the border alone, in arrays of its own."""
+        columns = np.append(border, -1)
         return replace(
             self,
-            data=self.data.within(border),
-            defects=self.defects.within(border),
-            right_ends=self.right_ends[..., np.append(border, -1)],
+            right=self.right[..., columns],
+            of_data=self.of_data.within(border),
+            of_defects=self.of_defects.within(border),
+            right_ends=self.right_ends[..., columns],
             shift=self.shift if self.shift is None else self.shift[:, border],
         )
 
     def equations(self, q: float) -> BorderedSystem:
         """Normal equations with squared defects weighted by 1 / q^2."""
-        weight = 1.0 / q**2
-        m = self.data.state.shape[1]
-        diagonal = self.defects.state * weight
-        diagonal += self.data.state
+        weight, m = 1.0 / q**2, self.state.shape[1]
+        diagonal, right = self.state.astype(float), self.right.astype(float)
         diagonal[1:, range(m), range(m)] += weight * self.joined**2
-        right = np.empty_like(self.data.right)
-        for first in range(0, len(right), _AT_ONCE):
-            some, own = slice(first, first + _AT_ONCE), right[first : first + _AT_ONCE]
-            np.multiply(self.defects.right[some], weight, out=own)
-            own += self.data.right[some]
-            links = slice(max(first - 1, 0), first + _AT_ONCE - 1)
-            before = weight * self.joined[links, :, None] * self.right_ends[links]
-            own[len(own) - len(before) :] -= before
+        for first in range(0, len(self.joined), _AT_ONCE):
+            some = slice(first, min(first + _AT_ONCE, len(self.joined)))
+            for states, rows in self.reach:
+                ends = self.state_ends[some, rows].astype(float, copy=False)
+                weighted = weight * ends[:, :, states].transpose(0, 2, 1)
+                diagonal[some, states] += weighted @ ends
+                right[some, states] += weighted @ self.right_ends[some, rows]
+            right[1:][some] -= weight * self.joined[some, :, None] * self.right_ends[some]
         return BorderedSystem(
             diagonal,
             self.state_ends * (-weight * self.joined[:, :, None]),
             right,
-            self.data.corner + weight * self.defects.corner,
-            self.data.corner_gradient + weight * self.defects.corner_gradient,
+            self.of_data.matrix + weight * self.of_defects.matrix,
+            self.of_data.gradient + weight * self.of_defects.gradient,
             self.shift,
         )
 
@@ -252,12 +249,11 @@ class Linearization:
 
         What is added is below the rounding of single precision, in which the sensitivities are.
         """
-        equations = self.equations(q)
-        nothing = np.zeros(len(equations.corner))
-        nodes = np.einsum("kii->ki", equations.diagonal).copy()
+        nothing = np.zeros(self.right.shape[2] - 1)
         for strength in (0.0, *NEGLIGIBLE):
-            damping = Damping(strength * nodes, nothing) if strength else None
-            factor = equations.factor(damping, overwrite=True)
+            equations = self.equations(q)
+            nodes = strength * np.einsum("kii->ki", equations.diagonal)
+            factor = equations.factor(Damping(nodes, nothing) if strength else None)
             if factor is not None:
                 return factor
         return None
@@ -266,9 +262,64 @@ class Linearization:
         """`strength` times the diagonal at q = 1, so that a trust region means the same at every q."""
         if strength == 0.0:
             return None
-        nodes = np.einsum("kii->ki", self.data.state + self.defects.state)
+        nodes = np.einsum("kii->ki", self.state).astype(float)
+        nodes[:-1] += np.einsum("kij,kij->kj", self.state_ends, self.state_ends)
         nodes[1:] += self.joined**2
-        return Damping(strength * nodes, strength * np.diag(self.data.corner + self.defects.corner))
+        return Damping(strength * nodes, strength * np.diag(self.of_data.matrix + self.of_defects.matrix))
+
+
+def empty_model(
+    segments: Segments,
+    misfit: Misfit,
+    p: int,
+    blocks: int,
+    precision: type[np.floating[Any]],
+    reach: Sequence[tuple[slice | Indices, slice | Indices]] = EVERY,
+) -> Linearization:
+    """A model of zeros for a border of p unknowns, but for the defects, with K ends, of which the last will be left out."""
+    m, K = segments.system.dimension, segments.count
+    joined = np.zeros((K, m))
+    joined[:-1] = segments.link_weights.T
+    right_ends = np.zeros((K, m, p + 1), precision)
+    right_ends[:-1, :, p] = misfit.defects.reshape(m, -1).T
+    state, state_ends = np.zeros((2, K, m, m), precision)
+    of_data, of_defects = Corners.empty(p, blocks), Corners.empty(p, blocks)
+    right = np.zeros((K, m, p + 1), precision)
+    return Linearization(state, right, of_data, of_defects, state_ends, right_ends, joined, reach)
+
+
+def filled(
+    model: Linearization,
+    parts: Sequence[slice],
+    work: Callable[[slice, list[slice]], list[Sums]],
+    executor: Executor | None,
+    known: tuple[Segments, Misfit, Scales],
+) -> Linearization:
+    """An empty model with the products of all parts of the segments, and what is known beforehand.
+
+    `work` puts those of a part into the model, and gives what they add to its border in the pieces of blocks that it has.
+    """
+    segments, misfit, scales = known
+    ends_of_blocks = block_ends(segments.count, len(model.of_data.gradients))
+
+    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
+    def own(part: slice) -> list[Sums]:
+        return work(part, [piece for _, piece in blocks_of(part, ends_of_blocks)])
+
+    by_part = map(own, parts) if executor is None or len(parts) == 1 else executor.map(own, parts)
+    for part, sums in zip(parts, by_part, strict=True):
+        met = [block for block, _ in blocks_of(part, ends_of_blocks)]
+        for array, places, added in sums:
+            array[met[0] : met[-1] + 1][places] += added
+    model.state[segments.unconstrained] = np.eye(segments.system.dimension)  # these nodes do not move
+    add_starts(model.state, model.right, segments, misfit.point.nodes, scales)
+    if segments.prior is not None:
+        add_prior(model.of_data.matrices[0], model.of_data.gradients[0], segments.prior, misfit.point, scales)
+    if segments.random is not None:
+        _add_random_forces(model, segments.random, misfit.point, scales)
+    return replace(
+        model, state_ends=model.state_ends[:-1], right_ends=model.right_ends[:-1], joined=model.joined[:-1]
+    )
 
 
 def linearise(
@@ -281,42 +332,32 @@ def linearise(
     errors: SensorErrors | None = None,
     blocks: int = 1,
 ) -> Linearization:
-    """Gauss-Newton blocks at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
+    """Gauss-Newton model at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
-    `blocks` of segments.
+    `blocks` of segments. Rows are multiplied segment by segment in single precision, and the products summed in double
+    precision, in which the ends are.
     """
-    m, K = segments.system.dimension, segments.count
-    p = segments.parameters + _extra_columns(candidates, errors)
-    moving = segments.parameters + _extra_columns(candidates, None)
-    parts, ends_of_blocks = chunks(segments, moving), block_ends(K, blocks)
-    data, defects = NormalBlocks.empty(K, m, p, blocks), NormalBlocks.empty(K, m, p, blocks)
-    joined, defects_by_node = np.zeros((2, K, m))
-    joined[:-1], defects_by_node[:-1] = segments.link_weights.T, misfit.defects.reshape(m, -1).T
-    state_ends, right_ends = np.empty((K, m, m)), np.zeros((K, m, p + 1))
+    m, p = segments.system.dimension, segments.parameters + _extra_columns(candidates, errors)
+    model = empty_model(segments, misfit, p, blocks, np.float64)
 
-    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(part: slice) -> tuple[Floats, Floats]:
-        pieces = [piece for _, piece in blocks_of(part, ends_of_blocks)]
+    def work(part: slice, pieces: list[slice]) -> list[Sums]:
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
-        corners = data.put(part, rows, pieces)
-        ends *= joined[part, :, None]
-        ends = np.concatenate([ends, defects_by_node[part, :, None]], axis=2)
-        state_ends[part], right_ends[part] = ends[:, :, :m], ends[:, :, m:]
-        return corners, defects.put(part, ends, pieces)
+        product = rows.transpose(0, 2, 1) @ rows
+        model.state[part], model.right[part] = product[:, :m, :m], product[:, :m, m:]
+        ends *= model.joined[part, :, None]
+        model.state_ends[part], model.right_ends[part, :, :p] = ends[:, :, :m], ends[:, :, m:]
+        borders = (model.right_ends[part][piece].reshape(-1, p + 1) for piece in pieces)
+        of_data = np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
+        of_defects = np.stack([border.T @ border for border in borders])
+        return [
+            (of_both, (...,), products[:, row, :-1])
+            for corners, products in ((model.of_data, of_data), (model.of_defects, of_defects))
+            for of_both, row in ((corners.matrices, slice(-1)), (corners.gradients, -1))
+        ]
 
-    by_part = map(work, parts) if executor is None or len(parts) == 1 else executor.map(work, parts)
-    for part, sums in zip(parts, by_part, strict=True):
-        own = np.array([block for block, _ in blocks_of(part, ends_of_blocks)])
-        for form, corners in zip((data, defects), sums, strict=True):
-            form.add_corners(own, corners)
-    data.state[segments.unconstrained] = np.eye(m)  # these nodes do not move
-    add_starts(data.state, data.right, segments, misfit.point.nodes, scales)
-    if segments.prior is not None:
-        add_prior(data.corners[0], data.corner_gradients[0], segments.prior, misfit.point, scales)
-    if segments.random is not None:
-        _add_random_forces(data, segments.random, misfit.point, scales)
-    return Linearization(data, defects, state_ends[:-1], right_ends[:-1], joined[:-1])
+    parts = chunks(segments, segments.parameters + _extra_columns(candidates, None))
+    return filled(model, parts, work, executor, (segments, misfit, scales))
 
 
 def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
@@ -339,17 +380,17 @@ def border_columns(scales: Scales, parameters: int, size: int) -> Indices:
     return columns
 
 
-def _add_random_forces(data: NormalBlocks, random: RandomStates, point: Iterate, scales: Scales) -> None:
+def _add_random_forces(model: Linearization, random: RandomStates, point: Iterate, scales: Scales) -> None:
     """Add the cost of random forces to their states, and its slope to the border, whose columns are as in `add_prior`."""
     curvature = random.curvature(scales.state)
-    data.state[:, random.rows, random.rows] += curvature.T
-    data.right[:, random.rows, -1] -= (
+    model.state[:, random.rows, random.rows] += curvature.T
+    model.right[:, random.rows, -1] -= (
         curvature * point.nodes[random.rows] / scales.state[random.rows, None]
     ).T
     if random.slope is not None:
         columns = np.arange(len(random.slope))
-        columns[len(point.theta) :] += data.corners.shape[1] - len(random.slope)
-        data.corner_gradients[0, columns] -= 0.5 * random.slope * scales.theta
+        columns[len(point.theta) :] += model.right.shape[2] - 1 - len(random.slope)
+        model.of_data.gradients[0, columns] -= 0.5 * random.slope * scales.theta
 
 
 def whitened_jacobian(
@@ -478,27 +519,24 @@ def with_common_shift(linear: Linearization) -> Linearization:
         That in the other coordinates: the equations of its border alone, and so the covariance, are the same but for rounding.
         The same one where the motion overflows.
     """
-    p, m = len(linear.data.corner), linear.data.state.shape[1]
-    if not (np.isfinite(linear.state_ends).all() and np.isfinite(linear.right_ends).all()):
+    (_, m, p), ends = linear.right.shape, linear.right_ends.astype(float)
+    p -= 1
+    if not (np.isfinite(linear.state_ends).all() and np.isfinite(ends).all()):
         return linear
-    apart = linear.state_ends.copy()
+    apart = linear.state_ends.astype(float)
     apart[:, range(m), range(m)] -= linear.joined
-    shift = _least_left(apart, linear.right_ends[:, :, :p])
-    right_ends = linear.right_ends.copy()
-    right_ends[:, :, :p] += apart @ shift
-    right = np.zeros_like(linear.defects.right)
-    right[:-1] = linear.state_ends.transpose(0, 2, 1) @ right_ends
-    ends = [slice(*pair) for pair in pairwise(block_ends(len(right), len(linear.data.corners)))]
-    rows = (right_ends[block].reshape(-1, p + 1) for block in ends)
+    shift = _least_left(apart, ends[:, :, :p])
+    ends[:, :, :p] += apart @ shift
+    blocks = [slice(*pair) for pair in pairwise(block_ends(len(linear.right), len(linear.of_data.gradients)))]
+    rows = (ends[block].reshape(-1, p + 1) for block in blocks)
     products = np.stack([own.T @ own for own in rows])
-    defects = replace(
-        linear.defects, right=right, corners=products[:, :p, :p], corner_gradients=products[:, p, :p]
-    )
+    right, of_data = _moved_along(linear, shift, blocks)
     return replace(
         linear,
-        data=_moved_along(linear.data, shift, ends),
-        defects=defects,
-        right_ends=right_ends,
+        right=right,
+        of_data=of_data,
+        of_defects=Corners(products[:, :p, :p], products[:, p, :p]),
+        right_ends=ends,
         shift=shift,
     )
 
@@ -512,15 +550,16 @@ def _least_left(apart: Floats, by_border: Floats) -> Floats:
     return np.asarray(-solved / size)
 
 
-def _moved_along(data: NormalBlocks, shift: Floats, blocks: Sequence[slice]) -> NormalBlocks:
-    """The quadratic form of the samples, its corners by blocks of nodes, where the border moves nodes by `shift` (m, p)."""
+def _moved_along(linear: Linearization, shift: Floats, blocks: Sequence[slice]) -> tuple[Floats, Corners]:
+    """What samples say of nodes with the border, and of this by blocks of nodes, where it moves nodes by `shift` (m, p)."""
     p = shift.shape[1]
-    right = data.right.copy()
-    right[:, :, :p] += data.state @ shift
-    corners, gradients = data.corners.copy(), data.corner_gradients.copy()
+    right = linear.right.astype(float)
+    right[:, :, :p] += linear.state @ shift
+    matrices, gradients = linear.of_data.matrices.copy(), linear.of_data.gradients.copy()
     for number, block in enumerate(blocks):
-        own = data.right[block].sum(axis=0)
+        own = linear.right[block].sum(axis=0, dtype=float)
         across = own[:, :p].T @ shift
-        corners[number] += across + across.T + shift.T @ data.state[block].sum(axis=0) @ shift
+        state = linear.state[block].sum(axis=0, dtype=float)
+        matrices[number] += across + across.T + shift.T @ state @ shift
         gradients[number] += shift.T @ own[:, p]
-    return replace(data, right=right, corners=corners, corner_gradients=gradients)
+    return right, Corners(matrices, gradients)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.flow import Inputs, LateBase, Trajectories, flow, late_motion
 from linkwise.likelihood.shooting.loss import ClippedReadings, Prior, RandomStates
-from linkwise.likelihood.shooting.system import MANY, NumericSystem, System
+from linkwise.likelihood.shooting.system import NumericSystem, System
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +332,9 @@ def cost_of_starts(segments: Segments, nodes: Floats, scales: Scales) -> float:
     return float(np.sum((nodes[rows][:, firsts] / (_SIZE * scales.state[rows, None])) ** 2))
 
 
-def add_starts(state: Floats, right: Floats, segments: Segments, nodes: Floats, scales: Scales) -> None:
+def add_starts(
+    state: NDArray[Any], right: NDArray[Any], segments: Segments, nodes: Floats, scales: Scales
+) -> None:
     """Add that cost to normal equations.
 
     Parameters
@@ -350,10 +352,8 @@ def add_starts(state: Floats, right: Floats, segments: Segments, nodes: Floats, 
 
 
 def _places(segments: Segments) -> tuple[Indices, Indices]:
-    """Rows of the states, and the first segments of chains; no rows of many masses."""
-    rows = segments.system.slider_states
-    few = len(segments.system.incidence) < MANY
-    return rows[: len(rows) if few else 0], np.flatnonzero(np.append(True, ~segments.linked))
+    """Rows of the states, and the first segments of chains."""
+    return segments.system.slider_states, np.flatnonzero(np.append(True, ~segments.linked))
 
 
 _BRIDGED = 2  # segments without a sample of a mass that a rough start may bridge

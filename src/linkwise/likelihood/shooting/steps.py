@@ -18,10 +18,8 @@ from math import log10
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
-from linkwise.likelihood.shooting.bordered_system import BorderedSystem, border_step, excess
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor, border_step, excess
 from linkwise.likelihood.shooting.flow import LARGEST
-from linkwise.likelihood.shooting.linear_model import Border, Factor, GaussNewtonModel
-from linkwise.likelihood.shooting.local_equations import LocalLinearization, LocalSystem
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization
@@ -38,28 +36,29 @@ class DampedEquations:
 
     Attributes
     ----------
-    equations : BorderedSystem or LocalSystem
-        The equations.
-    factor : BorderedFactor, BlockFactor or None
-        Their factor, damped; None where they are not positive definite.
+    gradient : tuple of array of shape (K, m) and (p,)
+        The gradient of the nodes and of the border.
+    factor : BorderedFactor or None
+        The factor, damped; None where the equations are not positive definite.
     q : float
         Relaxation.
     damping : float
         Levenberg-Marquardt parameter.
     """
 
-    equations: BorderedSystem | LocalSystem
-    factor: Factor | None
+    gradient: tuple[Floats, Floats]
+    factor: BorderedFactor | None
     q: float
     damping: float
 
     @classmethod
-    def of(cls, linear: GaussNewtonModel, q: float, damping: float) -> DampedEquations:
+    def of(cls, linear: Linearization, q: float, damping: float) -> DampedEquations:
         """Those of a linearization."""
         equations = linear.equations(q)
-        return cls(equations, equations.factor(linear.damping(damping)), q, damping)
+        gradient = equations.gradient
+        return cls(gradient, equations.factor(linear.damping(damping)), q, damping)
 
-    def undamped_factor(self, q: float) -> Factor | None:
+    def undamped_factor(self, q: float) -> BorderedFactor | None:
         """The factor where it is that without damping at a relaxation, else None."""
         return self.factor if (self.q, self.damping) == (q, 0.0) else None
 
@@ -87,7 +86,7 @@ def damped_step(
     tuple of (Iterate, float) or None
         The new point and the predicted reduction of the cost; None where the equations are not positive definite.
     """
-    equations, factor = damped.equations, damped.factor
+    (by_nodes, by_border), factor = damped.gradient, damped.factor
     if factor is None:
         return None
     bounded = _within_bounds(segments, factor, misfit, scales, length)
@@ -98,7 +97,8 @@ def damped_step(
     moved = (nodes * scales.state).T
     point = misfit.point.moved(misfit.point.nodes + moved, bounded.border)
     left = excess(factor.schur, factor.reduced, solved[1], bounded.free)
-    predicted = (2.0 - length) * equations.drop(nodes, border) - length**2 * left
+    drop = float(np.vdot(by_nodes, nodes) + by_border @ border)
+    predicted = (2.0 - length) * drop - length**2 * left
     return point, predicted
 
 
@@ -115,7 +115,7 @@ class _BorderStep:
 
 
 def _within_bounds(
-    segments: Segments, equations: Border, misfit: Misfit, scales: Scales, length: float
+    segments: Segments, equations: BorderedFactor, misfit: Misfit, scales: Scales, length: float
 ) -> _BorderStep | None:
     """The part `length` of the step that equations of the border ask for, with unknowns that would pass a bound held there."""
     lower, upper = bounds(segments)
@@ -175,7 +175,7 @@ def freedom(segments: Segments) -> float:
 
 
 def full_reduction(
-    segments: Segments, linear: GaussNewtonModel, misfit: Misfit, scales: Scales, damped: DampedEquations
+    segments: Segments, linear: Linearization, misfit: Misfit, scales: Scales, damped: DampedEquations
 ) -> float:
     """What a full step is predicted to take off the cost, where a damped one, which is short, takes off little anywhere.
 
@@ -183,7 +183,7 @@ def full_reduction(
     ----------
     segments, misfit, scales
         As of `damped_step`.
-    linear : GaussNewtonModel
+    linear : Linearization
         The linearised problem.
     damped : DampedEquations
         The equations of the last step.
@@ -195,20 +195,16 @@ def full_reduction(
     """
     if damped.damping < SLIGHT:
         return 0.0
-    if isinstance(linear, LocalLinearization):  # a second factor would take as much room as the first one
-        border = linear.equations(damped.q).border()
-        bounded = None if border is None else _within_bounds(segments, border, misfit, scales, 1.0)
-        return float("inf") if border is None or bounded is None else border.reduction(bounded.step)
     attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
     return float("inf") if attempt is None else attempt[1]
 
 
-def change_of_defects(linear: GaussNewtonModel, nodes: Floats, border: Floats) -> Floats:
+def change_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
     """What a step adds to the linearised defects.
 
     Parameters
     ----------
-    linear : Linearization or LocalLinearization
+    linear : Linearization
         The linearised problem.
     nodes, border : array of shape (K, m) and (p,)
         The step in scaled unknowns.
@@ -218,23 +214,16 @@ def change_of_defects(linear: GaussNewtonModel, nodes: Floats, border: Floats) -
     array of shape (K - 1, m)
         The change.
     """
-    if isinstance(linear, Linearization):
-        change = linear.joined * nodes[1:] - np.einsum("kij,kj->ki", linear.state_ends, nodes[:-1])
-        return np.asarray(change - linear.right_ends[..., :-1] @ border)
-    change = linear.joined[:-1, None] * nodes[1:]
-    for ends, group in zip(linear.ends, linear.groups, strict=True):
-        a = len(group.states)
-        moved = np.einsum("kij,kj->ki", ends[:-1, :, :a], nodes[:-1, group.states])
-        change[:, group.rows] -= moved + ends[:-1, :, a:] @ border[group.moving_border]
-    return change
+    change = linear.joined * nodes[1:] - (linear.state_ends @ nodes[:-1, :, None])[..., 0]
+    return np.asarray(change - linear.right_ends[..., :-1] @ border)
 
 
-def pull_of_defects(linear: GaussNewtonModel, defects: Floats) -> tuple[Floats, Floats]:
+def pull_of_defects(linear: Linearization, defects: Floats) -> tuple[Floats, Floats]:
     """What defects add to the gradient of the cost, which normal equations have on their right-hand side.
 
     Parameters
     ----------
-    linear : Linearization or LocalLinearization
+    linear : Linearization
         The linearised problem.
     defects : array of shape (K - 1, m)
         Defects for q = 1.
@@ -245,17 +234,9 @@ def pull_of_defects(linear: GaussNewtonModel, defects: Floats) -> tuple[Floats, 
         The gradient, sign reversed, in scaled unknowns.
     """
     nodes = np.zeros((len(defects) + 1, defects.shape[1]))
-    if isinstance(linear, Linearization):
-        nodes[:-1] = np.einsum("kij,ki->kj", linear.state_ends, defects)
-        nodes[1:] -= linear.joined * defects
-        return nodes, np.asarray(np.tensordot(defects, linear.right_ends[..., :-1], 2))
-    border = np.zeros(len(linear.data.prior))
-    for ends, group in zip(linear.ends, linear.groups, strict=True):
-        a, own = len(group.states), defects[:, group.rows]
-        nodes[:-1, group.states] += np.einsum("kij,ki->kj", ends[:-1, :, :a], own)
-        border[group.moving_border] += np.tensordot(own, ends[:-1, :, a:], 2)
-    nodes[1:] -= linear.joined[:-1, None] * defects
-    return nodes, border
+    nodes[:-1] = (defects[:, None] @ linear.state_ends)[:, 0]
+    nodes[1:] -= linear.joined * defects
+    return nodes, np.asarray(np.tensordot(defects, linear.right_ends[..., :-1], 2))
 
 
 _LOWEST_GAIN = -10.0  # gain ratio below which the parabola through a step is meaningless
@@ -463,7 +444,7 @@ _SLOW = 0.5  # of the cost: a correction that leaves more, and no reduction, is 
 
 def curved_step(
     segments: Segments,
-    linear: GaussNewtonModel,
+    linear: Linearization,
     damped: DampedEquations,
     misfit: Misfit,
     scales: Scales,
@@ -480,7 +461,7 @@ def curved_step(
     ----------
     segments, damped, misfit, scales, length
         As of `damped_step`.
-    linear : GaussNewtonModel
+    linear : Linearization
         The linearised problem.
     loss : Loss
         Loss of a residual.
@@ -529,7 +510,7 @@ def _extrapolated(last: tuple[Floats, Floats], before: tuple[Floats, Floats]) ->
 
 def is_settled(
     segments: Segments,
-    linear: GaussNewtonModel,
+    linear: Linearization,
     damped: DampedEquations,
     misfit: Misfit,
     scales: Scales,
@@ -571,7 +552,7 @@ def is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
     return bool(misfit.data < _EXPLAINED * loss.expected * int(segments.observed.sum()))
 
 
-def _added_defects(linear: GaussNewtonModel, misfit: Misfit, moved: Misfit, scales: Scales) -> Floats:
+def _added_defects(linear: Linearization, misfit: Misfit, moved: Misfit, scales: Scales) -> Floats:
     """(K - 1, m) defects that the curvature of the flow adds to the linearised ones on the way to `moved`."""
     nodes = ((moved.point.nodes - misfit.point.nodes) / scales.state[:, None]).T
     border = (moved.point.border - misfit.point.border) / scales.theta
@@ -580,7 +561,7 @@ def _added_defects(linear: GaussNewtonModel, misfit: Misfit, moved: Misfit, scal
 
 
 def _with_defects(
-    damped: DampedEquations, linear: GaussNewtonModel, added: Floats, length: float
+    damped: DampedEquations, linear: Linearization, added: Floats, length: float
 ) -> DampedEquations:
     """The equations with defects (K - 1, m) beside the linearised ones at the end of a step of this length."""
     assert damped.factor is not None

@@ -88,12 +88,11 @@ class TestedCauses:
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
-        """Those of the optimum; None where its model is not in blocks, or its equations are singular."""
+        """Those of the optimum; None where its model is not in blocks."""
         model = self.quadratic.model
         if model is None or not model.in_blocks:
             return None
-        of_blocks = block_information(model, self.longer.q)
-        return None if of_blocks is None else BlockScores(*of_blocks)
+        return BlockScores(*block_information(model, self.longer.q))
 
     @cached_property
     # a candidate may be infinite somewhere; it is then not tested

@@ -25,17 +25,14 @@ from linkwise.expression.program import cached_program
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderEquations
 from linkwise.likelihood.shooting.flow import at_ends_and_middles
 from linkwise.likelihood.shooting.linear_model import (
-    Border,
     FactoredModel,
-    border_equations,
     eliminated_rows,
     precise_model,
     tested_in_pieces,
 )
-from linkwise.likelihood.shooting.normal_equations import Linearization, add_prior_curvature, linearise
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single
@@ -305,20 +302,15 @@ def augmented_quadratic(
         if factor is not None:
             return Quadratic(factor.schur, factor.reduced)
     linear = optimum.linear(candidates, errors, blocks)
-    parameters, in_blocks = segments.system.parameters.size, blocks > 1
-    border: Border | None
-    if isinstance(linear, Linearization):
-        linear, border = precise_model(linear, optimum.q, own=parameters)
-    else:
-        border = linear.factor(optimum.q) if in_blocks else border_equations(linear, optimum.q)
+    parameters = segments.system.parameters.size
+    linear, border = precise_model(linear, optimum.q, own=parameters)
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
     model = None
-    if (in_blocks or isinstance(border, BorderedFactor)) and not border.damped:
+    if not border.damped:
         estimated = np.delete(np.arange(len(border.schur)), np.arange(parameters, own))
-        assert not isinstance(border, BorderEquations)  # a factor was asked for
-        model = FactoredModel.within(linear, border, estimated, optimum.q)
+        model = FactoredModel(linear, border).within(estimated)
     # offsets and gains of sensors follow
     with_own = border.schur[:own, own:]
     follow = np.linalg.solve(border.schur[own:, own:], with_own.T)
@@ -609,4 +601,4 @@ def _log_determinant(optimum: Optimum, structure: Structure, masses: Sequence[st
     segments = replace(optimum.segments, system=system_with(structure, masses, sample))
     misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
     factor = linearise(segments, misfit, optimum.scales, optimum.loss).equations(optimum.q).factor()
-    return float("nan") if factor is None else 2.0 * float(np.log(factor.chol[0]).sum())
+    return float("nan") if factor is None else factor.root.log_determinant

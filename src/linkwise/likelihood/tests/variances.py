@@ -39,7 +39,6 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import scipy
-from scipy.linalg import lapack
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import Cause, RandomForceEstimate
@@ -514,15 +513,13 @@ class DrawnEquations:
 
     def solved(self, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
         """Solutions (K, m, d) and (P, d) for right-hand sides of the same shapes, zero where not `free`."""
-        (P, d), factor, free = border.shape, self.factor, self.free
-        columns = factor.forward[..., :P].reshape(-1, P)
-        forward, _ = lapack.dtbtrs(factor.chol, nodes.reshape(-1, d), uplo="L")
+        factor, free = self.factor, self.free
+        columns, forward = factor.forward[..., :-1], factor.root.forward(nodes.copy())
         solved = np.zeros_like(border)
         if free.any():
-            right = border - columns.T @ forward
+            right = border - np.tensordot(columns, forward, ((0, 1), (0, 1)))
             solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
-        back, _ = lapack.dtbtrs(factor.chol, forward - columns @ solved, uplo="L", trans="T")
-        return back.reshape(nodes.shape), solved
+        return factor.root.backward(forward - columns @ solved), solved
 
     def by_kicks(self, nodes: Floats, border: Floats) -> Floats:
         """(K - 1, n, d) slopes of half the cost in s/m by kicks of the masses, from steps (K, m, d) and (P, d)."""
