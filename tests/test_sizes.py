@@ -14,8 +14,8 @@ TESTS = 34_801  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2223),
     "analysis": (4, 522),
-    "cli": (20, 1868),
-    "discovery": (19, 3667),
+    "cli": (20, 1865),
+    "discovery": (19, 3679),
     "estimates": (6, 1329),
     "export": (8, 769),
     "expression": (6, 1084),

@@ -67,6 +67,20 @@ def test_what_is_stated_of_sensors_counts() -> None:
     assert abs(float(sentence.split()[4])) < 0.1  # ms, of a record whose channels are together
 
 
+def test_errors_that_a_fit_alone_knows_reach_the_search() -> None:
+    """Of a sensor that has none the corner is 0 to within its error."""
+    result = document(f"{DISCOVER} --corner x:m1 --sensor x:m2:hum=50")
+    assert selected_terms(result) == TRUE
+    (corner,) = (
+        sentence for sentence in result["findings"] if sentence.startswith("x:m1 is behind a high pass")
+    )
+    value, error = (
+        float(corner.partition(before)[2].split()[0].rstrip(").")) for before in ("at ", "error ")
+    )
+    assert abs(value) < 4.0 * error
+    assert any(sentence.startswith("x:m2 has a hum of") for sentence in result["findings"])
+
+
 def test_several_records_terms_and_parts_reach_the_search() -> None:
     result = document(f"{DISCOVER} --with run2.csv --terms 'bistable, friction(0.01)' --to 0.8")
     assert selected_terms(result) == TRUE

@@ -126,9 +126,10 @@ def test_errors_of_sensors_have_one_spelling() -> None:
     nothing = dict.fromkeys((option.name for option in fields(RecordOptions)), None)
     given: dict[str, Any] = {**nothing, "channel": (), "interpolation": (), "record": Path("run.csv")}
     options = RecordOptions(**{**given, "sensor": typed, "delay": ("rel:x:m2=2ms", "f:leaf")})
-    assert options.fitted_errors() == {
+    assert options.beside_errors({"drifts": {"a:m1": 4.0}, "exact": True}) == {
+        "exact": True,
         "hums": {"x:wing.tip": (50.0, 100.0)},
-        "drifts": {"a:m1": None, "x:m2": 2.0},
+        "drifts": {"a:m1": 4.0, "x:m2": 2.0},
         "corners": {"a:m1": 0.3},
     }
     sensors = dict(options.record_mapping().sensors)

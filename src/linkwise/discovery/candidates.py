@@ -24,7 +24,7 @@ from linkwise.discovery.terms import (
 )
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
-from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, CLOCKS, HARMONICS, INPUT_NOISE
+from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, CLOCKS, CORNERS, HARMONICS, INPUT_NOISE
 from linkwise.likelihood.random_forces import Deviations
 from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient, check_unique
@@ -390,6 +390,9 @@ class DiscoveryKeywords(TypedDict, total=False):
     gains: str | Sequence[str]
     calibration: Mapping[str, float]
     delays: str | Sequence[str]
+    drifts: Deviations
+    hums: Mapping[str, float | Sequence[float]]
+    corners: Deviations
     clocks: Deviations
     harmonics: Mapping[str, float | Sequence[float]]
     admit: str | Sequence[str]
@@ -418,11 +421,16 @@ class DiscoveryOptions:
         ``"all"`` and ``"common"`` as of `MaximumLikelihood`.
     delays : sequence of str
         Channels with an unknown delay, which every fit finds likewise.
+    drifts, corners : sequence of str or mapping of str to float or None
+        Channels with a slow drift, and those behind a high pass of first order with its corner in Hz, as of
+        `MaximumLikelihood`, likewise.
+    hums : mapping of str to float or sequence of float
+        Frequencies in Hz of hums, one or several, by channel, likewise.
     clocks : sequence of str or mapping of str to float or None
         Channels recorded by a device with a clock of its own, as of `MaximumLikelihood`, likewise.
     harmonics : mapping of str to float or sequence of float
         Frequencies in Hz of harmonic forces that no channel shows, by mass, as of `MaximumLikelihood`.
-    admit : sequence of {"gain", "offset", "delay", "clock"}
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names.
     ambient : sequence of str or mapping of str to float or None
@@ -461,6 +469,9 @@ class DiscoveryOptions:
     harmonics: Mapping[str, float | Sequence[float]] = field(
         default_factory=dict, hash=False, metadata=HARMONICS
     )
+    drifts: Deviations = field(default=(), hash=False)
+    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict, hash=False)
+    corners: Deviations = field(default=(), hash=False, metadata=CORNERS)
     clocks: Deviations = field(default=(), hash=False, metadata=CLOCKS)
     admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
     ambient: Deviations = field(default=(), hash=False, metadata=AMBIENT)
@@ -474,8 +485,8 @@ class DiscoveryOptions:
             given = getattr(self, name) or ()
             expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
-        for name in ("calibration", "harmonics"):
+        for name in ("calibration", "harmonics", "hums"):
             object.__setattr__(self, name, dict(getattr(self, name) or {}))
-        for name in ("ambient", "input_noise", "clocks"):
+        for name in ("ambient", "input_noise", "drifts", "corners", "clocks"):
             object.__setattr__(self, name, _copied(getattr(self, name) or ()))
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

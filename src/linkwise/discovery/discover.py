@@ -31,14 +31,22 @@ from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.explained import answer_with_sensors
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.fit import LikelihoodFit, with_denoised
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
 from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.terms import Delay, Gain, Term, frequencies_by_channel, of_kind, unknown_gains
+from linkwise.likelihood.terms import (
+    Delay,
+    Gain,
+    HighPass,
+    Term,
+    frequencies_by_channel,
+    of_kind,
+    unknown_gains,
+)
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
@@ -149,11 +157,14 @@ def discover(
             f"{', '.join(candidates.memory)} or those"
         )
     if sensors.random:
-        refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
+        refuse_beside_random_forces(sensors.errors, chosen.admit, robust=False, records=records)
     found: dict[LikelihoodFit, Discovery] = {}
 
     def search(records: Sequence[Record], sensors: LikelihoodOptions) -> LikelihoodFit:
         selected = _select(candidates, checks, progress, records, sensors)
+        if of_kind(sensors.errors, HighPass):  # which is followed once more, without the noise of its channel
+            denoised = with_denoised(selected.fit, records, sensors.errors)
+            selected = _select(candidates, checks, progress, records, replace(sensors, errors=denoised))
         found[selected.fit] = selected.discovery
         return selected.fit
 
@@ -176,6 +187,9 @@ def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Str
         calibration=chosen.calibration,
         delays=chosen.delays,
         clocks=chosen.clocks,
+        drifts=chosen.drifts,
+        hums=chosen.hums,
+        corners=chosen.corners,
     )
     _require_force_scale(records, structure, errors)
     return LikelihoodOptions(

@@ -57,6 +57,7 @@ from linkwise.likelihood.options import (
     AMBIENT,
     CALIBRATION,
     CLOCKS,
+    CORNERS,
     HARMONICS,
     INPUT_NOISE,
     LikelihoodOptions,
@@ -81,13 +82,11 @@ from linkwise.likelihood.starts.values import require_supported, starting_values
 from linkwise.likelihood.terms import (
     Block,
     Disturbance,
-    Drift,
     HighPass,
     Hum,
     Offset,
     Term,
     frequencies_by_channel,
-    late_beside_clocks,
     of_kind,
     unknown_gains,
 )
@@ -354,9 +353,7 @@ class MaximumLikelihood(Estimator):
     delays: Sequence[str] = ()
     drifts: str | Sequence[str] | Mapping[str, float | None] = ()
     hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
-    corners: Sequence[str] | Mapping[str, float | None] = field(
-        default=(), metadata={"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
-    )
+    corners: Sequence[str] | Mapping[str, float | None] = field(default=(), metadata=CORNERS)
     clocks: Deviations = field(default=(), metadata=CLOCKS)
     harmonics: Mapping[str, float | Sequence[float]] = field(default_factory=dict, metadata=HARMONICS)
     ambient: Deviations = field(default=(), metadata=AMBIENT)
@@ -411,19 +408,16 @@ class MaximumLikelihood(Estimator):
 
     def _errors_to_find(self, records: Sequence[Record]) -> tuple[Term, ...]:
         """The errors of sensors that are asked for, and those that the records state."""
-        constant = errors_to_find(
+        return errors_to_find(
             records,
             offsets=self.offsets,
             gains=self.gains,
             calibration=self.calibration,
             delays=self.delays,
             clocks=self.clocks,
-        )
-        return (
-            *constant,
-            *Drift.stated(self.drifts),
-            *(Hum(name, hz) for name, several in frequencies_by_channel(self.hums).items() for hz in several),
-            *HighPass.stated(self.corners),
+            drifts=self.drifts,
+            hums=self.hums,
+            corners=self.corners,
         )
 
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
@@ -450,9 +444,7 @@ class MaximumLikelihood(Estimator):
         admitted = self._admitted
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
-            added = [one.channel for one in errors if isinstance(one, Disturbance | HighPass)]
-            late = late_beside_clocks(errors)
-            refuse_beside_random_forces(late, admitted, added, robust=robust, records=records)
+            refuse_beside_random_forces(errors, admitted, robust=robust, records=records)
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
             search = partial(self._search, structure)

@@ -23,11 +23,15 @@ from linkwise.likelihood.terms import (
     ERRORS,
     Constant,
     Delay,
+    Drift,
     Gain,
+    HighPass,
+    Hum,
     Offset,
     Stated,
     Term,
     beside_clocks,
+    frequencies_by_channel,
     late_channels,
     of_kind,
 )
@@ -38,6 +42,7 @@ from linkwise.records.record import Record
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
 ADMIT = {"typed": "gain,offset,..."}
 CLOCKS = {"typed": "CHANNEL[=PPM]", "unit": "ppm", "example": "a:m1=20"}
+CORNERS = {"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
 HARMONICS = {"typed": "MASS=HZ", "unit": "Hz", "several": True, "example": "m1=4Hz"}
 AMBIENT = {"typed": "MASS[=DENSITY]", "unit": "N/sqrt(Hz)", "example": "m1=0.5"}
 INPUT_NOISE = {"typed": "CHANNEL[=SIGMA]", "unit": "channel", "example": "force:m1=0.5"}
@@ -153,6 +158,9 @@ def errors_to_find(
     calibration: Mapping[str, float] | None = None,
     delays: Sequence[str] = (),
     clocks: Stated = (),
+    drifts: Stated = (),
+    hums: Mapping[str, float | Sequence[float]] | None = None,
+    corners: Stated = (),
 ) -> tuple[Term, ...]:
     """The errors of sensors that a user asks for, and those that records state.
 
@@ -164,7 +172,9 @@ def errors_to_find(
         Channels with an unknown error, whatever the records state of it; gains and delays also those of applied forces.
     calibration : mapping of str to float, optional
         Relative standard deviations of gains, as of `MaximumLikelihood`; they go before what the records state.
-    clocks : sequence of str or mapping of str to float or None, optional
+    clocks, drifts, corners : sequence of str or mapping of str to float or None, optional
+        As of `MaximumLikelihood`.
+    hums : mapping of str to float or sequence of float, optional
         As of `MaximumLikelihood`.
 
     Returns
@@ -196,7 +206,9 @@ def errors_to_find(
         there = {one.channel for one in of_kind(asked, kind)}
         sizes = {name: float(getattr(uncertainty, kind.kind)) for name, uncertainty in stated.items()}
         known += [kind(name, sigma) for name, sigma in sizes.items() if sigma and name not in there]
-    return (*asked, *known)
+    humming = frequencies_by_channel(hums or {}).items()
+    lines = (Hum(name, frequency) for name, several in humming for frequency in several)
+    return (*asked, *known, *Drift.stated(drifts), *lines, *HighPass.stated(corners))
 
 
 def _known_gains(
