@@ -18,7 +18,7 @@ from structures import asked_oscillator
 
 import linkwise as lw
 from linkwise.cli.reading_options import RecordOptions
-from linkwise.likelihood.options import errors_to_find
+from linkwise.likelihood.options import AskedFor, errors_to_find
 from linkwise.likelihood.shooting import steps as stepping
 
 pytestmark = pytest.mark.usefixtures("unrendered", "inside")
@@ -171,7 +171,7 @@ def test_the_help_says_what_a_calibration_of_all_stands_for() -> None:
     """It said sensors of motion, and gave the load cell of a link a gain as well."""
     channels = {"x:m1": np.arange(64.0), "f:spring": np.arange(64.0) ** 2, "force:m1": np.arange(64.0) ** 3}
     record = lw.Record.from_arrays(np.arange(64) / 100.0, channels)
-    gains = errors_to_find([record], calibration={"all": 0.01})
+    gains = errors_to_find([record], AskedFor(calibration={"all": 0.01}))
     assert {gain.channel for gain in gains} == {"x:m1", "f:spring"}
     out = said("identify --help-all").out
     assert '"all" stands for every response channel that is not named' in " ".join(out.split())

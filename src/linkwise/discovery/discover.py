@@ -180,17 +180,7 @@ def discover(
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:
     """The errors of sensors, and the forces that no channel shows, which every fit of a search finds."""
-    errors = errors_to_find(
-        records,
-        offsets=chosen.offsets,
-        gains=chosen.gains,
-        calibration=chosen.calibration,
-        delays=chosen.delays,
-        clocks=chosen.clocks,
-        drifts=chosen.drifts,
-        hums=chosen.hums,
-        corners=chosen.corners,
-    )
+    errors = errors_to_find(records, chosen)
     _require_force_scale(records, structure, errors)
     return LikelihoodOptions(
         errors,
@@ -370,7 +360,7 @@ def check_discovery(
     chosen = options_given(DiscoveryOptions, options, keywords)
     records = record_list(record, "check_discovery(record, masses): record")
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
-    errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
+    errors_to_find(records, chosen)  # refuses those of other channels
     return _checked(records, candidates).remarks
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
-from typing import ClassVar, TypedDict, final
+from typing import ClassVar, final
 
 import numpy as np
 
@@ -53,19 +53,14 @@ from linkwise.likelihood.optima.restarts import (
     fit_with_restarts,
 )
 from linkwise.likelihood.options import (
-    ADMIT,
-    AMBIENT,
-    CALIBRATION,
-    CLOCKS,
-    CORNERS,
-    HARMONICS,
-    INPUT_NOISE,
+    AskedFor,
+    AskedKeywords,
     LikelihoodOptions,
     errors_to_find,
     require_known_kinds,
 )
 from linkwise.likelihood.problem import require_force_scale
-from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
+from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
@@ -244,22 +239,10 @@ LOSSES = {"huber": Huber(), "student": Student()}
 """Robust losses by name."""
 
 
-class LikelihoodKeywords(TypedDict, total=False):
+class LikelihoodKeywords(AskedKeywords, total=False):
     """Options of `MaximumLikelihood` as keywords of `identify`; None stands for the default."""
 
     starts: Mapping[str, float] | None
-    offsets: Sequence[str]
-    gains: Sequence[str]
-    calibration: Mapping[str, float] | None
-    delays: Sequence[str]
-    drifts: str | Sequence[str] | Mapping[str, float | None]
-    hums: Mapping[str, float | Sequence[float]]
-    corners: Sequence[str] | Mapping[str, float | None]
-    clocks: Deviations
-    harmonics: Mapping[str, float | Sequence[float]]
-    ambient: Deviations
-    input_noise: Deviations
-    admit: str | Sequence[str]
     loss: Loss | None
     exact: bool
     profile: bool
@@ -268,7 +251,7 @@ class LikelihoodKeywords(TypedDict, total=False):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class MaximumLikelihood(Estimator):
+class MaximumLikelihood(AskedFor, Estimator):
     """Maximum likelihood on the raw samples, by annealed multiple shooting: the method "ml" of `identify`.
 
     It takes several records together, records with gaps, and sensors of any kind.
@@ -347,18 +330,6 @@ class MaximumLikelihood(Estimator):
     method: ClassVar[str] = "ml"
 
     starts: Mapping[str, float] | None = None
-    offsets: Sequence[str] = ()
-    gains: Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict, metadata=CALIBRATION)
-    delays: Sequence[str] = ()
-    drifts: str | Sequence[str] | Mapping[str, float | None] = ()
-    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
-    corners: Sequence[str] | Mapping[str, float | None] = field(default=(), metadata=CORNERS)
-    clocks: Deviations = field(default=(), metadata=CLOCKS)
-    harmonics: Mapping[str, float | Sequence[float]] = field(default_factory=dict, metadata=HARMONICS)
-    ambient: Deviations = field(default=(), metadata=AMBIENT)
-    input_noise: Deviations = field(default=(), metadata=INPUT_NOISE)
-    admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
     loss: Loss = field(default_factory=Gaussian, metadata={"typed": "LOSS", "choices": LOSSES})
     exact: bool = field(default=False, metadata={"typed": ""})
     profile: bool = field(default=False, metadata={"typed": ""})
@@ -408,17 +379,7 @@ class MaximumLikelihood(Estimator):
 
     def _errors_to_find(self, records: Sequence[Record]) -> tuple[Term, ...]:
         """The errors of sensors that are asked for, and those that the records state."""
-        return errors_to_find(
-            records,
-            offsets=self.offsets,
-            gains=self.gains,
-            calibration=self.calibration,
-            delays=self.delays,
-            clocks=self.clocks,
-            drifts=self.drifts,
-            hums=self.hums,
-            corners=self.corners,
-        )
+        return errors_to_find(records, self)
 
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
