@@ -242,7 +242,7 @@ def _select(
         records,
         screened.candidates,
         screened.tested,
-        start=partial(_starting_values, records, screened),
+        start=partial(_starting_values, records),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
@@ -278,14 +278,12 @@ def _select(
     return found
 
 
-def _starting_values(
-    records: Sequence[Record], screened: ScreenedRecords, structure: Structure
-) -> tuple[Floats, Floats | None]:
+def _starting_values(records: Sequence[Record], structure: Structure) -> tuple[Floats, Floats | None]:
     """Starting values of the parameters of a structure; with signals by the regression for links with memory."""
     if structure.signals:
         framed = framed_records(records, structure, integrated=True)
         return memory_starts(framed, structure, {})[0].values, None
-    return starting_values(records, structure, weak=screened.weak_values)
+    return starting_values(records, structure)
 
 
 def _may_remember(selection: Selection, discovery: Discovery) -> bool:
