@@ -472,11 +472,12 @@ _OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
 def errors_of_stated_values(
-    optimum: Optimum, structure: Structure, identified: Structure
+    optimum: Optimum, structure: Structure, identified: Structure, others: Iterable[Added] = ()
 ) -> tuple[Sequence[Hypothesis], LocalQuadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
 
-    With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
+    With `others`, and the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are
+    singular.
     """
     with one_blas_thread():
         known, forces, sizes = _known_terms(structure)
@@ -484,7 +485,7 @@ def errors_of_stated_values(
         own, nothing = np.eye(len(known)), np.empty((0, len(known)))
         of_laws = TestedColumns(known, units / np.array(sizes), terms, None, own, nothing)
         of_masses = TestedColumns.of(inertia_and_inputs(FittedMotion(optimum, identified)))
-        errors = TestedColumns.joined([of_masses, of_laws])
+        errors = TestedColumns.joined([of_masses, of_laws, TestedColumns.of(others)])
         return errors.hypotheses, errors.local_quadratic(optimum)
 
 
