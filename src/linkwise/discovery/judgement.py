@@ -23,11 +23,11 @@ from linkwise.discovery.model_average import MemoryEvidence, model_average
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rivals import (
     Rival,
-    remarks_of,
     rival_errors,
     rival_forms,
     rival_links,
     rival_origins,
+    rival_remarks,
     rival_terms,
     terms_without_gain,
 )
@@ -86,10 +86,7 @@ def judged_discovery(
             np.asarray(estimate.for_dropped_terms).diagonal(),
             trusted=trusted,
             checks=checks,
-            replaceable={
-                *np.flatnonzero(absent).tolist(),
-                *(k for rival in rivals for k in rival.terms),
-            },
+            replaceable={*np.flatnonzero(absent).tolist(), *(k for rival in rivals for k in rival.terms)},
         ),
         path=path,
         runners_up=runners_up(selection),
@@ -97,14 +94,10 @@ def judged_discovery(
         remarks=(
             *(remark for _, remark in doubts),
             *((_NOT_TESTED,) if fit.random_forces else ()),
-            *remarks_of(rivals, "form"),
             *choice_remarks(selection, path),
-            *(remark for kind in ("nothing", "error") for remark in remarks_of(rivals, kind)),
-            *remarks_of(rivals, "link", "exchanges of a link would cost as little."),
-            *remarks_of(rivals, "origin"),
+            *rival_remarks(rivals),
             *checks.remarks,
             *screened.remarks,
-            *remarks_of(rivals, "term", "terms could be exchanged for others at as small a cost."),
         ),
         verdicts=verdicts,
         rounds=selection.rounds,

@@ -80,12 +80,24 @@ class Rival:
     moved: Floats | None = None
 
 
-def remarks_of(rivals: Sequence[Rival], kind: str, more: str = "") -> Iterator[str]:
-    """What is said of the first rivals of a kind, and how many `more` there are."""
-    own = [rival.remark for rival in rivals if rival.kind == kind]
-    yield from own[:_NAMED]
-    if more and len(own) > _NAMED:
-        yield f"{len(own) - _NAMED} more {more}"
+_KINDS = {
+    "form": "",
+    "nothing": "",
+    "error": "",
+    "link": "exchanges of a link would cost as little.",
+    "origin": "",
+    "term": "terms could be exchanged for others at as small a cost.",
+}
+"""What may replace terms, in the order in which it is told, and what is said of the number of those that are not."""
+
+
+def rival_remarks(rivals: Sequence[Rival]) -> Iterator[str]:
+    """What is said of the first rivals of each kind, and how many more there are."""
+    for kind, more in _KINDS.items():
+        own = [rival.remark for rival in rivals if rival.kind == kind]
+        yield from own[:_NAMED]
+        if more and len(own) > _NAMED:
+            yield f"{len(own) - _NAMED} more {more}"
 
 
 def _best_first(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
