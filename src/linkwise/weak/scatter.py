@@ -72,7 +72,8 @@ class NoisyPatch:
             offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
             coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
             d, v = system.d[links, at][:, None] + offsets, system.v[links, at][:, None]
-            slopes = program(d, v, *coefficients)
+            signals = [system.signals[name][at] for name in group.weak_law.law.signals]
+            slopes = program(d, v, *signals, *coefficients)
             for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
                 mean[by, rows] = 0.5 * (low + high)
                 square[by, rows] = 0.5 * (low**2 + high**2)
@@ -114,8 +115,8 @@ class NoisyPatch:
 def _slopes(law: Law) -> tuple[Program, bool]:
     """Program for the slopes of a law with respect to d and v, and whether they are constant."""
     slopes = [differentiate(law.expression, name) for name in VARIABLES]
-    constant = not any(name in symbols(slope) for name in VARIABLES for slope in slopes)
-    return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES), constant
+    constant = not any(name in symbols(slope) for name in law.variables for slope in slopes)
+    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables), constant
 
 
 def residual_excess(noisy: Sequence[NoisyPatch], values: Floats) -> float:
