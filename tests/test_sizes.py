@@ -14,15 +14,15 @@ TESTS = 34_801  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2223),
     "analysis": (4, 522),
-    "cli": (20, 1868),
-    "discovery": (19, 3667),
+    "cli": (20, 1865),
+    "discovery": (19, 3595),
     "estimates": (6, 1329),
     "export": (8, 769),
     "expression": (6, 1084),
     "files": (14, 1943),
     "identification": (14, 2400),
     "inspection": (10, 1858),
-    "likelihood": (62, 13629),
+    "likelihood": (62, 13614),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (9, 1661),
     "sindy": (9, 1090),
     "study": (10, 1510),
-    "weak": (11, 1874),
+    "weak": (11, 1871),
 }
 
 

@@ -60,11 +60,13 @@ def test_the_answer_is_that_of_the_library() -> None:
 
 @pytest.mark.slow
 def test_what_is_stated_of_sensors_counts() -> None:
-    result = document(f"{DISCOVER} --calibration all=1% --delay x:m2")
+    result = document(f"{DISCOVER} --calibration all=1% --delay x:m2 --corner x:m1 --sensor x:m2:hum=50")
     (beta,) = (term for term in result["terms"] if term["name"] == "m2-m1.k3")
     assert beta["standard_error"] > 0.01 * beta["value"]  # a gain of 1 % changes it by 2 %
     (sentence,) = (finding for finding in result["findings"] if finding.startswith("x:m2 is late by"))
     assert abs(float(sentence.split()[4])) < 0.1  # ms, of a record whose channels are together
+    told = "\n".join(result["findings"])
+    assert "\nx:m1 is behind a high pass with" in told and "\nx:m2 has a hum of" in told
 
 
 def test_several_records_terms_and_parts_reach_the_search() -> None:

@@ -18,7 +18,7 @@ from structures import asked_oscillator
 
 import linkwise as lw
 from linkwise.cli.reading_options import RecordOptions
-from linkwise.likelihood.options import errors_to_find
+from linkwise.likelihood.options import AskedFor, errors_to_find
 from linkwise.likelihood.shooting import steps as stepping
 
 pytestmark = pytest.mark.usefixtures("unrendered", "inside")
@@ -126,9 +126,10 @@ def test_errors_of_sensors_have_one_spelling() -> None:
     nothing = dict.fromkeys((option.name for option in fields(RecordOptions)), None)
     given: dict[str, Any] = {**nothing, "channel": (), "interpolation": (), "record": Path("run.csv")}
     options = RecordOptions(**{**given, "sensor": typed, "delay": ("rel:x:m2=2ms", "f:leaf")})
-    assert options.fitted_errors() == {
+    assert options.beside_errors({"drifts": {"a:m1": 4.0}, "exact": True}) == {
+        "exact": True,
         "hums": {"x:wing.tip": (50.0, 100.0)},
-        "drifts": {"a:m1": None, "x:m2": 2.0},
+        "drifts": {"a:m1": 4.0, "x:m2": 2.0},
         "corners": {"a:m1": 0.3},
     }
     sensors = dict(options.record_mapping().sensors)
@@ -170,7 +171,7 @@ def test_the_help_says_what_a_calibration_of_all_stands_for() -> None:
     """It said sensors of motion, and gave the load cell of a link a gain as well."""
     channels = {"x:m1": np.arange(64.0), "f:spring": np.arange(64.0) ** 2, "force:m1": np.arange(64.0) ** 3}
     record = lw.Record.from_arrays(np.arange(64) / 100.0, channels)
-    gains = errors_to_find([record], calibration={"all": 0.01})
+    gains = errors_to_find([record], AskedFor(calibration={"all": 0.01}))
     assert {gain.channel for gain in gains} == {"x:m1", "f:spring"}
     out = said("identify --help-all").out
     assert '"all" stands for every response channel that is not named' in " ".join(out.split())

@@ -142,7 +142,8 @@ REFUSED = {
         ("--truth unknown.toml", "unknown.toml: nes1.alpha is unknown, and the truth"),
         ("--channel x:m1[N]=x:m1", "x:m1"),
         ("--calibration force:m1=1%", "no calibration of force:m1 can be stated"),
-        ("--sensor x:m1:drift", "--sensor x:m1:drift: identify by maximum likelihood finds this drift"),
+        ("--sensor x:m1:drift=1us", "would follow the motion. On the command line: --sensor CHANNEL:drift"),
+        ("--corner x:m7", "no high pass of x:m7 can be estimated"),
         ("--let slope", 'unknown error of a sensor "slope"'),
     ],
     f"absorb chain.toml {GRID}": [

@@ -1,9 +1,11 @@
 """Errors of sensors that are found with the structure: calibrations, offsets, gains and delays."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from problems import chain_record
 from structures import oscillator
 from within import assert_discovered
@@ -61,6 +63,28 @@ def test_a_delay_that_is_named_is_found() -> None:
         finding for finding in discovery.estimate.findings if finding.startswith("x:m2 is late by")
     )
     assert float(sentence.split()[4]) == pytest.approx(LATE, abs=0.02)  # ms, as many as samples
+
+
+HIGH_PASS = scipy.signal.butter(1, 0.3, "high", fs=1000.0)  # Hz
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("shown", "options"),
+    [
+        (lambda x, t: scipy.signal.lfilter(*HIGH_PASS, x), {"corners": ["x:m1"]}),
+        (lambda x, t: x + 2e-4 * np.sin(100.0 * np.pi * t), {"hums": {"x:m1": 50.0}}),
+        (lambda x, t: x + 5e-4 * np.sin(0.7 * t), {"drifts": ["x:m1"]}),
+    ],
+)
+def test_what_a_sensor_makes_of_a_motion_is_found(shown: Any, options: dict[str, Any]) -> None:
+    """Without that false springs stand in for it."""
+    clean = chain_record(2, duration=2.0)
+    x1 = shown(clean.channel("x:m1"), clean.time)
+    faulty = replace(clean, values=np.column_stack([x1, clean.channel("x:m2")]), simulated=None)
+    found = lw.discover(faulty.with_noise(40.0, seed=5), MASSES, **options)
+    assert_discovered(found, lw.bnes_chain(2))
+    assert all(abs(error.value - 0.3) < 3.0 * error.standard_error for error in found.estimate.sensor_errors)
 
 
 @pytest.mark.parametrize(("sigma", "refused"), [(0.05, False), (0.2, True)])

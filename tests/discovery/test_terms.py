@@ -7,6 +7,7 @@ from present import some
 
 import linkwise as lw
 from linkwise.discovery import parse_terms
+from linkwise.discovery.terms import FAMILIES
 
 
 def names(text: str) -> list[str]:
@@ -43,9 +44,7 @@ def test_families_and_terms_may_be_mixed(text: str, expected: list[str]) -> None
 
 
 @pytest.mark.parametrize(
-    "family",
-    ["linear", "cubic", "bistable", "quintic", "quadratic-damping"]
-    + [f"{name}(0.01)" for name in ("friction", "stribeck", "contact", "gap")],
+    "family", [name + ("(0.01)" if one.argument else "") for name, one in FAMILIES.items()]
 )
 def test_every_term_of_a_family_is_a_law_that_vanishes_at_rest(family: str) -> None:
     for term in some(parse_terms(family)):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import linkwise as lw
 TRUE = {"damper.k": 400.0, "damper.c0": 0.5, "damper.cu": 2.0}
 VALVE = lw.rig({"m1": 1.0}, {"damper": "m1 - ground: k*d + (c0 + cu*u)*v"}, TRUE, signals={"u": "V"})
 RATE = 200.0
+Method = Literal["ml", "weak"]
 
 
 def record(held: bool = False) -> lw.Record:
@@ -28,13 +30,13 @@ def record(held: bool = False) -> lw.Record:
     ).with_noise(40.0, seed=491)
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_a_valve_is_found_with_its_errors(held: bool) -> None:
+@pytest.mark.parametrize(("held", "method"), [(False, "ml"), (True, "ml"), (False, "weak"), (True, "weak")])
+def test_a_valve_is_found_with_its_errors(held: bool, method: Method) -> None:
     measured = replace(record(held), simulated=None)
     if held:
         measured = replace(measured, interpolation={"signal:u": "held"})
-    fit = lw.identify(measured, VALVE.unknown("all"))
-    assert fit.trusted
+    fit = lw.identify(measured, VALVE.unknown("all"), method=method)
+    assert fit.trusted or method == "weak"  # to which four seconds leave friction open
     errors = np.sqrt(fit.covariance.diagonal())
     z = (fit.values - list(TRUE.values())) / errors
     assert np.abs(z).max() < 3.3  # of a thousand
@@ -63,13 +65,8 @@ def test_the_commands_take_signals(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     columns = record()
     lw.write_structure(VALVE.unknown("all"), "valve.toml")
     names = ("laser", "hammer", "valve")
-    np.savetxt(
-        "run.csv",
-        np.column_stack([columns.time, columns.values]),
-        delimiter=",",
-        header=",".join(["time", *names]),
-        comments="",
-    )
+    table = np.column_stack([columns.time, columns.values])
+    np.savetxt("run.csv", table, delimiter=",", header=",".join(["time", *names]), comments="")
     mapped = "--channel x:m1=laser --channel force:m1=hammer --channel signal:u[V]=valve"
     answer = document(f"identify run.csv valve.toml {mapped} -o answer")
     assert answer["trusted"]
@@ -80,12 +77,9 @@ def test_the_commands_take_signals(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     said("export answer --equations valve_motion.py")
 
 
-def test_methods_that_take_no_signal_say_so() -> None:
-    for method in ("weak", "sindy"):
-        with pytest.raises(
-            lw.StructureError, match=rf'a signal \(u\), which is not supported in method "{method}"'
-        ):
-            lw.identify(record(), VALVE.unknown("all"), method=method)
+def test_sparse_regression_takes_no_signal() -> None:
+    with pytest.raises(lw.StructureError, match=r'a signal \(u\), which is not supported in method "sindy"'):
+        lw.identify(record(), VALVE.unknown("all"), method="sindy")
 
 
 def test_a_record_without_the_signal_says_how_to_name_it() -> None:
@@ -107,10 +101,15 @@ def test_a_loudspeaker_is_found_from_voltage_current_and_displacement() -> None:
     run = lw.simulate(
         speaker, duration=0.25, rate=4000.0, signals={"u": voltage}, sensors=["x", "state:motor.i"]
     )
-    fit = lw.identify(replace(run.with_noise(40.0, seed=492), simulated=None), speaker.unknown("all"))
-    assert fit.trusted
-    z = (fit.values - list(true.values())) / np.sqrt(fit.covariance.diagonal())
-    assert np.abs(z).max() < 3.3  # of a thousand
+    measured = replace(run.with_noise(40.0, seed=492), simulated=None)
+    cases: list[tuple[Method, list[str]]] = [("ml", [*true]), ("weak", ["k", "c", "Bl"])]
+    for method, unknown in cases:
+        fit = lw.identify(measured, speaker.unknown(*(f"motor.{name}" for name in unknown)), method=method)
+        assert (
+            fit.trusted or method == "weak"
+        )  # to which the jump of the current at the start looks like outliers
+        z = (fit.values - [true[name] for name in unknown]) / np.sqrt(fit.covariance.diagonal())
+        assert np.abs(z).max() < 3.3  # of a thousand
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from structures import oscillator
 import linkwise as lw
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.delays import with_delays
-from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
+from linkwise.likelihood.options import AskedFor, LikelihoodOptions, errors_to_find
 from linkwise.likelihood.terms import Term
 from linkwise.records.channel import interpolated
 
@@ -128,7 +128,7 @@ class Searched:
 )
 def test_what_fits_do_not_agree_on_is_refused(found: Searched, message: str) -> None:
     record = two_loggers(86)
-    options = LikelihoodOptions(errors_to_find([record], clocks=["x:m1"]))
+    options = LikelihoodOptions(errors_to_find([record], AskedFor(clocks=["x:m1"])))
     search: Any = found
     unchanged: Any = lambda fit, records: fit  # noqa: E731
     with pytest.raises(lw.IdentificationError, match=message):

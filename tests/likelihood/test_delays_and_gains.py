@@ -15,7 +15,7 @@ from structures import link, oscillator, row_of_masses, structure
 from within import assert_within
 
 import linkwise as lw
-from linkwise.likelihood.options import errors_to_find, uncounted
+from linkwise.likelihood.options import AskedFor, errors_to_find, uncounted
 from linkwise.likelihood.terms import Delay, Gain
 
 pytestmark = pytest.mark.slow
@@ -135,7 +135,7 @@ def test_the_delay_of_the_only_input_is_that_of_the_responses() -> None:
     }
     record = lw.simulate(STOREY, base=QUAKE, duration=1.0, rate=120.0, sensors=("a", "a:base"))
     record = replace(record.with_noise(40.0, seed=2), uncertainty=stated)
-    assert {*errors_to_find([record])} == {Gain("a:m1", 0.01), Delay("a:m1")}
+    assert {*errors_to_find([record], AskedFor())} == {Gain("a:m1", 0.01), Delay("a:m1")}
     assert not uncounted([record], "ml")
     forced = lw.Record(0.0, 120.0, (*record.channels, "force:m1"), np.pad(record.values, ((0, 0), (0, 1))))
     [remark] = uncounted([replace(forced, uncertainty=stated)], "ml")
@@ -265,16 +265,17 @@ def test_gains_that_stand_for_each_other_are_refused() -> None:
 def test_the_calibration_of_all_is_of_no_force() -> None:
     record = driven()
     gains = [Gain(name, 0.01) for name in record.responses]
-    assert [*errors_to_find([record], calibration={"all": 0.01})] == gains
+    assert [*errors_to_find([record], AskedFor(calibration={"all": 0.01}))] == gains
     stated = replace(record, uncertainty={"force:m2": lw.records.SensorUncertainty(gain=0.02)})
-    assert [*errors_to_find([stated], calibration={"all": 0.01})] == [*gains, Gain("force:m2", 0.02)]
+    known = errors_to_find([stated], AskedFor(calibration={"all": 0.01}))
+    assert [*known] == [*gains, Gain("force:m2", 0.02)]
     every, alone = (
         lw.identify(each, ASKED, calibration={"all": 0.01, **more})
         for each, more in ((stated, {}), (record, {"force:m2": 0.02}))
     )
     assert every.values == pytest.approx(alone.values, rel=1e-12)
     acting = [driven(gains=ZERO, seed=41), driven(seed=42)]
-    assert errors_to_find(acting, gains=["force:m1"]) == (Gain("force:m1"),)  # in one of two
+    assert errors_to_find(acting, AskedFor(gains=["force:m1"])) == (Gain("force:m1"),)  # in one of two
     assert not any("not counted" in line for line in every.findings)
 
 

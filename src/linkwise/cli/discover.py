@@ -128,10 +128,9 @@ def discover(source: RecordOptions, prior: PriorOptions, given: dict[str, Any], 
     at their points as at masses, and accelerometers at some of the points are enough. What the record cannot determine is
     reported on standard error before the search.
     """
-    source.refuse_unknown_errors("offset", "gain", "delay")
     masses = prior.masses(source.record_mapping())
     try:
-        options = lw.discovery.DiscoveryOptions(**given)
+        options = lw.discovery.DiscoveryOptions(**source.beside_errors(given))
     except lw.IdentificationError as error:
         raise UsageError(f"--terms: {error}") from error
     names = tuple(masses) if isinstance(masses, dict) else masses.places

@@ -123,10 +123,7 @@ def _estimator(
             )
     if method != "ml":
         source.refuse_unknown_errors()
-    options = dict(given.get(method, {}))
-    for name, sizes in source.fitted_errors().items():
-        options[name] = {**sizes, **options.get(name, {})}
-    return METHODS.lookup(method)(**options)
+    return METHODS.lookup(method)(**source.beside_errors(given.get(method, {})))
 
 
 @click.command()

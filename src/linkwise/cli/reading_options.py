@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from math import isinf
@@ -33,7 +33,7 @@ from linkwise.signals.force_window import with_force_windows
 
 _BY_WIDTH = -1.0  # of --force-window without a time, which none below 0 is
 _FITTED = {"drift": ("drifts", "s"), "hum": ("hums", "Hz"), "corner": ("corners", "Hz")}
-"""Errors of sensors that a fit alone knows: fields of `MaximumLikelihood`, and the units of what is typed of them."""
+"""Errors of sensors that a fit alone knows: fields of its options, and the units of what is typed of them."""
 _ERRORS = ("offset", "gain", "delay", "noise", *_FITTED)
 
 
@@ -76,8 +76,7 @@ class ReadingOptions:
     sensor : tuple[str, ...]
         Errors of a channel's sensor, as in x:m1:offset=+-0.1mm,gain=1%,noise=0.1mm. An offset, gain or delay with a
         size is known and removed; one to within +- a standard deviation, as a gain of 1%, is estimated by identify and
-        discover, as is one without a size. identify also finds drift[=LENGTH OF PIECES], hum=HZ and corner[=HZ] of a high
-        pass. Repeatable.
+        discover, as is one without a size, drift[=LENGTH OF PIECES], hum=HZ and corner[=HZ] of a high pass. Repeatable.
     delay : tuple[str, ...]
         Short for --sensor CHANNEL:delay[=TIME], the time by which a channel is late. Repeatable.
     interpolation : tuple[str, ...]
@@ -166,16 +165,17 @@ class ReadingOptions:
                     )
         return sentences
 
-    def fitted_errors(self) -> dict[str, dict[str, Any]]:
-        """Sizes by channel of the errors of sensors that a fit alone knows, by field of `MaximumLikelihood`."""
-        fitted: dict[str, dict[str, Any]] = {}
+    def beside_errors(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The `options` of a fit, and beside them the errors of sensors that a fit alone knows: sizes by channel, by field."""
+        fitted: dict[str, Any] = {}
         for channel, kind, size in self._errors:
             if kind in _FITTED:
                 field, unit = _FITTED[kind]
                 known = quantity(size, unit, f"--sensor {channel}:{kind}") if size else None
                 sizes = fitted.setdefault(field, {})
                 sizes[channel] = (*sizes.get(channel, ()), known) if kind == "hum" else known
-        return fitted
+        merged = {name: {**sizes, **options.get(name, {})} for name, sizes in fitted.items()}
+        return {**options, **merged}
 
     def removed_errors(self, record: lw.Record) -> dict[str, list[str]]:
         """The kinds of errors, by channel of `record`, that options state with a size, and that it is without."""
@@ -187,12 +187,12 @@ class ReadingOptions:
                 removed.setdefault(channel, []).append(kind)
         return removed
 
-    def refuse_unknown_errors(self, *found: str) -> None:
-        """Raise UsageError for an error of a sensor of which nothing is known, unless it is of a kind that is `found`."""
+    def refuse_unknown_errors(self) -> None:
+        """Raise UsageError for an error of a sensor of which nothing is known."""
         sensors = self._sensors()
         for channel, kind, size in self._errors:
             fitted = kind in _FITTED  # of which no statement of a sensor says anything
-            if kind not in found and (fitted or isinf(getattr(sensors[channel].uncertainty, kind, 0.0))):
+            if fitted or isinf(getattr(sensors[channel].uncertainty, kind, 0.0)):
                 raise UsageError(
                     f"--sensor {channel}:{kind}{size and f'={size}'}: identify by maximum likelihood finds this {kind}; here "
                     "leave it out, or state a size that is known, as in --sensor x:m1:offset=0.3mm,gain=1.02,delay=2ms."

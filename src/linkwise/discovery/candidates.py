@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypedDict, final
+from typing import final
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from linkwise.discovery.terms import (
 )
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
-from linkwise.likelihood.options import ADMIT, AMBIENT, CALIBRATION, CLOCKS, HARMONICS, INPUT_NOISE
+from linkwise.likelihood.options import AskedFor, AskedKeywords
 from linkwise.likelihood.random_forces import Deviations
 from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient, check_unique
@@ -382,25 +382,16 @@ def _copied(stated: Deviations) -> Deviations:
     return tuple(stated) if isinstance(stated, Sequence) and not isinstance(stated, str) else stated
 
 
-class DiscoveryKeywords(TypedDict, total=False):
+class DiscoveryKeywords(AskedKeywords, total=False):
     """The fields of `DiscoveryOptions`."""
 
     terms: str | Sequence[str]
-    offsets: str | Sequence[str]
-    gains: str | Sequence[str]
-    calibration: Mapping[str, float]
-    delays: str | Sequence[str]
-    clocks: Deviations
-    harmonics: Mapping[str, float | Sequence[float]]
-    admit: str | Sequence[str]
-    ambient: Deviations
-    input_noise: Deviations
     tested: str | Sequence[str]
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class DiscoveryOptions:
+class DiscoveryOptions(AskedFor):
     """The options of `discover` and `check_discovery`.
 
     Those functions take the same as keywords; an object serves for several records.
@@ -418,11 +409,17 @@ class DiscoveryOptions:
         ``"all"`` and ``"common"`` as of `MaximumLikelihood`.
     delays : sequence of str
         Channels with an unknown delay, which every fit finds likewise.
+    drifts : sequence of str or mapping of str to float or None
+        Channels with a slow drift, as of `MaximumLikelihood`, likewise.
+    hums : mapping of str to float or sequence of float
+        Frequencies in Hz of hums, one or several, by channel, likewise.
+    corners : sequence of str or mapping of str to float or None
+        Channels behind a high pass of first order, with its corner in Hz, which is estimated where none is given.
     clocks : sequence of str or mapping of str to float or None
         Channels recorded by a device with a clock of its own, as of `MaximumLikelihood`, likewise.
     harmonics : mapping of str to float or sequence of float
         Frequencies in Hz of harmonic forces that no channel shows, by mass, as of `MaximumLikelihood`.
-    admit : sequence of {"gain", "offset", "delay", "clock"}
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names.
     ambient : sequence of str or mapping of str to float or None
@@ -454,17 +451,6 @@ class DiscoveryOptions:
     """
 
     terms: str | Sequence[str] = field(default=DEFAULT, metadata={"typed": "LIST"})
-    offsets: str | Sequence[str] = ()
-    gains: str | Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=CALIBRATION)
-    delays: str | Sequence[str] = ()
-    harmonics: Mapping[str, float | Sequence[float]] = field(
-        default_factory=dict, hash=False, metadata=HARMONICS
-    )
-    clocks: Deviations = field(default=(), hash=False, metadata=CLOCKS)
-    admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
-    ambient: Deviations = field(default=(), hash=False, metadata=AMBIENT)
-    input_noise: Deviations = field(default=(), hash=False, metadata=INPUT_NOISE)
     tested: str | Sequence[str] = field(default=(), metadata={"typed": "LIST"})
 
     def __post_init__(self) -> None:
@@ -474,8 +460,8 @@ class DiscoveryOptions:
             given = getattr(self, name) or ()
             expect(f"DiscoveryOptions: {name}", given, str, tuple, list)
             object.__setattr__(self, name, (given,) if isinstance(given, str) else tuple(given))
-        for name in ("calibration", "harmonics"):
+        for name in ("calibration", "harmonics", "hums"):
             object.__setattr__(self, name, dict(getattr(self, name) or {}))
-        for name in ("ambient", "input_noise", "clocks"):
+        for name in ("ambient", "input_noise", "drifts", "corners", "clocks"):
             object.__setattr__(self, name, _copied(getattr(self, name) or ()))
         parse_terms(terms, possible_signals(terms))  # raises what is wrong with them

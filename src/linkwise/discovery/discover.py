@@ -31,14 +31,22 @@ from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.explained import answer_with_sensors
-from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.fit import LikelihoodFit, with_denoised
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
 from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
-from linkwise.likelihood.terms import Delay, Gain, Term, frequencies_by_channel, of_kind, unknown_gains
+from linkwise.likelihood.terms import (
+    Delay,
+    Gain,
+    HighPass,
+    Term,
+    frequencies_by_channel,
+    of_kind,
+    unknown_gains,
+)
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import PartialStructure
@@ -149,11 +157,14 @@ def discover(
             f"{', '.join(candidates.memory)} or those"
         )
     if sensors.random:
-        refuse_beside_random_forces(chosen.delays, chosen.admit, (), robust=False, records=records)
+        refuse_beside_random_forces(sensors.errors, chosen.admit, robust=False, records=records)
     found: dict[LikelihoodFit, Discovery] = {}
 
     def search(records: Sequence[Record], sensors: LikelihoodOptions) -> LikelihoodFit:
         selected = _select(candidates, checks, progress, records, sensors)
+        if of_kind(sensors.errors, HighPass):  # which is followed once more, without the noise of its channel
+            denoised = with_denoised(selected.fit, records, sensors.errors)
+            selected = _select(candidates, checks, progress, records, replace(sensors, errors=denoised))
         found[selected.fit] = selected.discovery
         return selected.fit
 
@@ -169,14 +180,7 @@ def discover(
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:
     """The errors of sensors, and the forces that no channel shows, which every fit of a search finds."""
-    errors = errors_to_find(
-        records,
-        offsets=chosen.offsets,
-        gains=chosen.gains,
-        calibration=chosen.calibration,
-        delays=chosen.delays,
-        clocks=chosen.clocks,
-    )
+    errors = errors_to_find(records, chosen)
     _require_force_scale(records, structure, errors)
     return LikelihoodOptions(
         errors,
@@ -238,7 +242,7 @@ def _select(
         records,
         screened.candidates,
         screened.tested,
-        start=partial(_starting_values, records, screened),
+        start=partial(_starting_values, records),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
@@ -274,14 +278,12 @@ def _select(
     return found
 
 
-def _starting_values(
-    records: Sequence[Record], screened: ScreenedRecords, structure: Structure
-) -> tuple[Floats, Floats | None]:
+def _starting_values(records: Sequence[Record], structure: Structure) -> tuple[Floats, Floats | None]:
     """Starting values of the parameters of a structure; with signals by the regression for links with memory."""
     if structure.signals:
         framed = framed_records(records, structure, integrated=True)
         return memory_starts(framed, structure, {})[0].values, None
-    return starting_values(records, structure, weak=screened.weak_values)
+    return starting_values(records, structure)
 
 
 def _may_remember(selection: Selection, discovery: Discovery) -> bool:
@@ -356,7 +358,7 @@ def check_discovery(
     chosen = options_given(DiscoveryOptions, options, keywords)
     records = record_list(record, "check_discovery(record, masses): record")
     candidates = candidates_for(records, masses, chosen.terms).asking_for(chosen.tested)
-    errors_to_find(records, calibration=chosen.calibration)  # refuses those of other channels
+    errors_to_find(records, chosen)  # refuses those of other channels
     return _checked(records, candidates).remarks
 
 

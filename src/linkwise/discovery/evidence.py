@@ -14,7 +14,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.discovery.checks import DataChecks
-from linkwise.discovery.criterion import CERTAIN, Move, QuadraticModel, inverse_of
+from linkwise.discovery.criterion import QuadraticModel, inverse_of
 from linkwise.discovery.model_average import PathPoint, RunnerUp
 from linkwise.discovery.prediction import BlockParabolas, Excess, block_parabolas
 from linkwise.discovery.result import TermEvidence
@@ -30,7 +30,6 @@ _MUCH_WIDER = 3.0  # times the error beside the terms kept alone, from which a c
 _NAMED = 3
 _LARGER = 8  # terms more than were selected, to show that the criterion rises again
 _RUNNERS_UP = 10
-_EXCHANGES = 6  # exchanges that remarks name
 _NEGATIVE = 2.0  # standard errors below zero from which a term of damping gives energy
 _ROUNDING = 1e-9  # of a force that is linear in the rate: friction grows less than that
 # that damping gives energy: less is at the ends of a motion, where a sum of terms bends away
@@ -131,8 +130,8 @@ def term_evidence(
     """Every candidate that was tested: first those kept, the most certain first, then those dropped, the least certain first.
 
     Terms of links to masses that are collinear by the `checks` are not unambiguous, nor those of a mass whose links are spread
-    over several of them, or over the ground and one that moved in proportion to another, nor terms that can be exchanged at
-    little cost or are `replaceable`, by number, by something else; without a `trusted` fit no term is. Terms that were dropped
+    over several of them, or over the ground and one that moved in proportion to another, nor terms that are `replaceable`, by
+    number, by something else; without a `trusted` fit no term is. Terms that were dropped
     add the variances `added` (p,) to the parameters.
     """
     candidates, count = selection.candidates, len(selection.inside)
@@ -140,7 +139,6 @@ def term_evidence(
     single = (move for move in selection.neighbours if not move.exchanges)
     margins = {move.added if move.dropped is None else move.dropped: -move.gain for move in single}
     ambiguous = _ambiguous_masses(selection, checks)
-    exchanged = {k for move in _exchanges(selection) for k in (move.added, move.dropped)} | set(replaceable)
     shares = selection.unit_shares if trusted else {}
     terms = []
     for k, entry in selection.entries.items():
@@ -157,7 +155,7 @@ def term_evidence(
             unit=entry.term.angular_unit if turning & {*pair.between} else entry.term.unit,
             kept=kept,
             identifiable=bool(np.isfinite(value)),
-            unambiguous=trusted and k not in exchanged and ambiguous.isdisjoint(pair.between),
+            unambiguous=trusted and k not in replaceable and ambiguous.isdisjoint(pair.between),
             value=value,
             standard_error=error,
             z=z,
@@ -287,24 +285,3 @@ def runners_up(selection: Selection) -> tuple[RunnerUp, ...]:
         both = dropped is not None and added is not None
         models.append(RunnerUp(f"{after} in place of {before}" if both else change, -gain))
     return tuple(models)
-
-
-def exchange_remarks(selection: Selection) -> tuple[str, ...]:
-    """Sentences on terms for which another one would fit nearly as well."""
-    exchanges = _exchanges(selection)
-    names = selection.quadratic.names
-    remarks = [
-        f"This record hardly distinguishes {names[move.dropped or 0]} from {names[move.added or 0]}: with the other in its "
-        f"place the criterion is {f'only {-move.gain:.1f} higher' if move.gain <= 0.0 else 'no higher, to first order'}."
-        for move in exchanges[:_EXCHANGES]
-    ]
-    if len(exchanges) > _EXCHANGES:
-        remarks.append(
-            f"{len(exchanges) - _EXCHANGES} more terms could be exchanged for others at as small a cost."
-        )
-    return tuple(remarks)
-
-
-def _exchanges(selection: Selection) -> list[Move]:
-    """The exchanges of a term kept for one dropped that would raise the criterion by less than `CERTAIN`."""
-    return [move for move in selection.neighbours if move.exchanges and -move.gain < CERTAIN]

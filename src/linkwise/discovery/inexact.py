@@ -415,9 +415,8 @@ def choice_remarks(selection: Selection, path: Sequence[PathPoint]) -> Iterator[
             "are those of the laws that run closest to the record, and the intervals allow for the others."
         )
     if selection.needless:
-        criterion, inside = selection.quadratic.criterion, selection.inside
-        needless = [selection.quadratic.names.index(name) for name in selection.needless]
-        change = criterion([*inside, *needless]) - criterion(inside)
+        needless = map(selection.quadratic.names.index, selection.needless)
+        change = selection.excess([*selection.inside, *needless])
         yield (
             f"Pieces of the record that were left out are predicted as well without {' and '.join(selection.needless)}, with "
             f"which the criterion would be {abs(change):.3g} {'lower' if change < 0.0 else 'higher'}: the simplest law that "

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +12,6 @@ from linkwise.discovery.checks import DataChecks
 from linkwise.discovery.evidence import (
     DroppedTerms,
     dropped_terms_remark,
-    exchange_remarks,
     opposed_damping,
     runners_up,
     selection_path,
@@ -25,13 +22,13 @@ from linkwise.discovery.inexact import choice_remarks
 from linkwise.discovery.model_average import MemoryEvidence, model_average
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rivals import (
-    NAMED,
     Rival,
     rival_errors,
     rival_forms,
     rival_links,
-    rival_offsets,
     rival_origins,
+    rival_remarks,
+    rival_terms,
     terms_without_gain,
 )
 from linkwise.discovery.screened_records import ScreenedRecords
@@ -48,36 +45,6 @@ _NOT_TESTED = (
     "With random forces it is not tested whether terms stand in for a form that was not offered, or for an error of what "
     "was stated."
 )
-
-
-class _Rivals(NamedTuple):
-    """What may be there in place of terms: errors of stated values and zeros, other links, forms and origins, or nothing."""
-
-    errors: tuple[Rival, ...] = ()
-    links: tuple[Rival, ...] = ()
-    forms: tuple[Rival, ...] = ()
-    origins: tuple[Rival, ...] = ()
-    nothing: tuple[Rival, ...] = ()
-
-    def remarks(self, choice: Iterable[str]) -> Iterator[str]:
-        """What is said of the first of each kind, beside what is said of the `choice` of terms."""
-        yield from _remarks(self.forms)
-        yield from choice
-        yield from (rival.remark for rival in self.nothing)
-        yield from _remarks(self.errors)
-        yield from _remarks(self.links)
-        if len(self.links) > NAMED:
-            yield f"{len(self.links) - NAMED} more exchanges of a link would cost as little."
-        yield from _remarks(self.origins)
-
-    def beside(self, estimate: Estimate) -> Estimate:
-        """The estimate without intervals where an error explains more than its terms, else with those that allow for forms."""
-        for message in [rival.untrusted for rival in self.errors if rival.untrusted][:1]:
-            estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
-        for form in self.forms:
-            if form.moved is not None:
-                estimate = widened(estimate, np.outer(form.moved, form.moved))
-        return estimate
 
 
 def judged_discovery(
@@ -97,15 +64,17 @@ def judged_discovery(
     dropped = DroppedTerms.of(selection.quadratic, len(estimate.parameters))
     alone, estimate = _errors(estimate), widened(estimate, dropped.covariance)
     told = admit_intervals(estimate.verdicts)
-    rivals = _rivals_beside(selection, estimate, records, frequencies) if told else _Rivals()
-    estimate = rivals.beside(estimate)
+    rivals = _rivals_beside(selection, estimate, records, frequencies) if told else ()
+    for message in [rival.untrusted for rival in rivals if rival.untrusted][:1]:
+        estimate = replace(estimate, fit_verdicts=(Verdict.MEASUREMENT_ERROR,), message=message)
+    moves = [rival.moved for rival in rivals if rival.moved is not None]
+    for moved in moves:
+        estimate = widened(estimate, np.outer(moved, moved))
     path, parabolas = selection_path(selection)
-    rivals = rivals._replace(
-        origins=rival_origins(selection, estimate, records) if screened.integrated else (),
-        nothing=terms_without_gain(selection, parabolas, estimate.model_error),
-    )
+    rivals += rival_origins(selection, estimate, records) if screened.integrated else ()
+    rivals += terms_without_gain(selection, parabolas, estimate.model_error)
     memory = tuple(replace(law, unambiguous=law.unambiguous and told) for law in memory)
-    doubts = [*_doubts(screened, selection, estimate, rivals.forms, memory)]
+    doubts = [*_doubts(screened, selection, estimate, bool(moves), memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in doubts))
     trusted = admit_intervals(verdicts)
     # beside a model error, or where residuals hint at another term, the criterion may keep one whose interval holds zero
@@ -117,10 +86,7 @@ def judged_discovery(
             np.asarray(estimate.for_dropped_terms).diagonal(),
             trusted=trusted,
             checks=checks,
-            replaceable={
-                *np.flatnonzero(absent).tolist(),
-                *(k for rival in chain(*rivals) for k in rival.terms),
-            },
+            replaceable={*np.flatnonzero(absent).tolist(), *(k for rival in rivals for k in rival.terms)},
         ),
         path=path,
         runners_up=runners_up(selection),
@@ -128,10 +94,10 @@ def judged_discovery(
         remarks=(
             *(remark for _, remark in doubts),
             *((_NOT_TESTED,) if fit.random_forces else ()),
-            *rivals.remarks(choice_remarks(selection, path)),
+            *choice_remarks(selection, path),
+            *rival_remarks(rivals),
             *checks.remarks,
             *screened.remarks,
-            *(exchange_remarks(selection) if told and selection.settled else ()),
         ),
         verdicts=verdicts,
         rounds=selection.rounds,
@@ -144,18 +110,13 @@ def judged_discovery(
 
 def _rivals_beside(
     selection: Selection, estimate: Estimate, records: Sequence[Record], frequencies: Sequence[Rival]
-) -> _Rivals:
+) -> tuple[Rival, ...]:
     """The rivals of a selection; beside random forces, and where it did not settle, other links of hosts alone."""
+    terms = rival_terms(selection) if selection.settled else ()
     if selection.settled and not selection.fit.random_forces:
-        offsets = rival_offsets(selection, records[0].channels)
-        errors = (*frequencies, *rival_errors(selection, estimate.structure), *offsets)
-        return _Rivals(errors, rival_links(selection), rival_forms(selection))
-    return _Rivals(links=rival_links(selection) if selection.candidates.hosts else ())
-
-
-def _remarks(rivals: Sequence[Rival]) -> tuple[str, ...]:
-    """What is said of the first of some rivals."""
-    return tuple(rival.remark for rival in rivals[:NAMED])
+        errors = rival_errors(selection, estimate.structure, records[0].channels)
+        return (*frequencies, *errors, *rival_links(selection), *rival_forms(selection), *terms)
+    return (*(rival_links(selection) if selection.candidates.hosts else ()), *terms)
 
 
 def _errors(estimate: Estimate) -> Floats:
@@ -167,10 +128,13 @@ def _doubts(
     screened: ScreenedRecords,
     selection: Selection,
     estimate: Estimate,
-    forms: Sequence[Rival],
+    moved: bool,
     memory: Sequence[MemoryEvidence],
 ) -> Iterator[tuple[Verdict, str]]:
-    """The verdicts that forbid trust in a search, or in memory that it found, each with a sentence."""
+    """The verdicts that forbid trust in a search, or in memory that it found, each with a sentence.
+
+    Terms are `moved` where a form that was not offered would change them.
+    """
     sound, exact = admit_intervals(estimate.verdicts), selection.is_exact
     if opposed := opposed_damping(selection):
         yield (
@@ -178,7 +142,7 @@ def _doubts(
             f"Of the terms of damping in {' and '.join(opposed)} one gives energy that another takes: together they stand in "
             "for a form of damping that was not offered, such as v*abs(v). Offer more forms, or fewer of these.",
         )
-    if exact and any(form.moved is not None for form in forms):
+    if exact and moved:
         yield (
             Verdict.TERMS_MAY_BE_MISSING,
             "A form of force that was not offered explains the record better than terms that stand in for it.",

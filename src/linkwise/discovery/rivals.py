@@ -1,8 +1,8 @@
-"""What may be there in place of terms that were found, and explains the records as well or better: rivals, of seven kinds.
+"""What may be there in place of terms that were found, and explains the records as well or better: rivals, of six kinds.
 
 Margins of terms against each other say nothing of what nobody offered. Here terms give way, in the local quadratic model of
-the cost, to errors of stated values (`rival_errors`), offsets of sensors (`rival_offsets`), other forms of force
-(`rival_forms`) and other ends of a link (`rival_links`); and, by a fit, to frequencies of a host (`rival_frequencies`). The
+the cost, to errors of stated values and offsets of sensors (`rival_errors`), other forms of force (`rival_forms`), other ends
+of a link (`rival_links`) and other terms (`rival_terms`); and, by a fit, to frequencies of a host (`rival_frequencies`). The
 criterion of the best model without the terms against that of the selection says which of both the records prefer. The law of a
 link whose displacement no sensor shows may be another one about another origin (`rival_origins`), and terms by which no
 prediction gains are replaced by nothing (`terms_without_gain`).
@@ -25,17 +25,16 @@ from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimate
 from linkwise.likelihood.terms import Offset, of_kind
-from linkwise.likelihood.tests.columns import Added, TestedColumns, errors_of_stated_values
-from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic, local_quadratic
+from linkwise.likelihood.tests.columns import Added, errors_of_stated_values
+from linkwise.likelihood.tests.score_test import Hypothesis, local_quadratic
 from linkwise.model.coefficient import Name
 from linkwise.model.link import GROUND
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.runtime import one_blas_thread
 
-NAMED = 3  # rivals of a kind that remarks name
+_NAMED = 3  # rivals of a kind that remarks name
 _LARGEST = 0.05  # relative: scales, load cells and data sheets are better than that
 _LARGEST_DAMPING = 1.0  # of a mode, which changes with temperature and joints
 _STRONG = 6.0  # of the criterion: "strong" evidence for the error (Kass and Raftery 1995)
@@ -69,15 +68,36 @@ _ORIGIN = (
 class Rival:
     """What may be there in place of the `terms`, by number, at a criterion that is higher by `excess`; a sentence says it.
 
-    Where the records have strong evidence for it, `untrusted` says why no interval is given, or `moved` (p,) by how much the
-    parameters of the selection would change with it.
+    Of the sentences of a `kind` the first three are told. Where the records have strong evidence for it, `untrusted` says why
+    no interval is given, or `moved` (p,) by how much the parameters of the selection would change with it.
     """
 
+    kind: str
     terms: tuple[int, ...]
     excess: float
     remark: str
     untrusted: str = ""
     moved: Floats | None = None
+
+
+_KINDS = {
+    "form": "",
+    "nothing": "",
+    "error": "",
+    "link": "exchanges of a link would cost as little.",
+    "origin": "",
+    "term": "terms could be exchanged for others at as small a cost.",
+}
+"""What may replace terms, in the order in which it is told, and what is said of the number of those that are not."""
+
+
+def rival_remarks(rivals: Sequence[Rival]) -> Iterator[str]:
+    """What is said of the first rivals of each kind, and how many more there are."""
+    for kind, more in _KINDS.items():
+        own = [rival.remark for rival in rivals if rival.kind == kind]
+        yield from own[:_NAMED]
+        if more and len(own) > _NAMED:
+            yield f"{len(own) - _NAMED} more {more}"
 
 
 def _best_first(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
@@ -117,61 +137,78 @@ def _error(
     names = " and ".join(selection.quadratic.names[number] for number in terms)
     if excess < -_STRONG:
         remark = f"If {error}, {names} would not be needed and the criterion would be {-excess:.3g} lower: {advice}."
-        return Rival(terms, excess, remark, _OFF_ZERO if lacking.kind in _EXAMPLES else _STATED_WRONG)
+        untrusted = _OFF_ZERO if lacking.kind in _EXAMPLES else _STATED_WRONG
+        return Rival("error", terms, excess, remark, untrusted)
     change = f"only {excess:.1f} higher" if excess > 0.0 else f"{-excess:.1f} lower"
     remark = (
         f"This record hardly distinguishes {names} from {example}: if "
         f"{error.replace('a zero offset', 'one')}, the criterion would be {'the same' if abs(excess) < _SAME else change} "
         f"without {'it' if len(terms) == 1 else 'them'}."
     )
-    return Rival(terms, excess, remark)
+    return Rival("error", terms, excess, remark)
 
 
-def rival_errors(selection: Selection, identified: Structure) -> tuple[Rival, ...]:
-    """For each set of terms that errors of stated values could replace the best such error, the best set first.
+@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
+def rival_errors(
+    selection: Selection, identified: Structure, channels: Sequence[Channel]
+) -> tuple[Rival, ...]:
+    """For each set of terms that an error could replace the best such error, the best set first.
 
     A mass that is stated 1 % wrong leaves a force in proportion to its acceleration, for which a term on another link may
     stand in: a spring to the ground, of a mass that moves mostly at one frequency. A score test of the error beside all terms
     found is then silent.
 
-    `identified` is the structure of the selection with the values of its fit.
+    About another zero of its displacement a linear spring pulls with a constant force, and a cubic one has a quadratic part
+    beside that: in place of constant forces offsets are tried.
+
+    `identified` is the structure of the selection with the values of its fit, `channels` are those of the records.
     """
+    p, optimum = len(selection.inside), selection.fit.optimum
+    constants = [k for k, entry in selection.entries.items() if k < p and entry.term.is_constant]
     unknown = {mass.name for mass in selection.structure.masses if not mass.mass.known}
+    largest = (
+        dict.fromkeys(_ERRORS, _LARGEST) | {"damping": _LARGEST_DAMPING} | dict.fromkeys(_EXAMPLES, np.inf)
+    )
     try:
-        errors, local = errors_of_stated_values(selection.fit.optimum, selection.structure, identified)
-        stated = [error.kind in _ERRORS and error.where not in unknown for error in errors]
-        largest = [_LARGEST_DAMPING if error.kind == "damping" else _LARGEST for error in errors]
-        return _in_place_of_terms(selection, errors, local, np.where(stated, largest, 0.0), selection.inside)
+        offsets = _offsets(selection, channels) if constants else ()
+        errors, local = errors_of_stated_values(optimum, selection.structure, identified, offsets)
+        sizes = np.array([0.0 if e.where in unknown else largest.get(e.kind, 0.0) for e in errors])
+        model = selection.quadratic_beside(local, [-1] * len(errors), [error.where for error in errors])
+        screened = _may_be_replaced(model, p, sizes)
+        rivals = (
+            _error(selection, error, size, replaced, excess)
+            for number, error in enumerate(errors)
+            for term in (constants if error.kind in _EXAMPLES else selection.inside)
+            if screened[term, number]
+            for size, replaced, excess in _without_term(model, p, p + number, term)
+            if abs(size) < sizes[number]
+        )
+        best: dict[tuple[int, ...], Rival] = {}
+        for rival in _best_first(rivals):
+            best.setdefault(rival.terms, rival)
     except np.linalg.LinAlgError:
         return ()
-
-
-def _in_place_of_terms(
-    selection: Selection,
-    errors: Sequence[Hypothesis],
-    local: Quadratic,
-    largest: Floats,
-    terms: Sequence[int],
-) -> tuple[Rival, ...]:
-    """For each set of terms, one of `terms` among them, the best of the errors that replace it, the best set first.
-
-    The columns of the errors follow those of the selection in `local`; their sizes are below `largest` (e,).
-    """
-    p = len(selection.inside)
-    model = selection.quadratic_beside(local, [-1] * len(errors), [error.where for error in errors])
-    screened = _may_be_replaced(model, p, largest)
-    rivals = (
-        _error(selection, error, size, replaced, excess)
-        for number, error in enumerate(errors)
-        for term in terms
-        if screened[term, number]
-        for size, replaced, excess in _without_term(model, p, p + number, term)
-        if abs(size) < largest[number]
-    )
-    best: dict[tuple[int, ...], Rival] = {}
-    for rival in _best_first(rivals):
-        best.setdefault(rival.terms, rival)
     return tuple(best.values())
+
+
+def _offsets(selection: Selection, channels: Sequence[Channel]) -> Iterator[Added]:
+    """The offset of each sensor, and one that all sensors of displacement have in common, but for those that the fit has.
+
+    The latter is there where the equilibrium of a structure is not where its sensors show zero.
+    """
+    found = {offset.channel for offset in of_kind(selection.fit.options.errors, Offset)}
+    ones = np.ones_like(selection.fit.optimum.misfit.residuals[:, 0])
+    common: dict[str, list[tuple[int, Floats]]] = {}
+    for number, name in enumerate(name for name in channels if not name.is_input):
+        if name not in found:
+            unit, samples = unit_in(selection.structure, name), [(number, ones)]
+            yield Added(Hypothesis("offset", name, unit=unit), samples=samples)
+            if name.startswith("x:"):
+                common.setdefault(unit, []).extend(samples)
+    if len(common) == 1:
+        ((unit, samples),) = common.items()
+        if len(samples) > 1:
+            yield Added(Hypothesis("common offset", "all displacements", unit=unit), samples=samples)
 
 
 def _may_be_replaced(model: QuadraticModel, p: int, largest: Floats) -> Bools:
@@ -214,46 +251,6 @@ def _without_term(
         return
     if excess < CERTAIN:
         yield size, tuple(sorted({*range(p)} - set(inside[retained].tolist()))), float(excess)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # a trial may diverge; the result is checked
-def rival_offsets(selection: Selection, channels: Sequence[Channel]) -> tuple[Rival, ...]:
-    """For each set of terms with a constant force the offset that replaces it best, the best of all first.
-
-    About another zero of its displacement a linear spring pulls with a constant force, and a cubic one has a quadratic part
-    beside that. Tried are the offset of each channel, and one that all sensors of displacement have in common, as where the
-    equilibrium of a structure is not where its sensors show zero.
-
-    `channels` are those of the records; offsets that the fit has found already are left out.
-    """
-    p = len(selection.inside)
-    constants = [k for k, entry in selection.entries.items() if k < p and entry.term.is_constant]
-    shown = [name for name in channels if not name.is_input]
-    found = {offset.channel for offset in of_kind(selection.fit.options.errors, Offset)}
-    errors = {
-        Hypothesis("offset", name, unit=unit_in(selection.structure, name)): [number]
-        for number, name in enumerate(shown)
-        if name not in found
-    }
-    if not (constants and errors):
-        return ()
-    displacements = {
-        numbers[0]: error.unit for error, numbers in errors.items() if error.where.startswith("x:")
-    }
-    if len(displacements) > 1 and len(units := {*displacements.values()}) == 1:
-        errors[Hypothesis("common offset", "all displacements", unit=units.pop())] = [*displacements]
-    optimum = selection.fit.optimum
-    try:
-        with one_blas_thread():
-            ones = np.ones_like(optimum.misfit.residuals[:, 0])
-            columns = TestedColumns.of(
-                Added(error, samples=[(number, ones) for number in numbers])
-                for error, numbers in errors.items()
-            )
-            local = columns.quadratic(optimum).in_units(optimum, columns.units)
-        return _in_place_of_terms(selection, [*errors], local, np.full(len(errors), np.inf), constants)
-    except np.linalg.LinAlgError:
-        return ()
 
 
 def rival_frequencies(search: TermSearch, selection: Selection) -> tuple[Rival, ...]:
@@ -348,7 +345,7 @@ def _form(
             f"A force like {form.text} in {link}, which was not offered, explains the record as well as {names} (the "
             f"criterion changes by {excess:+.2g}). A wider range of motion, or less noise, would distinguish them."
         )
-        return Rival(terms, excess, remark)
+        return Rival("form", terms, excess, remark)
     remark = (
         f"With a force like {form.text} in {link}, which was not offered, {names} would not be needed and the "
         f"criterion would be {-excess:.3g} lower: offer it."
@@ -356,7 +353,7 @@ def _form(
     retained = [k for k in range(p) if k not in terms]
     moved = -model.solve(range(p)).values
     moved[retained] += model.solve([*retained, number]).values[:-1]
-    return Rival(terms, excess, remark, moved=moved)
+    return Rival("form", terms, excess, remark, moved=moved)
 
 
 #: A pair, by number, whether damping is meant or stiffness, and the terms chosen of that kind there, by number.
@@ -415,37 +412,51 @@ def rival_links(selection: Selection) -> tuple[Rival, ...]:
     Beside hosts for any other link; else for one of the selected ones that shares a mass with it.
     """
     quadratic, candidates, inside = selection.quadratic, selection.candidates, selection.inside
-    pair_of, count = quadratic.penalty.pair, len(inside)
-    own_pairs = quadratic.penalty.pairs_of(inside) - quadratic.penalty.stated
-    text = {number: entry.term.text for number, entry in selection.entries.items()}
+    penalty, pairs, count = quadratic.penalty, candidates.pairs, len(inside)
+    if count > _MOST_TERMS:
+        return ()
+    own_pairs = penalty.pairs_of(inside) - penalty.stated
+    others = penalty.pairs_of(range(count, len(penalty.pair))) - own_pairs if candidates.hosts else set()
     masses = {mass.name for mass in candidates.masses}
+    terms: dict[int, dict[str, int]] = {}
+    for number, entry in selection.entries.items():
+        terms.setdefault(entry.pair, {})[entry.term.text] = number
     exchanges = []
-    for pair in sorted(own_pairs) if count <= _MOST_TERMS else ():
-        own = np.flatnonzero(pair_of[:count] == pair).tolist()
-        rest = [number for number in inside if number not in own]
-        ends = masses.intersection(candidates.pairs[pair].between)
-        near = {rival for rival in own_pairs if not ends.isdisjoint(candidates.pairs[rival].between)} - {pair}
-        others = quadratic.penalty.pairs_of(range(count, len(pair_of))) if candidates.hosts else set()
-        for rival in sorted((others - own_pairs) | near):
-            terms = {text[number]: number for number in np.flatnonzero(pair_of == rival).tolist()}
-            if not {text[number] for number in own} <= terms.keys():
-                continue
-            model = sorted({*rest, *(terms[text[number]] for number in own)})
-            if model == rest:  # the link is left out, which the margins of its terms tell
-                continue
-            try:
-                excess = quadratic.criterion(model) - quadratic.criterion(inside)
-            except np.linalg.LinAlgError:
-                continue
+    for pair in sorted(own_pairs):
+        own = {text: number for text, number in terms[pair].items() if number < count}
+        ends = masses.intersection(pairs[pair].between)
+        near = {rival for rival in own_pairs if not ends.isdisjoint(pairs[rival].between)} - {pair}
+        rest = {*inside} - {*own.values()}
+        for rival in sorted(others | near):
+            model = rest | {terms[rival][text] for text in own if text in terms[rival]}
+            # a link that is left out is what the margins of its terms tell
+            excess = (
+                selection.excess(model) if own.keys() <= terms[rival].keys() and model != rest else np.inf
+            )
             if excess < CERTAIN:
                 change = f"only {excess:.1f} higher" if excess >= 0.0 else f"{-excess:.1f} lower"
                 remark = (
-                    f"This record hardly distinguishes the link {candidates.pairs[pair].name} from "
-                    f"{candidates.pairs[rival].name}: with that in its place the criterion is {change}. Excite modes, or "
-                    "measure points, in which both differ."
+                    f"This record hardly distinguishes the link {pairs[pair].name} from {pairs[rival].name}: with that in its "
+                    f"place the criterion is {change}. Excite modes, or measure points, in which both differ."
                 )
-                exchanges.append(Rival(tuple(own), excess, remark))
+                exchanges.append(Rival("link", tuple(own.values()), excess, remark))
     return _best_first(exchanges)
+
+
+def rival_terms(selection: Selection) -> tuple[Rival, ...]:
+    """The exchanges of a term kept for one dropped that would raise the criterion by less than `CERTAIN`."""
+    names = selection.quadratic.names
+    return tuple(
+        Rival(
+            "term",
+            (move.dropped, move.added),
+            -move.gain,
+            f"This record hardly distinguishes {names[move.dropped]} from {names[move.added]}: with the other in its place "
+            f"the criterion is {f'only {-move.gain:.1f} higher' if move.gain <= 0.0 else 'no higher, to first order'}.",
+        )
+        for move in selection.neighbours
+        if move.dropped is not None and move.added is not None and -move.gain < CERTAIN
+    )
 
 
 def rival_origins(selection: Selection, estimate: Estimate, records: Sequence[Record]) -> tuple[Rival, ...]:
@@ -467,7 +478,7 @@ def rival_origins(selection: Selection, estimate: Estimate, records: Sequence[Re
     pairs, ends = selection.candidates.pairs, {frozenset(between) for between in found}
     terms = [k for k, entry in selection.entries.items() if frozenset(pairs[entry.pair].between) in ends]
     remark = _ORIGIN.format(" and ".join("-".join(between) for between in found))
-    return (Rival(tuple(terms), 0.0, remark),) if found else ()
+    return (Rival("origin", tuple(terms), 0.0, remark),) if found else ()
 
 
 def terms_without_gain(
@@ -490,5 +501,5 @@ def terms_without_gain(
                     f"model error of {100.0 * model_error:.2g} %, and pieces of the record that were left out are predicted "
                     "as well without it."
                 )
-                needless.append(Rival((k,), prediction.excess, remark))
+                needless.append(Rival("nothing", (k,), prediction.excess, remark))
     return tuple(needless)

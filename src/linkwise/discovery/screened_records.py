@@ -6,18 +6,17 @@ tree of links that the accelerations determine (`tree_of_forces`), or that of th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates, CandidateTerm
-from linkwise.discovery.screen import Measured, most_significant_tree, screen, screen_links, weak_start
+from linkwise.discovery.screen import Measured, most_significant_tree, screen, screen_links
 from linkwise.discovery.term_parameters import MotionRange, first_values, motion_ranges
 from linkwise.errors import IdentificationError
 from linkwise.model.link import BASE, GROUND
-from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.joining import common_samples
 from linkwise.records.record import Record
@@ -25,7 +24,6 @@ from linkwise.signals.gaps import short_gaps_bridged
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import channel_motion
 from linkwise.weak.displacements import read_densely, with_displacements
-from linkwise.weak.estimate import weak_search
 
 # samples in which a term is not zero: noise alone gives a few beyond the range of the motion
 _LEAST_ACTIVE = 8
@@ -264,15 +262,3 @@ class ScreenedRecords:
             candidates = replace(candidates, terms=whole.terms)
             tested |= {entry.name for entry in candidates.entries if entry.term.law.signals}
         return cls(measured, ranges, candidates, integrated, tested, first, tuple(remarks))
-
-    def weak_values(self, structure: Structure, known: Mapping[str, float]) -> tuple[Floats, Floats]:
-        """The parameters (p,) of `structure` by the weak form, and their standard deviations (p,).
-
-        By its search, from the `known` values, if a stated law is nonlinear in an unknown.
-        """
-        links = structure.links
-        if all(link.coefficients[name].known for link in links for name in link.law.nonlinear):
-            return weak_start(self.measured, self.candidates, structure)
-        record, motion = self.measured[0]
-        fit = weak_search(record, structure, motion, known)[1]
-        return fit.values, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))

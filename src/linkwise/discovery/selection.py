@@ -112,6 +112,13 @@ class Selection:
         total = cost_of(self.fit, noise) + self.quadratic.penalty.total(self.inside)
         return total if _converged(self.fit) else np.inf
 
+    def excess(self, chosen: Iterable[int]) -> float:
+        """By how much the criterion with the coefficients `chosen`, by number, is higher; infinite where it has no least."""
+        try:
+            return self.quadratic.criterion(sorted(chosen)) - self.quadratic.criterion(self.inside)
+        except np.linalg.LinAlgError:
+            return np.inf
+
     @cached_property
     @np.errstate(over="ignore", invalid="ignore")  # a term may be infinite somewhere
     def unit_shares(self) -> dict[int, float]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import NoneType
-from typing import ClassVar, TypedDict, final
+from typing import ClassVar, final
 
 import numpy as np
 
@@ -54,18 +54,14 @@ from linkwise.likelihood.optima.restarts import (
     fit_with_restarts,
 )
 from linkwise.likelihood.options import (
-    ADMIT,
-    AMBIENT,
-    CALIBRATION,
-    CLOCKS,
-    HARMONICS,
-    INPUT_NOISE,
+    AskedFor,
+    AskedKeywords,
     LikelihoodOptions,
     errors_to_find,
     require_known_kinds,
 )
 from linkwise.likelihood.problem import require_force_scale
-from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
+from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
@@ -82,13 +78,11 @@ from linkwise.likelihood.starts.values import require_supported, starting_values
 from linkwise.likelihood.terms import (
     Block,
     Disturbance,
-    Drift,
     HighPass,
     Hum,
     Offset,
     Term,
     frequencies_by_channel,
-    late_beside_clocks,
     of_kind,
     unknown_gains,
 )
@@ -246,22 +240,10 @@ LOSSES = {"huber": Huber(), "student": Student()}
 """Robust losses by name."""
 
 
-class LikelihoodKeywords(TypedDict, total=False):
+class LikelihoodKeywords(AskedKeywords, total=False):
     """Options of `MaximumLikelihood` as keywords of `identify`; None stands for the default."""
 
     starts: Mapping[str, float] | None
-    offsets: Sequence[str]
-    gains: Sequence[str]
-    calibration: Mapping[str, float] | None
-    delays: Sequence[str]
-    drifts: str | Sequence[str] | Mapping[str, float | None]
-    hums: Mapping[str, float | Sequence[float]]
-    corners: Sequence[str] | Mapping[str, float | None]
-    clocks: Deviations
-    harmonics: Mapping[str, float | Sequence[float]]
-    ambient: Deviations
-    input_noise: Deviations
-    admit: str | Sequence[str]
     loss: Loss | None
     exact: bool
     profile: bool
@@ -270,7 +252,7 @@ class LikelihoodKeywords(TypedDict, total=False):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class MaximumLikelihood(Estimator):
+class MaximumLikelihood(AskedFor, Estimator):
     """Maximum likelihood on the raw samples, by annealed multiple shooting: the method "ml" of `identify`.
 
     It takes several records together, records with gaps, and sensors of any kind.
@@ -349,20 +331,6 @@ class MaximumLikelihood(Estimator):
     method: ClassVar[str] = "ml"
 
     starts: Mapping[str, float] | None = None
-    offsets: Sequence[str] = ()
-    gains: Sequence[str] = ()
-    calibration: Mapping[str, float] = field(default_factory=dict, metadata=CALIBRATION)
-    delays: Sequence[str] = ()
-    drifts: str | Sequence[str] | Mapping[str, float | None] = ()
-    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
-    corners: Sequence[str] | Mapping[str, float | None] = field(
-        default=(), metadata={"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
-    )
-    clocks: Deviations = field(default=(), metadata=CLOCKS)
-    harmonics: Mapping[str, float | Sequence[float]] = field(default_factory=dict, metadata=HARMONICS)
-    ambient: Deviations = field(default=(), metadata=AMBIENT)
-    input_noise: Deviations = field(default=(), metadata=INPUT_NOISE)
-    admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
     loss: Loss = field(default_factory=Gaussian, metadata={"typed": "LOSS", "choices": LOSSES})
     exact: bool = field(default=False, metadata={"typed": ""})
     profile: bool = field(default=False, metadata={"typed": ""})
@@ -412,20 +380,7 @@ class MaximumLikelihood(Estimator):
 
     def _errors_to_find(self, records: Sequence[Record]) -> tuple[Term, ...]:
         """The errors of sensors that are asked for, and those that the records state."""
-        constant = errors_to_find(
-            records,
-            offsets=self.offsets,
-            gains=self.gains,
-            calibration=self.calibration,
-            delays=self.delays,
-            clocks=self.clocks,
-        )
-        return (
-            *constant,
-            *Drift.stated(self.drifts),
-            *(Hum(name, hz) for name, several in frequencies_by_channel(self.hums).items() for hz in several),
-            *HighPass.stated(self.corners),
-        )
+        return errors_to_find(records, self)
 
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
@@ -451,9 +406,7 @@ class MaximumLikelihood(Estimator):
         admitted = self._admitted
         if options.random:
             robust = not isinstance(self.loss, Gaussian)
-            added = [one.channel for one in errors if isinstance(one, Disturbance | HighPass)]
-            late = late_beside_clocks(errors)
-            refuse_beside_random_forces(late, admitted, added, robust=robust, records=records)
+            refuse_beside_random_forces(errors, admitted, robust=robust, records=records)
 
         def answer(structure: Structure, options: LikelihoodOptions, records: Sequence[Record]) -> Estimate:
             search = partial(self._search, structure)

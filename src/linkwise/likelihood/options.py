@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot, inf, isinf
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -23,11 +23,15 @@ from linkwise.likelihood.terms import (
     ERRORS,
     Constant,
     Delay,
+    Drift,
     Gain,
+    HighPass,
+    Hum,
     Offset,
     Stated,
     Term,
     beside_clocks,
+    frequencies_by_channel,
     late_channels,
     of_kind,
 )
@@ -38,9 +42,47 @@ from linkwise.records.record import Record
 CALIBRATION = {"typed": "CHANNEL=PERCENT%", "unit": "%", "example": "x:m1=1%"}
 ADMIT = {"typed": "gain,offset,..."}
 CLOCKS = {"typed": "CHANNEL[=PPM]", "unit": "ppm", "example": "a:m1=20"}
+CORNERS = {"typed": "CHANNEL[=HZ]", "unit": "Hz", "example": "a:m1=0.5Hz"}
 HARMONICS = {"typed": "MASS=HZ", "unit": "Hz", "several": True, "example": "m1=4Hz"}
 AMBIENT = {"typed": "MASS[=DENSITY]", "unit": "N/sqrt(Hz)", "example": "m1=0.5"}
 INPUT_NOISE = {"typed": "CHANNEL[=SIGMA]", "unit": "channel", "example": "force:m1=0.5"}
+
+
+class AskedKeywords(TypedDict, total=False):
+    """The fields of `AskedFor`, as keywords."""
+
+    offsets: str | Sequence[str]
+    gains: str | Sequence[str]
+    calibration: Mapping[str, float] | None
+    delays: str | Sequence[str]
+    drifts: Stated
+    hums: Mapping[str, float | Sequence[float]]
+    corners: Stated
+    clocks: Stated
+    harmonics: Mapping[str, float | Sequence[float]]
+    ambient: Stated
+    input_noise: Stated
+    admit: str | Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AskedFor:
+    """What `identify` and `discover` are asked to find of sensors and inputs; `MaximumLikelihood` says what each is."""
+
+    offsets: str | Sequence[str] = ()
+    gains: str | Sequence[str] = ()
+    calibration: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=CALIBRATION)
+    delays: str | Sequence[str] = ()
+    drifts: Stated = field(default=(), hash=False)
+    hums: Mapping[str, float | Sequence[float]] = field(default_factory=dict, hash=False)
+    corners: Stated = field(default=(), hash=False, metadata=CORNERS)
+    clocks: Stated = field(default=(), hash=False, metadata=CLOCKS)
+    harmonics: Mapping[str, float | Sequence[float]] = field(
+        default_factory=dict, hash=False, metadata=HARMONICS
+    )
+    ambient: Stated = field(default=(), hash=False, metadata=AMBIENT)
+    input_noise: Stated = field(default=(), hash=False, metadata=INPUT_NOISE)
+    admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
 
 
 @dataclass(frozen=True)
@@ -145,41 +187,15 @@ def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> Like
     return None if errors is None else replace(options, errors=errors)
 
 
-def errors_to_find(
-    records: Sequence[Record],
-    *,
-    offsets: Sequence[str] = (),
-    gains: Sequence[str] = (),
-    calibration: Mapping[str, float] | None = None,
-    delays: Sequence[str] = (),
-    clocks: Stated = (),
-) -> tuple[Term, ...]:
-    """The errors of sensors that a user asks for, and those that records state.
+def errors_to_find(records: Sequence[Record], sought: AskedFor) -> tuple[Term, ...]:
+    """The errors of sensors that a user asks for, and those that records state (`Record.uncertainty`) and he does not.
 
-    Parameters
-    ----------
-    records : sequence of Record
-        The records, and what they state (`Record.uncertainty`) of their responses and applied forces.
-    offsets, gains, delays : sequence of str, optional
-        Channels with an unknown error, whatever the records state of it; gains and delays also those of applied forces.
-    calibration : mapping of str to float, optional
-        Relative standard deviations of gains, as of `MaximumLikelihood`; they go before what the records state.
-    clocks : sequence of str or mapping of str to float or None, optional
-        As of `MaximumLikelihood`.
-
-    Returns
-    -------
-    tuple of Term
-        The errors.
-
-    Raises
-    ------
-    IdentificationError
-        If records state different things of a channel, one is named twice, a gain, delay, calibration or clock is that of none
-        in them, or a gain or delay that of a force that is 0 throughout.
+    Raises IdentificationError if records state different things of a channel, one is named twice, a gain, delay, calibration
+    or clock is that of none in them, or a gain or delay that of a force that is 0 throughout.
     """
+    offsets, gains, delays, clocks = sought.offsets, sought.gains, sought.delays, sought.clocks
     stated, first = _stated(records), records[0]
-    sigmas = _known_gains(gains, calibration or {}, stated, first)
+    sigmas = _known_gains(gains, sought.calibration or {}, stated, first)
     _require_acting((*gains, *delays), records)
     late = [
         channel
@@ -196,7 +212,9 @@ def errors_to_find(
         there = {one.channel for one in of_kind(asked, kind)}
         sizes = {name: float(getattr(uncertainty, kind.kind)) for name, uncertainty in stated.items()}
         known += [kind(name, sigma) for name, sigma in sizes.items() if sigma and name not in there]
-    return (*asked, *known)
+    humming = frequencies_by_channel(sought.hums or {}).items()
+    lines = (Hum(name, frequency) for name, several in humming for frequency in several)
+    return (*asked, *known, *Drift.stated(sought.drifts), *lines, *HighPass.stated(sought.corners))
 
 
 def _known_gains(

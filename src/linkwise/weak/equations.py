@@ -6,7 +6,7 @@ motion in the windows.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -54,6 +54,8 @@ class WeakEquations:
         Smoothed elongations in m and their rates in m/s, of links and then of what elements of states read, at R windows.
     states : array of shape (S, R)
         Smoothed states of links.
+    signals : mapping of str to array of shape (R,)
+        Smoothed signals that laws name.
     acceleration : array of shape (n + S, R)
         Smoothed accelerations in m/s^2 of masses and modes, and second derivatives of states.
     time : array of shape (R,)
@@ -69,6 +71,7 @@ class WeakEquations:
     d: Floats
     v: Floats
     states: Floats
+    signals: Mapping[str, Floats]
     acceleration: Floats
     time: Floats
 
@@ -147,6 +150,7 @@ def weak_equations(
     thinning = min(max(1, windows // _DENSE_WINDOWS), _MAX_THINNING) if rate_window is None else 1
     applied = _applied(record, structure)
     smooth = window.filter(motion.displacements, window.kernels)
+    signals = {name: _at_samples(record, f"signal:{name}") for name in structure.signals}
     total = _with_frame(smooth, applied, frame_acceleration(record), layout, window)
     context = PatchContext(
         structure_layout=layout,
@@ -160,6 +164,7 @@ def weak_equations(
             for mass, force in applied.items()
         },
         slope_stride=_SLOPE_THINNING * thinning,
+        signals=signals,
     )
     area, displaced = window.kernels[PHI].sum(), _displacements(smooth, window)
     return WeakEquations(
@@ -172,6 +177,10 @@ def weak_equations(
         d=layout.elongations(displaced, range(len(layout.elements))),
         v=layout.elongations(-smooth[PHI_1] / area, range(len(layout.elements))),
         states=displaced[structure.size : layout.equations],
+        signals={
+            name: window.filter(np.nan_to_num(signal)[None], window.kernels[:1])[0, 0] / area
+            for name, signal in signals.items()
+        },
         acceleration=smooth[PHI_2, :-2] / area,
         time=record.start + (window.half + window.stride * np.arange(windows)) / record.rate,
     )
@@ -183,10 +192,15 @@ def _applied(record: Record, structure: Structure) -> dict[int, Floats]:
     for place in structure.places:
         channel = f"force:{place}"
         if channel in record.channels:
-            force = at_samples(record.channel(channel), record.interpolation.get(channel, BAND_LIMITED))
+            force = _at_samples(record, channel)
             for mass, weight in structure.topology.weights(structure.topology.index[place]):
                 applied[mass] = applied.get(mass, 0.0) + weight * force
     return dict(sorted(applied.items()))
+
+
+def _at_samples(record: Record, channel: str) -> Floats:
+    """(N,) what an input is around its samples."""
+    return at_samples(record.channel(channel), record.interpolation.get(channel, BAND_LIMITED))
 
 
 def _with_frame(
@@ -234,7 +248,10 @@ def _patches(
     for mass, nodes in enumerate(layout.neighbourhoods):
         if all(measured[node] for node in nodes):
             near = [node for node in nodes if node < layout.equations]
-            missing = _missing(context.motion, near, applied.get(mass))
+            laws = [layout.elements[number].law for number in layout.elements_at[mass]]
+            known = [context.signals[name] for law in laws for name in law.signals]
+            known += [applied[mass]] if mass in applied else []
+            missing = _missing(context.motion, near, known)
             if mass in layout.masses_needing_rate:
                 missing = _missing_rate(missing, context)
             valid = _valid(missing, context.window) if missing.any() else whole
@@ -249,12 +266,12 @@ def _patches(
     return tuple(patches)
 
 
-def _missing(motion: MeasuredDisplacements, masses: list[int], force: Floats | None) -> Bools:
-    """(N,) True where a sample of `masses` or of their `force` (N,) is missing."""
+def _missing(motion: MeasuredDisplacements, masses: list[int], known: Sequence[Floats]) -> Bools:
+    """(N,) True where a sample of `masses`, or of a force or signal that is `known` (N,), is missing."""
     missing = np.zeros(motion.displacements.shape[1], dtype=bool)
     if motion.missing is not None:
         missing |= np.any(motion.missing[masses], axis=0)
-    return missing if force is None else missing | np.isnan(force)
+    return np.asarray(np.any([missing, *map(np.isnan, known)], axis=0))
 
 
 def _missing_rate(missing: Bools, context: PatchContext) -> Bools:

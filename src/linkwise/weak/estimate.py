@@ -21,7 +21,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import NoiseEstimate
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.link_estimate import LinkMotion, extremes
-from linkwise.model.link import refuse_memory, refuse_signals
+from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
 from linkwise.records.channel_units import unit_in
@@ -98,7 +98,6 @@ class WeakForm(Estimator):
             If there are several records, no displacements, or a parameter that the record does not determine.
         """
         refuse_rig(structure, 'method "weak"')
-        refuse_signals(structure.links, 'method "weak"', "maximum likelihood takes it")
         given = self.only_record(records)
         frame = framed(given, structure)
         record = frame.record
@@ -312,12 +311,12 @@ def _force_residual(equations: WeakEquations, values: Floats) -> Floats:
 
 
 def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floats | None:
-    """(R, L) forces in N of links with memory, NaN for others; None where there are none."""
-    states = identified.topology.states
-    if not states:
+    """(R, L) forces in N of links with memory or signals, NaN for others; None where there are none."""
+    beside = [number for number, link in enumerate(identified.links) if not link.law.is_plain]
+    if not beside:
         return None
     forces = np.full((equations.windows, len(identified.links)), np.nan)
-    for number in {link for link, _ in states}:
+    for number in beside:
         forces[:, number] = _link_force(identified, number, equations)
     return forces
 
@@ -327,7 +326,7 @@ def _link_force(identified: Structure, number: int, equations: WeakEquations) ->
     link, d, v = identified.links[number], equations.d[number], equations.v[number]
     every = enumerate(identified.topology.states)
     states = {name: equations.states[row] for row, (owner, name) in every if owner == number}
-    return np.asarray(link.force(d, v, states))
+    return np.asarray(link.force(d, v, {**states, **equations.signals}))
 
 
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:

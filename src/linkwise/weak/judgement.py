@@ -255,4 +255,6 @@ def _with_link_terms(link: Link, added: dict[str, str]) -> Link:
     new = {name: term for name, term in added.items() if term not in unknown}
     text = " + ".join([link.law.text, *(f"{name}*({term})" for name, term in new.items())])
     coefficients = {**link.coefficients, **{name: Coefficient.unknown() for name in new}}
-    return replace(link, law=Law.parse(text, link.states), coefficients=coefficients)
+    return replace(
+        link, law=Law.parse(text, link.states, signals=dict(link.law.signal_units)), coefficients=coefficients
+    )

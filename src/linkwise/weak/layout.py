@@ -116,10 +116,11 @@ def _linear_parts(
 
 
 def _law(link: Link, expression: Expression) -> Law:
-    """A law with those coefficients of a link that are in an expression."""
+    """A law with those coefficients and signals of a link that are in an expression."""
     names = set(symbols(expression))
     used = tuple(name for name in link.law.coefficients if name in names)
-    return Law(to_text(expression), expression, used)
+    signals = tuple(pair for pair in link.law.signal_units if pair[0] in names)
+    return Law(to_text(expression), expression, used, signal_units=signals)
 
 
 @dataclass(frozen=True, eq=False)

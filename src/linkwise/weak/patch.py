@@ -109,6 +109,8 @@ class PatchContext:
         Negative applied forces under phi, by mass.
     slope_stride : int
         Stride in windows of `Patch.slopes`.
+    signals : mapping of str to array of shape (N,)
+        Recorded signals that laws name.
     """
 
     structure_layout: StructureLayout
@@ -119,6 +121,7 @@ class PatchContext:
     filtered: Floats
     forces: Mapping[int, Floats]
     slope_stride: int
+    signals: Mapping[str, Floats]
 
     @cached_property
     def elongation_variance(self) -> Floats:
@@ -169,7 +172,12 @@ class PatchContext:
         evaluated, parts = list[LawTerms](), iter(layout.law_parts)
         for group in layout.groups:
             law, links = group.weak_law, group.links
-            inside = {name: group.coefficients[name].at(self.values)[:, None] for name in law.inside}
+            inside = {
+                name: group.coefficients[name].at(self.values)[:, None]
+                if name in group.coefficients
+                else self.signals[name]
+                for name in law.inside
+            }
             self._require_starts(group, inside)
             noise = self.elongation_variance[links][:, None]
             d, v = np.zeros((len(links), 1)), np.zeros(())

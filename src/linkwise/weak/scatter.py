@@ -19,9 +19,8 @@ from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import splu
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
@@ -33,7 +32,7 @@ from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, NoisePaths
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
 _AT_ONCE = 2**17  # numbers in the weights of channels that are in memory together
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
-_STEP = 1e-30  # e, for matrices of order 1
+_COLUMNS = 64  # of an inverse, that are in memory together
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +72,8 @@ class NoisyPatch:
             offsets = deviation[rows, None, None] * np.array([[-1.0], [1.0]])
             coefficients = [number.at(values)[:, None, None] for number in group.coefficients.values()]
             d, v = system.d[links, at][:, None] + offsets, system.v[links, at][:, None]
-            slopes = program(d, v, *coefficients)
+            signals = [system.signals[name][at] for name in group.weak_law.law.signals]
+            slopes = program(d, v, *signals, *coefficients)
             for by, (low, high) in enumerate(slope.transpose(1, 0, 2) for slope in slopes):
                 mean[by, rows] = 0.5 * (low + high)
                 square[by, rows] = 0.5 * (low**2 + high**2)
@@ -115,8 +115,8 @@ class NoisyPatch:
 def _slopes(law: Law) -> tuple[Program, bool]:
     """Program for the slopes of a law with respect to d and v, and whether they are constant."""
     slopes = [differentiate(law.expression, name) for name in VARIABLES]
-    constant = not any(name in symbols(slope) for name in VARIABLES for slope in slopes)
-    return Program(slopes, (*VARIABLES, *law.coefficients), wide=VARIABLES), constant
+    constant = not any(name in symbols(slope) for name in law.variables for slope in slopes)
+    return Program(slopes, (*law.variables, *law.coefficients), wide=law.variables), constant
 
 
 def residual_excess(noisy: Sequence[NoisyPatch], values: Floats) -> float:
@@ -247,60 +247,15 @@ def _own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Fl
 
 
 def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Floats:
-    """Entries of h^-1 j h^-1 near its diagonal, at k positions (`rows`, `columns`) at which h or j has entries.
+    """Entries of h^-1 j h^-1 at k positions (`rows`, `columns`), which are near its diagonal; the whole matrix is dense.
 
-    The whole matrix would be dense. These entries follow from the complex step: the imaginary part of (h + i e j)^-1 =
-    h^-1 - i e h^-1 j h^-1 + O(e^2), for an e whose square is below rounding. Ordered so that h, positive definite, and j are
-    block tridiagonal, that inverse follows near its diagonal from one sweep down the blocks and one up. Time and memory are
-    linear in the number of coefficients for chains of parts.
-
-    References
-    ----------
-    W. Squire and G. Trapp, SIAM Rev. 40, 110 (1998); K. Takahashi, J. Fagan and M.-S. Chin, Proc. 8th PICA Conf., 63 (1973).
+    Some columns of h^-1 are in memory at a time, of as many parameters as there are.
     """
-    scale = 1.0 / np.sqrt(h.diagonal())
-    scaled = [matrix.multiply(scale[:, None]).multiply(scale).tocoo() for matrix in (h, j)]
-    step = _STEP / max(float(np.max(np.abs(scaled[1].data), initial=0.0)), np.finfo(float).tiny)
-    position = np.empty(len(scale), dtype=np.intp)
-    position[reverse_cuthill_mckee((abs(h) + abs(j)).tocsr(), symmetric_mode=True)] = np.arange(len(scale))
-    diagonal_blocks, right_blocks = _inverse(
-        position[np.concatenate([matrix.row for matrix in scaled])],
-        position[np.concatenate([matrix.col for matrix in scaled])],
-        np.concatenate([scaled[0].data.astype(complex), 1j * step * scaled[1].data]),
-        len(scale),
-    )
-    size = diagonal_blocks.shape[1]
-    first, last = np.minimum(position[rows], position[columns]), np.maximum(position[rows], position[columns])
-    block, inside = np.divmod(first, size)
-    last_block, along = np.divmod(last, size)
-    at = block, inside, along
-    values = np.where(last_block == block, diagonal_blocks[at], right_blocks[at])
-    return np.asarray(-values.imag / step * scale[rows] * scale[columns])
-
-
-def _inverse(
-    rows: Indices, columns: Indices, data: NDArray[np.complex128], count: int
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """The inverse of a symmetric matrix, sum of `data` at `rows` and `columns`, in blocks as wide as its band.
-
-    Its blocks on the diagonal (K, b, b), and to the right of them (K, b, b), the last one of those without meaning.
-    """
-    size = max(int(np.max(np.abs(rows - columns))), 1)
-    blocks = -(-count // size)
-    diagonal, right = np.zeros((2, blocks, size, size), dtype=complex)
-    padding = np.arange(count, blocks * size) % size
-    diagonal[-1, padding, padding] = 1.0
-    block, inside = np.divmod(rows, size)
-    step, along = columns // size - block, columns % size
-    for target, chosen in ((diagonal, step == 0), (right, step == 1)):
-        np.add.at(target, (block[chosen], inside[chosen], along[chosen]), data[chosen])
-    inverses = [np.linalg.inv(diagonal[0])]
-    for k in range(1, blocks):
-        coupling = right[k - 1].copy()
-        right[k - 1] = inverses[-1] @ coupling
-        inverses.append(np.linalg.inv(diagonal[k] - coupling.T @ right[k - 1]))
-    diagonal_blocks, right_blocks = np.stack(inverses), np.zeros_like(right)
-    for k in reversed(range(blocks - 1)):
-        right_blocks[k] = -right[k] @ diagonal_blocks[k + 1]
-        diagonal_blocks[k] -= right_blocks[k] @ right[k].T
-    return diagonal_blocks, right_blocks
+    factor, values = splu(csc_array(h)), np.empty(len(rows))
+    for first in range(0, h.shape[0], _COLUMNS):
+        some = np.flatnonzero((rows >= first) & (rows < first + _COLUMNS))
+        which, places = np.unique(np.concatenate([rows[some], columns[some]]), return_inverse=True)
+        solved = factor.solve((which == np.arange(h.shape[0])[:, None]).astype(float))
+        left, right = solved[:, places[: len(some)]], (j @ solved)[:, places[len(some) :]]
+        values[some] = np.einsum("pk,pk->k", left, right)
+    return values

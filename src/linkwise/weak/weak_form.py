@@ -5,7 +5,7 @@ so that no signal is differentiated:
 
     int phi g(d)        as it is
     int phi v g(d)  = - int phi' G(d),   G' = g
-    int phi g(d, v)     as it is, with a smoothed v, where neither rule applies (v**2, tanh(v/s))
+    int phi g(d, v, u)  as it is, with a smoothed v, where neither rule applies (v**2, tanh(v/s), u*v of a recorded signal u)
 
 White noise e of variance s^2 on d biases a curved function: E h(d + e) = exp(s^2/2 D^2) h(d). The inverse of that operator
 gives an unbiased function of the noisy d; for d^k it is the Hermite polynomial of METHODS section 4. It commutes with D: its
@@ -14,7 +14,7 @@ derivatives are the unbiased estimates of those of h, which the bias of products
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -34,7 +34,7 @@ from linkwise.expression.tree import (
     substitute,
     symbols,
 )
-from linkwise.model.law import Law
+from linkwise.model.law import VARIABLES, Law
 
 PHI, PHI_1, PHI_2 = 0, 1, 2  # phi, phi', phi'': rows of Window.kernels
 
@@ -122,15 +122,22 @@ class WeakLaw:
 
     @cached_property
     def inside(self) -> tuple[str, ...]:
-        """Coefficients inside the functions: nonlinear ones and, where those are unknown, their factors."""
+        """Names inside the functions beside d and v: signals, nonlinear coefficients and, where these are unknown, factors."""
         used = {name for part in self.parts for name in symbols(part.function)}
-        return tuple(name for name in self.law.coefficients if name in used)
+        return tuple(name for name in (*self.law.coefficients, *self.law.signals) if name in used)
 
     @cached_property
     def _program(self) -> Program:
         every = (function for chain in self._derivatives for _, function in chain)
         varying = [function for function in every if not isinstance(function, Number)]
-        return Program(varying, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
+        return self._compiled(varying)
+
+    def _compiled(self, functions: Sequence[Expression]) -> Program:
+        return Program(functions, ("d", "v", _VARIANCE, *self.inside), wide=(*VARIABLES, *self._signals))
+
+    @property
+    def _signals(self) -> tuple[str, ...]:
+        return tuple(name for name in self.law.signals if name in self.inside)
 
     def evaluate(
         self, d: Floats, v: Floats | float, variance: Floats, values: Mapping[str, Floats]
@@ -143,8 +150,8 @@ class WeakLaw:
             Elongations in m and rates in m/s of m links.
         variance : array of shape (m, 1)
             Variances in m^2 of the noise in d.
-        values : mapping of str to array of shape (m, 1)
-            The coefficients `inside`.
+        values : mapping of str to array of shape (m, 1) or (N,)
+            The coefficients and signals `inside`.
 
         Returns
         -------
@@ -162,7 +169,7 @@ class WeakLaw:
     def _rate_program(self) -> Program:
         chains = zip(self.parts, self._derivatives, strict=True)
         rated = [chain[0][1] for part, chain in chains if part.needs_rate]
-        return Program(rated, ("d", "v", _VARIANCE, *self.inside), wide=("d", "v"))
+        return self._compiled(rated)
 
     def rate_slopes(
         self, d: Floats, v: Floats, variance: Floats, deviation: Floats, values: Mapping[str, Floats]
@@ -212,14 +219,17 @@ def weak_law(law: Law, free: frozenset[str]) -> WeakLaw:
     if law.remainder != ZERO:
         terms.append((None, False, law.remainder))
     terms += [(name, True, differentiate(law.expression, name)) for name in law.nonlinear if name in free]
-    return WeakLaw(law, tuple(part for term in terms for part in _parts(*term)))
+    return WeakLaw(law, tuple(part for term in terms for part in _parts(*term, law.signals)))
 
 
-def _parts(coefficient: str | None, increment: bool, term: Expression) -> list[WeakPart]:
+def _parts(
+    coefficient: str | None, increment: bool, term: Expression, signals: Sequence[str]
+) -> list[WeakPart]:
     by_rate = differentiate(term, "v")
     if by_rate == ZERO:
         return [WeakPart(coefficient, increment, PHI, 1.0, term)]
-    primitive = antiderivative(by_rate, "d") if "v" not in symbols(by_rate) else None
+    along_time = {"v", *signals}.intersection(symbols(by_rate))
+    primitive = None if along_time else antiderivative(by_rate, "d")
     if primitive is None:
         return [WeakPart(coefficient, increment, PHI, 1.0, term)]
     parts = [WeakPart(coefficient, increment, PHI_1, -1.0, primitive)]

@@ -420,15 +420,16 @@ _OF_MODES = (("frequency", "d", 2.0), ("damping", "v", 1.0))
 
 
 def errors_of_stated_values(
-    optimum: Optimum, structure: Structure, identified: Structure
+    optimum: Optimum, structure: Structure, identified: Structure, others: Iterable[Added] = ()
 ) -> tuple[Sequence[Hypothesis], Quadratic]:
     """Relative errors of masses, of applied forces and of coefficients of laws that `structure` has as known, and delays.
 
-    With the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are singular.
+    With `others`, and the local model at the `identified` structure. Raises numpy.linalg.LinAlgError where its equations are
+    singular.
     """
     motion = FittedMotion(optimum, identified)
     with one_blas_thread():
-        columns = TestedColumns.of(chain(inertia_and_inputs(motion), _known_terms(motion, structure)))
+        columns = TestedColumns.of(chain(inertia_and_inputs(motion), _known_terms(motion, structure), others))
         return columns.hypotheses, columns.quadratic(optimum).in_units(optimum, columns.units)
 
 
