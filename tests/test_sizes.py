@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 522),
     "cli": (20, 1868),
     "discovery": (19, 3667),
-    "estimates": (6, 1329),
+    "estimates": (6, 1330),
     "export": (8, 769),
     "expression": (6, 1084),
     "files": (14, 1943),
     "identification": (14, 2400),
     "inspection": (10, 1858),
-    "likelihood": (61, 14298),
+    "likelihood": (62, 14421),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (9, 1661),
     "sindy": (9, 1090),
     "study": (10, 1510),
-    "weak": (11, 1874),
+    "weak": (11, 1875),
 }
 
 

@@ -198,6 +198,7 @@ class CauseKind:
 HIGH_PASS: Final = "high pass"
 CLOCK: Final = "clock"
 SLIP: Final = "slip"
+EVENT: Final = "event"
 HARMONIC: Final = "harmonic force"
 CLIPPED: Final = "clipped"
 HITS: Final = "hits"
@@ -258,8 +259,8 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             "an ambient force on {0.where} whose level changes with time{remark}", "1"
         ),
         "change": CauseKind("a change of {0.where} by {0.size:+.3g} {0.unit} near {0.source}{remark}"),
-        "event": CauseKind(
-            "a force that was not recorded, such as a hit, or a fault of a sensor, {0.source}", "1"
+        EVENT: CauseKind(
+            "a force that was not recorded, such as a hit, or a fault of a sensor, {0.source}{remark}", "s"
         ),
         "prior": CauseKind(
             "{0.where} {size:.3g} {0.unit} {above} the value that is stated with a sigma of {0.standard_error:.3g}"

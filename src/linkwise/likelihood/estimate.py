@@ -430,6 +430,7 @@ class MaximumLikelihood(Estimator):
         """The estimate of a structure whose masses move."""
         for record in records:
             require_units_of_states(record, structure)
+            _refuse_dead(record)
             if structure.hosts:
                 refuse_signals(
                     structure.links, "structures with hosts", "put its mean into the law as a coefficient"
@@ -570,6 +571,16 @@ def _with_noise_of_filtered(records: Sequence[Record]) -> list[Record] | None:
     sizes = {name: float(np.sqrt(np.nanmean(first.channel(name) ** 2))) for name in unstated}
     quiet = {str(name): _PART * size for name, size in sizes.items() if found[name] < _QUIET * size}
     return [replace(record, noise={**record.noise, **quiet}) for record in records] if quiet else None
+
+
+def _refuse_dead(record: Record) -> None:
+    """Refuse a record with a sensor that shows zero throughout, which sets no scale of the motion."""
+    dead = [name for name in record.responses if not np.nan_to_num(record.channel(name)).any()]
+    if dead:
+        raise IdentificationError(
+            f"every sample of {', '.join(dead)} is 0: a dead channel; check sensor and cable, or leave the channel out",
+            arguments=("channels",),
+        )
 
 
 def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:

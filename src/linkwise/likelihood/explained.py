@@ -21,6 +21,7 @@ from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
     CLIPPED,
     CLOCK,
+    EVENT,
     HARMONIC,
     HIGH_PASS,
     HITS,
@@ -295,6 +296,18 @@ def _by_slip(first: _Model) -> _Model | None:
     return rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
 
 
+def _by_event(first: _Model) -> _Model | None:
+    """The parts of a record before and behind an event as two records, and errors of sensors beside that."""
+    event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
+    if event is None or len(first.records) > 1:
+        return None
+    [record] = first.records
+    times = (record.start, event.size - event.standard_error), (event.size + event.standard_error, np.inf)
+    named = replace(event, remark="the parts before and behind it are taken as two records")
+    parts = first.beside(named, records=[record.between(*of_part) for of_part in times])
+    return None if parts is None else _with_errors(parts)
+
+
 def _by_hits(first: _Model) -> _Model | None:
     """The gains of forces whose hits have too few samples to tell their impulse, or the records between these hits, and errors
     of sensors beside that; None without such hits, or where a scale is off by more than these leave open.
@@ -356,6 +369,7 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_alerts,
     _by_channel,
     _by_slip,
+    _by_event,
     _by_hits,
     _by_high_pass,
     _with_errors,

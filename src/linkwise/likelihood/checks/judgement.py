@@ -14,6 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.horizons import CloserFit, held_closer
+from linkwise.likelihood.checks.jumps import Jump, likeliest_jump
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import line_causes
@@ -65,8 +66,8 @@ class Judgement:
     diagnosis : tuple of Cause
         What would explain what is left, the largest gain in likelihood first.
     added : mapping of str to array of shape (p, p)
-        What intervals hold beside the covariance of the fit, by what makes them wider: "terms", "masses", "sensors", "blocks",
-        "input noise" or "skewed profiles".
+        What intervals hold beside the covariance of the fit, by what makes them wider: "terms", "masses", "sensors", "events",
+        "blocks", "input noise" or "skewed profiles".
     is_final : bool
         Whether no later check has a say.
     """
@@ -169,7 +170,15 @@ class Examined:
         found = line_causes(self.fit, self.identified, self.records)
         lines = (cause for cause in found if cause.gain > least)
         every = (*self.diagnosis.causes, *noisy, *forces, *lines)
+        if self.jump is not None and self.jump.is_significant:
+            most = max((cause.gain for cause in every), default=0.0)
+            every = (*every, *([self.jump.event] if self.jump.event.gain > most else ()))
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
+
+    @cached_property
+    def jump(self) -> Jump | None:
+        """The likeliest moment at which the motion of exact laws begins anew; None where chance gives as much."""
+        return likeliest_jump(self.fit, self.identified, self.records)
 
     @cached_property
     def closer(self) -> CloserFit | None:
