@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_fit
-from structures import host, link, named, row_of_masses, structure
+from structures import HARDENING, asked_oscillator, host, link, named, oscillator, row_of_masses, structure
 from within import assert_within
 
 import linkwise as lw
@@ -111,3 +111,18 @@ def test_a_start_that_runs_away_or_is_too_stiff_is_moved(k: float, c: float) -> 
     assert before.real.max() > 0.0 or np.abs(before).max() > 20.0 * SAMPLED
     assert after.real.max() < 0.0
     assert np.abs(after).max() < 20.0 * SAMPLED
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_mass_that_the_weak_form_does_not_tell_starts_from_the_force_on_it(seed: int) -> None:
+    """Accelerations of half a second, whose integrals are gone where the springs act: its term is not above the noise."""
+    spring = oscillator(HARDENING, name="spring", mass=3.3, k=12700.0, k3=4e7, c=4.4)
+    time = np.arange(8 * 440 + 1) / 3200.0
+    pulse = [
+        400.0 * (time > at) * (time < at + 6e-3) * np.sin(np.pi * (time - at) / 6e-3) ** 2
+        for at in (0.17, 0.65)
+    ]
+    hits = lw.model.Sampled(0.0, 3200.0, np.sum(pulse, axis=0), order=3)
+    clean = lw.simulate(spring, duration=1.1, rate=400.0, forces={"m1": hits}, sensors=("a",))
+    fit = lw.identify(clean.with_noise(31.0, seed=seed), asked_oscillator(HARDENING))
+    assert_within(fit, spring)
