@@ -313,7 +313,7 @@ class MaximumLikelihood(Estimator):
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
         names a channel with more noise than is stated.
-    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock"}, optional
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
     loss : Loss, optional

@@ -21,6 +21,7 @@ from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
     CLIPPED,
     CLOCK,
+    CROSSTALK,
     EVENT,
     HARMONIC,
     HIGH_PASS,
@@ -149,12 +150,20 @@ def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
         return None
     first = instruments[0]
     is_late = first.kind.endswith(("delay", CLOCK))
-    return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
+    rivals = (
+        diagnosis if first.kind == CROSSTALK else instruments[1:]
+    )  # which resembles a link between two masses
+    return (
+        None
+        if not is_late and any(_rivals(first, rival) for rival in rivals if rival is not first)
+        else first
+    )
 
 
 def _rivals(first: Cause, second: Cause) -> bool:
     """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
     kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    kinds += ("term", "link") if first.kind == CROSSTALK else ()
     return second.kind in kinds and second.gain > first.gain - _DISTINCT
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats
-from linkwise.estimates.causes import CLOCK
+from linkwise.estimates.causes import CLOCK, CROSSTALK
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.flow import UncertainForces
@@ -269,11 +269,11 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
     shown, kinds = motion.shown, motion.segments.sensors.kind
     names, inputs = ([name for name in motion.channels if name.is_input is which] for which in (False, True))
     for channel, one in enumerate(shown):
-        for kind, error in ERRORS.items():
-            yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
+        for kind in (kind for kind in ERRORS if kind != CROSSTALK):
+            yield Added(Hypothesis(kind, names[channel]), samples=[(channel, ERRORS[kind].tested(one))])
     for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):
         if kinds[channel] == kinds[source]:
-            crosstalk = Hypothesis("crosstalk", names[channel], source=names[source])
+            crosstalk = Hypothesis(CROSSTALK, names[channel], source=names[source])
             yield Added(crosstalk, samples=[(channel, shown[source].value)])
     yield Added(Hypothesis("filter", "all channels"), samples=[*enumerate(motion.filtered)])
     if len(inputs) == 1:
