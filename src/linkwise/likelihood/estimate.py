@@ -64,7 +64,12 @@ from linkwise.likelihood.options import (
     require_known_kinds,
 )
 from linkwise.likelihood.problem import require_force_scale
-from linkwise.likelihood.random_forces import Deviations, random_forces, refuse_beside_random_forces
+from linkwise.likelihood.random_forces import (
+    Deviations,
+    random_forces,
+    refuse_beside_random_forces,
+    with_noise_of_signals,
+)
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
@@ -312,7 +317,7 @@ class MaximumLikelihood(Estimator):
     input_noise : sequence of str or mapping of str to float or None, optional
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
-        names a channel with more noise than is stated.
+        names a channel with more noise than is stated. For that of ``"signal:u"`` in a law intervals allow.
     admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
@@ -438,12 +443,13 @@ class MaximumLikelihood(Estimator):
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         errors = self._errors_to_find(records)
+        records, input_noise = with_noise_of_signals(records, self.input_noise or (), structure)
         if not self.ambient:
             require_force_scale(records, structure, unknown_gains(errors))
         options = LikelihoodOptions(
             errors,
             harmonics=harmonic_forces(frequencies_by_channel(self.harmonics), records[0], structure),
-            random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
+            random=random_forces(self.ambient or (), input_noise, records[0], structure),
             loss=self.loss,
             model_error=not self.exact,
             progress=progress,

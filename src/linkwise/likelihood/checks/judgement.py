@@ -159,10 +159,19 @@ class Examined:
         """Standard deviations of the noise of the inputs, as the records state or show them."""
         return noise_of_channels(self.records, self.identified)
 
+    def _is_allowed_for(self, noise: InputNoise) -> bool:
+        """Whether noise of a signal in a law was stated, and is no larger."""
+        is_stated = noise.channel.startswith("signal:") and noise.channel in self.records[0].noise
+        return is_stated and noise.score.deviation <= _SHOWN * self.levels_of_inputs.get(noise.channel, 0.0)
+
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """All that would explain what is left, the likeliest first; what spectra of forces show comes last."""
-        noisy = [noise.cause for noise in self.inputs if noise.cause is not None]
+        noisy = [
+            noise.cause
+            for noise in self.inputs
+            if noise.cause is not None and not self._is_allowed_for(noise)
+        ]
         forces = unstated_forces(self.fit, self.identified, self.channels)
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
