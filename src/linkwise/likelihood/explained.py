@@ -453,11 +453,12 @@ def _beside_slip(model: _Model) -> _Model | None:
         return None
     names = (parameter.name for parameter in model.answer.parameters)
     values = dict(zip(names, model.answer.values.tolist(), strict=True))
-    for cause, record in slips(model.records[0], model.structure, values):
-        beside = model.beside(cause, records=[record])
-        if beside is not None and beside.is_explained:
-            return beside
-    return None
+    slipped = (
+        model.beside(cause, records=[record])
+        for cause, record in slips(model.records[0], model.structure, values)
+    )
+    found = [beside for beside in slipped if beside is not None and beside.is_explained]
+    return min(found, key=lambda beside: beside.misfit, default=None)
 
 
 def _beside_alerts(model: _Model) -> _Model | None:
