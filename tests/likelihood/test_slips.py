@@ -53,3 +53,4 @@ def test_it_is_put_back_in_its_place() -> None:
     [slip] = fit.added
     assert (slip.kind, slip.where, slip.size) == ("slip", "x:m1", -2)
     assert fit.trusted and np.abs(errors(fit, SPRING)).max() < 4.0
+    assert not fit.alerts  # of samples that are left out around it
