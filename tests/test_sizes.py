@@ -15,14 +15,14 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (10, 2223),
     "analysis": (4, 522),
     "cli": (20, 1865),
-    "discovery": (19, 3595),
-    "estimates": (6, 1329),
+    "discovery": (19, 3596),
+    "estimates": (6, 1342),
     "export": (8, 769),
     "expression": (6, 1084),
     "files": (14, 1943),
-    "identification": (14, 2400),
+    "identification": (14, 2403),
     "inspection": (10, 1858),
-    "likelihood": (62, 13614),
+    "likelihood": (63, 13831),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (9, 1661),
     "sindy": (9, 1090),
     "study": (10, 1510),
-    "weak": (11, 1871),
+    "weak": (11, 1872),
 }
 
 

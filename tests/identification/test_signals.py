@@ -129,6 +129,25 @@ def test_intervals_allow_for_noise_of_a_signal() -> None:
     assert np.abs(z).max() < 3.3  # of a thousand
 
 
+def test_noise_of_a_signal_is_stated_as_that_of_other_inputs() -> None:
+    """Intervals hold as much of it as was stated, and not only what the channel shows."""
+    measured = replace(record(), simulated=None)
+    plain = lw.identify(measured, VALVE.unknown("all"))
+    stated = lw.identify(measured, VALVE.unknown("all"), input_noise={"signal:u": 0.05})
+    assert stated.trusted and "noise of signal:u of 0.05 V" in stated.message
+    assert np.all(stated.covariance.diagonal() > 1.2 * plain.covariance.diagonal())
+    with pytest.raises(lw.IdentificationError, match=r"the noise of signal:u must be a positive number in V"):
+        lw.identify(measured, VALVE.unknown("all"), input_noise={"signal:u": -1.0})
+
+
+def test_the_command_line_takes_noise_of_a_signal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lw.write_record(record(), "run.csv")
+    lw.write_structure(VALVE.unknown("all"), "valve.toml")
+    found = document("identify run.csv valve.toml --input-noise signal:u=50mV")
+    assert "noise of signal:u of 0.05 V" in found["message"]
+
+
 CASE = Path(__file__).parents[3] / "shared" / "cases" / "loudspeaker" / "klip.csv"
 
 

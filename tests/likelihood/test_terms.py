@@ -9,17 +9,18 @@ import pytest
 from present import present
 from problems import chain_record, truth
 from structures import link, row_of_masses, structure
+from within import errors
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.estimates.causes import CAUSE_KINDS, FOUND, CauseKind
+from linkwise.estimates.causes import CAUSE_KINDS, FOUND, CauseKind, SensorErrorEstimate
 from linkwise.likelihood.options import OF_FORCE
 from linkwise.likelihood.problem import SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import whitened_jacobian
 from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.terms import ERRORS, Delay, Drift, Gain, Shown, Term, Waveform
+from linkwise.likelihood.terms import ERRORS, Crosstalk, Delay, Drift, Gain, Shown, Term, Waveform
 from linkwise.likelihood.tests.columns import (
     FittedMotion,
     TestedColumns,
@@ -95,6 +96,7 @@ def column_of_test(record: lw.Record, kind: str, channel: str) -> Floats:
 CASES: dict[str, Term] = {
     **{kind: error("x:m2") for kind, error in ERRORS.items()},
     "drift": Drift("x:m2", DURATION),  # in one piece
+    "crosstalk": Crosstalk("x:m2", source="x:m1"),
     "force gain": Gain("force:m1"),
     "force delay": Delay("force:m1"),
 }
@@ -144,6 +146,23 @@ def test_a_kind_of_error_is_a_class_and_its_words(monkeypatch: pytest.MonkeyPatc
         error.description.startswith(f"x:m2 shows {error.value:.3g} 1/m of the square")
         and error.unit == "1/m"
     )
+
+
+def test_crosstalk_is_estimated_where_it_is_let_and_where_it_alone_leaves_noise() -> None:
+    clean, chain = chain_record(2, duration=2.0).with_noise(40.0, seed=6), lw.bnes_chain(2)
+    mixed = clean.channel("x:m2") + 0.03 * clean.channel("x:m1")
+    record = replace(clean, values=np.column_stack([clean.channel("x:m1"), mixed]), simulated=None)
+    let = lw.identify(record, chain.unknown("all"), admit=["crosstalk"])
+    by_itself = lw.identify(record, chain.unknown("all"))
+    for fit in (let, by_itself):
+        [error] = fit.sensor_errors
+        assert (error.kind, error.channel, error.source) == ("crosstalk", "x:m2", "x:m1")
+        assert abs(error.value - 0.03) < 4.0 * error.standard_error
+        assert fit.trusted and np.abs(errors(fit, chain)).max() < 4.0
+        assert SensorErrorEstimate.from_dict(error.to_dict()) == error
+    assert f"x:m2 shows {error.value:.4g} of what x:m1 shows as well" in " ".join(str(by_itself).split())
+    again = lw.validate(record, let)
+    assert "crosstalk of x:m2" in " ".join(again.remarks)
 
 
 def test_a_channel_that_is_not_there_is_no_matter_of_the_record(record: lw.Record) -> None:

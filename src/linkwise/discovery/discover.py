@@ -35,7 +35,11 @@ from linkwise.likelihood.fit import LikelihoodFit, with_denoised
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
 from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
 from linkwise.likelihood.problem import require_force_scale
-from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
+from linkwise.likelihood.random_forces import (
+    random_forces,
+    refuse_beside_random_forces,
+    with_noise_of_signals,
+)
 from linkwise.likelihood.starts.memory import memory_starts
 from linkwise.likelihood.starts.values import starting_values
 from linkwise.likelihood.terms import (
@@ -148,7 +152,8 @@ def discover(
     ]
     progress = rising(progress)
     progress(ProgressReport(0.0, f"screening {len(candidates.entries)} candidates"))
-    sensors = _sensors(chosen, records, candidates.full_structure)
+    records, noise = with_noise_of_signals(records, chosen.input_noise, candidates.full_structure)
+    sensors = _sensors(replace(chosen, input_noise=noise), records, candidates.full_structure)
     if candidates.memory and (
         sensors.random or of_kind(sensors.errors, Delay) or {"delay", "clock"} & set(chosen.admit)
     ):

@@ -197,7 +197,9 @@ class CauseKind:
 
 HIGH_PASS: Final = "high pass"
 CLOCK: Final = "clock"
+CROSSTALK: Final = "crosstalk"
 SLIP: Final = "slip"
+EVENT: Final = "event"
 HARMONIC: Final = "harmonic force"
 CLIPPED: Final = "clipped"
 HITS: Final = "hits"
@@ -214,7 +216,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "offset": CauseKind("an offset of {0.size:.3g} {0.unit} in {0.where}"),
         "drift": CauseKind("a drift of {0.size:.3g} {0.unit} in {0.where}"),
         "delay": CauseKind("a delay of {ms:.3g} ms in {0.where}{remark}", "s"),
-        "crosstalk": CauseKind("{percent:+.3g} % of {0.source} in {0.where}", "1", relative=True),
+        CROSSTALK: CauseKind("{percent:+.3g} % of {0.source} in {0.where}", "1", relative=True),
         "filter": CauseKind(
             "a filter of {0.where}, as a low pass of first order at {0._corner:.3g} Hz{remark}", "s^2"
         ),
@@ -258,8 +260,8 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             "an ambient force on {0.where} whose level changes with time{remark}", "1"
         ),
         "change": CauseKind("a change of {0.where} by {0.size:+.3g} {0.unit} near {0.source}{remark}"),
-        "event": CauseKind(
-            "a force that was not recorded, such as a hit, or a fault of a sensor, {0.source}", "1"
+        EVENT: CauseKind(
+            "a force that was not recorded, such as a hit, or a fault of a sensor, {0.source}{remark}", "s"
         ),
         "prior": CauseKind(
             "{0.where} {size:.3g} {0.unit} {above} the value that is stated with a sigma of {0.standard_error:.3g}"
@@ -276,6 +278,7 @@ FOUND = {
     "delay": "is late by {ms:.4g} ms",
     HIGH_PASS: "is behind a high pass with its corner at {0.value:.4g} Hz",
     CLOCK: "has a clock that runs {size:.4g} ppm {faster}",
+    CROSSTALK: "shows {0.value:.4g} of what {0.source} shows as well",
     HARMONIC: "has a harmonic force at {0.value:.6g} Hz that was not recorded",
 }
 """What is said of a channel whose error of a kind is estimated with the laws (see `SensorErrorEstimate.description`)."""
@@ -400,12 +403,14 @@ class SensorErrorEstimate:
     ----------
     channel : str
         The channel.
-    kind : {"offset", "gain", "delay", "high pass", "clock", "harmonic force"}
+    kind : {"offset", "gain", "delay", "high pass", "clock", "crosstalk", "harmonic force"}
         What it is: the sensor shows ``gain * motion(t - delay) + offset``, and the channel of a force that of a force.
     value, standard_error : float
         Its size and the standard error of that: of an offset in the SI unit of the channel, of a delay in s.
     unit : str
         That unit; 1 of a gain.
+    source : str
+        The channel that crosstalk comes from, else empty.
 
     Examples
     --------
@@ -420,6 +425,7 @@ class SensorErrorEstimate:
     value: float
     standard_error: float
     unit: str
+    source: str = ""
 
     @property
     def description(self) -> str:
@@ -456,7 +462,14 @@ class SensorErrorEstimate:
         kind, value, error = document["kind"], float(document["value"]), float(document["standard_error"])
         if kind not in FOUND or not (isfinite(value) and isfinite(error) and error >= 0.0):
             raise ValueError(f"not an error of a sensor: {dict(document)}")
-        return cls(str(document["channel"]), kind, value, error, str(document["unit"]))
+        return cls(
+            str(document["channel"]),
+            kind,
+            value,
+            error,
+            str(document["unit"]),
+            str(document.get("source", "")),
+        )
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.
@@ -466,7 +479,8 @@ class SensorErrorEstimate:
         dict
             Its part of result.json.
         """
-        return dict(vars(self))
+        document = dict(vars(self))
+        return document if self.source else {key: each for key, each in document.items() if key != "source"}
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from linkwise.display import (
 )
 from linkwise.errors import IdentificationError, StructureError, require_known
 from linkwise.estimates.causes import (
+    SLIP,
     Cause,
     NoiseEstimate,
     RandomForceEstimate,
@@ -382,7 +383,8 @@ class Estimate(JudgedView):
     @cached_property
     def alerts(self) -> tuple[Alert, ...]:
         """What is wrong with channels of the records by themselves and is not allowed for, worst first, as of `inspect`."""
-        of_sensors = (EstimatedError(error.kind, error.channel) for error in self.sensor_errors)
+        of_sensors = [EstimatedError(error.kind, error.channel) for error in self.sensor_errors]
+        of_sensors += [EstimatedError("dropped", cause.where) for cause in self.added if cause.kind == SLIP]
         return unanswered_alerts((self.record, *self.more_records), (*of_sensors, *self.disturbances))
 
     def coefficient(self, name: str | Parameter) -> CoefficientEstimate:

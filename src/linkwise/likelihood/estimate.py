@@ -61,7 +61,11 @@ from linkwise.likelihood.options import (
     require_known_kinds,
 )
 from linkwise.likelihood.problem import require_force_scale
-from linkwise.likelihood.random_forces import random_forces, refuse_beside_random_forces
+from linkwise.likelihood.random_forces import (
+    random_forces,
+    refuse_beside_random_forces,
+    with_noise_of_signals,
+)
 from linkwise.likelihood.rigs.estimate import rig_estimate
 from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
@@ -295,8 +299,8 @@ class MaximumLikelihood(AskedFor, Estimator):
     input_noise : sequence of str or mapping of str to float or None, optional
         Channels of inputs with white noise, such as ``"force:m1"``, ``"a:base"`` or ``"x:base"``, and its standard deviation
         in the SI unit of the channel, found where there is none; ``"all"`` stands for every input that acts. The diagnosis
-        names a channel with more noise than is stated.
-    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock"}, optional
+        names a channel with more noise than is stated. For that of ``"signal:u"`` in a law intervals allow.
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}, optional
         Errors of sensors that are taken into the model where they are significant: the fit is repeated with those that its
         diagnosis names.
     loss : Loss, optional
@@ -386,6 +390,7 @@ class MaximumLikelihood(AskedFor, Estimator):
         """The estimate of a structure whose masses move."""
         for record in records:
             require_units_of_states(record, structure)
+            _refuse_dead(record)
             if structure.hosts:
                 refuse_signals(
                     structure.links, "structures with hosts", "put its mean into the law as a coefficient"
@@ -393,12 +398,13 @@ class MaximumLikelihood(AskedFor, Estimator):
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
         errors = self._errors_to_find(records)
+        records, input_noise = with_noise_of_signals(records, self.input_noise or (), structure)
         if not self.ambient:
             require_force_scale(records, structure, unknown_gains(errors))
         options = LikelihoodOptions(
             errors,
             harmonics=harmonic_forces(frequencies_by_channel(self.harmonics), records[0], structure),
-            random=random_forces(self.ambient or (), self.input_noise or (), records[0], structure),
+            random=random_forces(self.ambient or (), input_noise, records[0], structure),
             loss=self.loss,
             model_error=not self.exact,
             progress=progress,
@@ -531,6 +537,16 @@ def _with_noise_of_filtered(records: Sequence[Record]) -> list[Record] | None:
     sizes = {name: float(np.sqrt(np.nanmean(first.channel(name) ** 2))) for name in unstated}
     quiet = {str(name): _PART * size for name, size in sizes.items() if found[name] < _QUIET * size}
     return [replace(record, noise={**record.noise, **quiet}) for record in records] if quiet else None
+
+
+def _refuse_dead(record: Record) -> None:
+    """Refuse a record with a sensor that shows zero throughout, which sets no scale of the motion."""
+    dead = [name for name in record.responses if not np.nan_to_num(record.channel(name)).any()]
+    if dead:
+        raise IdentificationError(
+            f"every sample of {', '.join(dead)} is 0: a dead channel; check sensor and cable, or leave the channel out",
+            arguments=("channels",),
+        )
 
 
 def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:

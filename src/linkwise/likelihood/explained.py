@@ -21,6 +21,8 @@ from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
     CLIPPED,
     CLOCK,
+    CROSSTALK,
+    EVENT,
     HARMONIC,
     HIGH_PASS,
     HITS,
@@ -148,12 +150,20 @@ def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
         return None
     first = instruments[0]
     is_late = first.kind.endswith(("delay", CLOCK))
-    return None if not is_late and any(_rivals(first, rival) for rival in instruments[1:]) else first
+    rivals = (
+        diagnosis if first.kind == CROSSTALK else instruments[1:]
+    )  # which resembles a link between two masses
+    return (
+        None
+        if not is_late and any(_rivals(first, rival) for rival in rivals if rival is not first)
+        else first
+    )
 
 
 def _rivals(first: Cause, second: Cause) -> bool:
     """Whether the records hardly distinguish an error from another: a gain of one channel from that of another, or a mass."""
     kinds = ("mass", *(("gain", "force gain") if first.kind.endswith("gain") else (first.kind,)))
+    kinds += ("term", "link") if first.kind == CROSSTALK else ()
     return second.kind in kinds and second.gain > first.gain - _DISTINCT
 
 
@@ -315,6 +325,18 @@ def _by_slip(first: _Model) -> _Model | None:
     return rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
 
 
+def _by_event(first: _Model) -> _Model | None:
+    """The parts of a record before and behind an event as two records, and errors of sensors beside that."""
+    event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
+    if event is None or len(first.records) > 1:
+        return None
+    [record] = first.records
+    times = (record.start, event.size - event.standard_error), (event.size + event.standard_error, np.inf)
+    named = replace(event, remark="the parts before and behind it are taken as two records")
+    parts = first.beside(named, records=[record.between(*of_part) for of_part in times])
+    return None if parts is None else _with_errors(parts)
+
+
 def _by_hits(first: _Model) -> _Model | None:
     """The gains of forces whose hits have too few samples to tell their impulse, or the records between these hits, and errors
     of sensors beside that; None without such hits, or where a scale is off by more than these leave open.
@@ -376,6 +398,7 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_alerts,
     _by_channel,
     _by_slip,
+    _by_event,
     _by_hits,
     _by_high_pass,
     _with_errors,
@@ -450,11 +473,12 @@ def _beside_slip(model: _Model) -> _Model | None:
         return None
     names = (parameter.name for parameter in model.answer.parameters)
     values = dict(zip(names, model.answer.values.tolist(), strict=True))
-    for cause, record in slips(model.records[0], model.structure, values):
-        beside = model.beside(cause, records=[record])
-        if beside is not None and beside.is_explained:
-            return beside
-    return None
+    slipped = (
+        model.beside(cause, records=[record])
+        for cause, record in slips(model.records[0], model.structure, values)
+    )
+    found = [beside for beside in slipped if beside is not None and beside.is_explained]
+    return min(found, key=lambda beside: beside.misfit, default=None)
 
 
 def _beside_error(first: _Model, model: _Model) -> _Model | None:

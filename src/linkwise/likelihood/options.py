@@ -182,7 +182,7 @@ def is_admissible(cause: Cause) -> bool:
 
 def with_error(options: LikelihoodOptions, cause: Cause, record: Record) -> LikelihoodOptions | None:
     """The options with the error of a sensor that a cause names as an unknown; None where none can be, or is one already."""
-    error = ERRORS[cause.kind.removeprefix(OF_FORCE)](cause.where)
+    error = ERRORS[cause.kind.removeprefix(OF_FORCE)].named_by(cause)
     errors = error.beside(options.errors, record)
     return None if errors is None else replace(options, errors=errors)
 

@@ -157,6 +157,27 @@ def random_forces(
     return tuple(forces[name] for name in (*names, *_OF_BASE) if name in forces)
 
 
+def with_noise_of_signals(
+    records: Sequence[Record], input_noise: Deviations, structure: Structure
+) -> tuple[list[Record], Deviations]:
+    """The records with what is stated of the noise of signals in laws, which intervals allow for, and the rest of it.
+
+    What is not stated is that which the records show. Raises IdentificationError for a deviation that is not positive.
+    """
+    signals = [f"signal:{name}" for name in structure.signals]
+    stated = _by_name(input_noise, [*records[0].forces, *signals]) if signals else {}
+    noise = {
+        name: _positive(size, f"the noise of {name}", unit_in(structure, name))
+        for name, size in stated.items()
+        if name in signals
+    }
+    if not noise:
+        return list(records), input_noise
+    known = {name: size for name, size in noise.items() if size is not None}
+    rest = {name: size for name, size in stated.items() if name not in noise}
+    return [replace(record, noise={**record.noise, **known}) for record in records], rest
+
+
 def noise_of_channels(records: Sequence[Record], structure: Structure) -> dict[str, float]:
     """Standard deviations of the noise of the inputs that act, in their SI units, as records state or show them.
 

@@ -20,7 +20,15 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
-from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, HUM, SensorErrorEstimate
+from linkwise.estimates.causes import (
+    CAUSE_KINDS,
+    CLOCK,
+    CROSSTALK,
+    HIGH_PASS,
+    HUM,
+    Cause,
+    SensorErrorEstimate,
+)
 from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, interpolated
 from linkwise.records.record import Record
 from linkwise.registry import Registry
@@ -122,6 +130,11 @@ class Term(ABC):
     argument: ClassVar[str]
     block: ClassVar[Block] = Block.WAVEFORMS
     null: ClassVar[float] = 0.0
+
+    @classmethod
+    def named_by(cls, cause: Cause) -> Self:
+        """The error that a cause names."""
+        return cls(cause.where)
 
     @property
     def unit(self) -> str:
@@ -425,6 +438,33 @@ class HighPass(Waveform):
 
 
 @dataclass(frozen=True)
+class Crosstalk(Waveform):
+    """A part of what the channel `source` shows, which a channel of the same kind shows as well."""
+
+    source: str = ""
+    kind, argument = CROSSTALK, "admit"
+
+    @classmethod
+    def named_by(cls, cause: Cause) -> Self:
+        return cls(cause.where, source=cause.source)
+
+    def columns(self, shown: Shown) -> list[Floats]:
+        return [shown.value]
+
+    def refusal(self, records: Sequence[Record]) -> str:
+        return super().refusal(records) or replace(self, channel=self.source).gaps_in(records)
+
+    def seen(self, frame: FramedRecord, number: int, noise: Mapping[str, float]) -> Floats:
+        return frame.record.channel(frame.names[self.source])
+
+    def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate:
+        return SensorErrorEstimate(self.channel, self.kind, value, error, self.unit, self.source)
+
+    def beside(self, errors: Sequence[Term], record: Record) -> tuple[Term, ...] | None:
+        return None if self in errors else (*errors, self)
+
+
+@dataclass(frozen=True)
 class Clock(Waveform):
     """A clock that runs fast by a `ratio` in ppm, None where it is to be found; `taken_out` is taken out of the records.
 
@@ -519,7 +559,7 @@ def beside_clocks(errors: Sequence[Term], clocks: Stated, record: Record) -> tup
 
 
 ERRORS: Registry[type[Term]] = Registry(
-    "error of a sensor", {one.kind: one for one in (Gain, Offset, Delay, Drift, HighPass, Clock)}
+    "error of a sensor", {one.kind: one for one in (Gain, Offset, Delay, Drift, HighPass, Clock, Crosstalk)}
 )
 """The kinds of errors that are tested along the motion of a fit, and that can be admitted."""
 

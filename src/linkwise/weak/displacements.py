@@ -280,6 +280,7 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
             x = highpass(integral(velocity, record.step), record.rate, cutoff)
         names.append(Channel("x", name))
         columns.append(x[:, None])
-        relative = sigma[channel] / float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))
+        shown = float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))
+        relative = sigma[channel] / max(shown, float(np.finfo(float).tiny))
         noise[f"x:{name}"] = relative * float(np.sqrt(np.mean(x**2)))
     return replace(record, channels=tuple(names), values=np.hstack(columns), noise=noise, uncertainty={})

@@ -1,10 +1,12 @@
 """Starts of searches: elongations, coefficients and states of links read from what sensors show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from present import present
 from problems import chain_fit
-from structures import host, link, named, row_of_masses, structure
+from structures import HARDENING, asked_oscillator, host, link, named, oscillator, row_of_masses, structure
 from within import assert_within
 
 import linkwise as lw
@@ -111,3 +113,36 @@ def test_a_start_that_runs_away_or_is_too_stiff_is_moved(k: float, c: float) -> 
     assert before.real.max() > 0.0 or np.abs(before).max() > 20.0 * SAMPLED
     assert after.real.max() < 0.0
     assert np.abs(after).max() < 20.0 * SAMPLED
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_mass_that_the_weak_form_does_not_tell_starts_from_the_force_on_it(seed: int) -> None:
+    """Accelerations of half a second, whose integrals are gone where the springs act: its term is not above the noise."""
+    spring = oscillator(HARDENING, name="spring", mass=3.3, k=12700.0, k3=4e7, c=4.4)
+    time = np.arange(8 * 440 + 1) / 3200.0
+    pulse = [
+        400.0 * (time > at) * (time < at + 6e-3) * np.sin(np.pi * (time - at) / 6e-3) ** 2
+        for at in (0.17, 0.65)
+    ]
+    hits = lw.model.Sampled(0.0, 3200.0, np.sum(pulse, axis=0), order=3)
+    clean = lw.simulate(spring, duration=1.1, rate=400.0, forces={"m1": hits}, sensors=("a",))
+    fit = lw.identify(clean.with_noise(31.0, seed=seed), asked_oscillator(HARDENING))
+    assert_within(fit, spring)
+
+
+def test_a_mass_to_which_the_weak_form_gives_nothing_starts_from_the_others_where_no_force_acts() -> None:
+    """Between hits that were left out nothing but another mass sets the scale."""
+    both = row_of_masses(
+        [2.0, 0.5], a=("k*d + c*v", {"k": 900.0, "c": 1.0}), b=("k*d + c*v", {"k": 300.0, "c": 0.4})
+    )
+    run = lw.simulate(both, release={"v:m1": 0.5}, duration=3.0, rate=200.0, sensors=("a",))
+    free = replace(both.masses[0], mass=lw.Coefficient.unknown())
+    asked = replace(both.unknown("all"), masses=(free, both.masses[1]))
+
+    def nothing(given: lw.Structure, known: object) -> tuple[Floats, Floats]:
+        return np.zeros(len(given.parameters)), np.ones(len(given.parameters))
+
+    values, _ = starting_values([run.with_noise(40.0, seed=8)], asked, weak=nothing)
+    starts = dict(zip([p.name for p in asked.parameters], values, strict=True))
+    assert starts["m1.mass"] == pytest.approx(0.5)
+    assert 0.0 < starts["b.k"] == pytest.approx(300.0, rel=0.2)

@@ -16,7 +16,7 @@ import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError, StructureError
-from linkwise.estimates.causes import Cause, SensorErrorEstimate
+from linkwise.estimates.causes import CROSSTALK, Cause, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.identification.validation.result import CoefficientAgreement
@@ -145,7 +145,7 @@ def _exchange(document: Mapping[str, Any]) -> Cause:
     return Cause(str(document["cause"]), str(document["where"]), size, "1", 0.0, 0.0, source=source)
 
 
-_ORDER = ("offset", "gain", "delay", "clock")  # in which they are undone: an offset is added last
+_ORDER = (CROSSTALK, "offset", "gain", "delay", "clock")  # in which they are undone: an offset is added last
 
 
 def without_found_errors(
@@ -215,6 +215,9 @@ def _without(record: Record, error: SensorErrorEstimate) -> Record:
     column, values = record.channels.index(error.channel), record.values.copy()
     if error.kind == "clock":
         return without_delays(record, {}, clocks={error.channel: error.value})
+    if error.kind == CROSSTALK:
+        values[:, column] -= error.value * record.channel(error.source)
+        return replace(record, values=values)
     if error.kind == "delay":
         record = without_delays(record, {error.channel: error.value})
     elif error.kind == "offset":

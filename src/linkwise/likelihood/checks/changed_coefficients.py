@@ -17,6 +17,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.judgement import LIKELIER, Examined, Judgement
+from linkwise.likelihood.checks.jumps import moment
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.search import BLOCKS, BlockScores, blocks_of_scatter
@@ -162,14 +163,3 @@ def _scores(fit: LikelihoodFit, tested: TestedCauses | None) -> tuple[Segments, 
         return fit.segments, None
     with one_blas_thread():
         return fit.segments, fit.optimum.block_scores(BLOCKS[0])
-
-
-def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:
-    """When a segment begins, in words."""
-    samples = len(segments.samples)
-    begins = np.cumsum([0, *(-(-len(record) // samples) for record in records[:-1])])
-    number = int(np.searchsorted(begins, segment, side="right")) - 1
-    record = records[number]
-    time = record.start + (segment - begins[number]) * samples * record.step
-    of_record = f" of record {number + 1}" if len(records) > 1 else ""
-    return f"{time:.3g} s{of_record}"

@@ -14,6 +14,7 @@ from linkwise.arrays import Floats
 from linkwise.display import format_percent
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.horizons import CloserFit, held_closer
+from linkwise.likelihood.checks.jumps import Jump, likeliest_jump
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.harmonics import line_causes
@@ -67,8 +68,8 @@ class Judgement:
     diagnosis : tuple of Cause
         What would explain what is left, the largest gain in likelihood first.
     added : mapping of str to array of shape (p, p)
-        What intervals hold beside the covariance of the fit, by what makes them wider: "terms", "masses", "sensors", "blocks",
-        "input noise" or "skewed profiles".
+        What intervals hold beside the covariance of the fit, by what makes them wider: "terms", "masses", "sensors", "events",
+        "blocks", "input noise" or "skewed profiles".
     is_final : bool
         Whether no later check has a say.
     """
@@ -160,10 +161,19 @@ class Examined:
         """Standard deviations of the noise of the inputs, as the records state or show them."""
         return noise_of_channels(self.records, self.identified)
 
+    def _is_allowed_for(self, noise: InputNoise) -> bool:
+        """Whether noise of a signal in a law was stated, and is no larger."""
+        is_stated = noise.channel.startswith("signal:") and noise.channel in self.records[0].noise
+        return is_stated and noise.score.deviation <= _SHOWN * self.levels_of_inputs.get(noise.channel, 0.0)
+
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
         """All that would explain what is left, the likeliest first; what spectra of forces show comes last."""
-        noisy = [noise.cause for noise in self.inputs if noise.cause is not None]
+        noisy = [
+            noise.cause
+            for noise in self.inputs
+            if noise.cause is not None and not self._is_allowed_for(noise)
+        ]
         forces = unstated_forces(self.fit, self.identified, self.channels)
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
@@ -171,7 +181,15 @@ class Examined:
         found = line_causes(self.fit, self.identified, self.records)
         lines = (cause for cause in found if cause.gain > least)
         every = (*self.diagnosis.causes, *noisy, *forces, *lines)
+        if self.jump is not None and self.jump.is_significant:
+            most = max((cause.gain for cause in every), default=0.0)
+            every = (*every, *([self.jump.event] if self.jump.event.gain > most else ()))
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
+
+    @cached_property
+    def jump(self) -> Jump | None:
+        """The likeliest moment at which the motion of exact laws begins anew; None where chance gives as much."""
+        return likeliest_jump(self.fit, self.identified, self.records)
 
     @cached_property
     def closer(self) -> CloserFit | None:

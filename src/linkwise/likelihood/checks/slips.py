@@ -23,13 +23,12 @@ from linkwise.weak.equations import WeakEquations, weak_equations, weak_residual
 from linkwise.weak.window import Window
 
 _SHIFTS = (*range(1, 21), *range(22, 65, 2))  # samples: a block that a logger loses as a rule is not longer
-_CONVINCING = (
-    30.0  # of the power of independent windows: 84 shifts at any moment of noise give less than half of that
-)
+_LIKELY = 16.0  # of the power of independent windows: 84 shifts at any moment of noise give less; the likelihood decides
 _OUTLIER = 5.0  # standard deviations: a window that is farther off counts as that
 _ENDS = 0.05  # of a record: what is left of it there is as well the motion behind a hit that no channel shows
+_ACTS = 0.1  # of the energy of an input: less before or behind a slip tells nothing of it
 _LARGEST = 8  # masses up to which all shifts of all channels take a few seconds
-_CHANNELS = 2  # in which one slip looks alike
+_CHANNELS, _NEXT = 2, 2  # in which one slip looks alike, and shifts of each that do
 _MEDIAN = (
     0.4549  # of chi-square with one degree of freedom, by which the noise is told beside what a slip leaves
 )
@@ -40,7 +39,7 @@ def slips(
 ) -> Iterator[tuple[Cause, Record]]:
     """The likeliest slips of displacements, each with the record without it; none where the weak form does not apply.
 
-    Nor of a single channel, which a hit that no channel shows makes early or late as well.
+    Nor of a channel without another or an input that acts all along, which a hit that no channel shows makes late as well.
 
     Parameters
     ----------
@@ -58,17 +57,27 @@ def slips(
     """
     channels = [name for name in record.responses if name.kind == "x" and name not in record.clipped]
     hidden = not all(record.motions_of(name) for name in structure.mass_names)
-    if hidden or len(channels) < 2 or structure.size > _LARGEST:
+    alone = len(channels) + len(record.inputs) < 2
+    if hidden or not channels or alone or structure.size > _LARGEST:
         return
     try:
         stated = _equations(record, structure, values)
-        found = [(*_likeliest(record, name, structure, values, stated), str(name)) for name in channels]
+        found = [_likeliest_first(record, channel, structure, values, stated) for channel in channels]
     except (LinkwiseError, np.linalg.LinAlgError):
         return
-    for gain, shift, sample, name in sorted(found, reverse=True)[:_CHANNELS]:
-        if gain > _CONVINCING:
+    likeliest = sorted(found, reverse=True)[:_CHANNELS]
+    for gain, shift, sample, name in sorted((one for of in likeliest for one in of[:_NEXT]), reverse=True):
+        if gain > _LIKELY and (len(channels) > 1 or _is_driven(record, sample)):
             cause = Cause(SLIP, name, float(shift), "1", gain, 0.0, source=f"{record.time[sample]:.4g} s")
             yield cause, without_slip(record, name, sample, shift, stated.window.length)
+
+
+def _is_driven(record: Record, sample: int) -> bool:
+    """Whether inputs that were recorded act before a sample and from it on, so that they tell what follows from a hit."""
+    inputs = np.nan_to_num(record.select(record.inputs).values)
+    power = np.cumsum((inputs - inputs.mean(axis=0)) ** 2, axis=0)
+    share = power[sample] / np.maximum(power[-1], np.finfo(float).tiny)
+    return bool(np.any((share > _ACTS) & (share < 1.0 - _ACTS)))
 
 
 def without_slip(record: Record, name: str, sample: int, shift: int, margin: int) -> Record:
@@ -86,14 +95,14 @@ def _shifted(values: Floats, shift: int) -> Floats:
     return moved
 
 
-def _likeliest(
+def _likeliest_first(
     record: Record,
     channel: Channel,
     structure: Structure,
     values: Mapping[str, float],
     stated: WeakEquations,
-) -> tuple[float, int, int]:
-    """What the best slip of a channel explains, its shift and the first sample behind it.
+) -> list[tuple[float, int, int, str]]:
+    """What slips of a channel explain, their shifts and the first samples behind them, and the channel.
 
     Windows at an end that a shift leaves open count neither before it nor behind it.
     """
@@ -107,7 +116,7 @@ def _likeliest(
         return np.cumsum(np.nansum(np.minimum((residual / scale) ** 2, _OUTLIER**2), axis=1)) / overlap
 
     column = record.channels.index(channel)
-    best = (0.0, 0, 0)
+    found = []
     for shift in (sign * size for size in _SHIFTS for sign in (1, -1)):
         shown = record.values.copy()
         shown[:, column] = _shifted(shown[:, column], shift)
@@ -118,8 +127,8 @@ def _likeliest(
         ends = int(_ENDS * len(left)) + 1
         window = ends + int(np.argmin(left[ends:-ends]))
         sample = round((stated.time[window] - record.start) * record.rate)
-        best = max(best, (float(before[-1] - left[window]), shift, sample))
-    return best
+        found.append((float(before[-1] - left[window]), shift, sample, str(channel)))
+    return sorted(found, reverse=True)
 
 
 def _equations(

@@ -35,6 +35,7 @@ FINDINGS = (
     Check("motion that goes on", "names", verdicts.motion_that_goes_on),
     Check("noise of inputs", "widens", verdicts.noise_of_inputs),
     Check("hints at masses and sensors", "widens", verdicts.hinted_errors),
+    Check("hints at an event", "widens", verdicts.hinted_event),
     Check("hints at missing terms", "widens", verdicts.hinted_terms),
     Check("asymmetry of wells", "widens", verdicts.asymmetric_wells),
     Check("stated noise", "names", recording.understated_noise),

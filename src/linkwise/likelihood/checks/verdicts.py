@@ -9,8 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import format_percent
-from linkwise.estimates.causes import Cause
-from linkwise.likelihood.checks.changed_coefficients import moment
+from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.checks.horizons import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
     AS_NOISE,
@@ -19,6 +18,7 @@ from linkwise.likelihood.checks.judgement import (
     Examined,
     Judgement,
 )
+from linkwise.likelihood.checks.jumps import event_between, moment
 from linkwise.likelihood.checks.usual_terms import asymmetry, doubt, scatter_of_blocks
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_coloured
@@ -63,6 +63,9 @@ _NO_ERRORS = (
 _NOT_WHITE = (
     ", but the residuals are not white, as the noise is taken to be: intervals of exact laws would be too narrow. A "
     "filter or a drift of a sensor, or a term that is missing, leaves such residuals."
+)
+_PARTS = (
+    "Intervals of exact laws would not include that: identify the parts of the record before and behind it."
 )
 _FILTERED = (
     ", as behind a filter that all sensors share. Such a filter also changes the recorded motion, which the residuals "
@@ -126,7 +129,10 @@ def standard_errors(of: Examined) -> Judgement | None:
 def event(of: Examined) -> Judgement | None:
     """Whether half of a misfit happens in a moment of a record, to a motion on which no input acts more than elsewhere."""
     fit, segments = of.fit, of.fit.segments
-    if not (fit.chi_square_off or of.share > _LARGEST_ERROR):
+    if of.causes and of.causes[0].kind == EVENT:
+        message = f"{of.explained}, but {would_explain(of.causes[0])}. {_PARTS}"
+        return _found(of, Verdict.UNEXPLAINED_FORCES, message)
+    if not (fit.chi_square_off or fit.model_error > 0.0):
         return None
     first, last, gain = _worst_stretch(fit)
     begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
@@ -141,7 +147,7 @@ def event(of: Examined) -> Judgement | None:
         if power[first : last + 1].mean() > power.mean():
             return None
     start, end = (moment(segments, place, of.records) for place in (first, last + 1))
-    cause = Cause("event", "", 0.0, "1", gain, 0.0, source=f"between {start} and {end}")
+    cause = event_between(segments, first, last + 1, of.records, gain)
     message = (
         f"{of.explained}: half of what is left would be explained by {cause.description}. Identify the record "
         f"from {end} on, or up to {start}."
@@ -473,6 +479,13 @@ def hinted_errors(of: Examined, before: Judgement) -> Judgement | None:
     tested = of.diagnosis.tested
     hint = None if before.verdict.forbids or before.diagnosis or not tested else errors_of(of.fit, tested)
     return None if hint is None else _widened(before, *hint)
+
+
+def hinted_event(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether residuals hint at motion that begins anew at one moment, though it is not significant."""
+    if not before.leaves_noise or of.jump is None:
+        return None
+    return _widened(before, {"events": np.outer(of.jump.moves, of.jump.moves)}, of.jump.event.description)
 
 
 def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:

@@ -450,6 +450,7 @@ ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
 WeakStart: TypeAlias = Callable[[Structure, Mapping[str, float]], ValuesAndDeviations]
 
 _NAMED = 6  # parameters that a message names
+_LARGE = 0.3  # of the largest force
 _FIRM = 0.1  # relative deviation of a prior up to which its mean is a better start than what the record alone says
 
 
@@ -565,6 +566,9 @@ def _values(
         missing = [p.name for p in parameters if p.name not in known]
         if not missing:
             return of(known)
+        guessed = _guessed_masses(records[0], structure, missing)
+        if guessed and len(guessed) < len(missing):
+            return of(_beside_masses(records, structure, guessed, given, weak))
         if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
             values: dict[str, float] = {p.name: known[p.name] for p in parameters if p.name in known}
             others = _values(records, structure.with_values(values), {}, weak)[0]
@@ -575,7 +579,45 @@ def _values(
             f"because {error}. State {{ start = ... }} for it in the structure"
         ) from error
     start = np.array([given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)])
+    none = [p.name for p, value in zip(parameters, start.tolist(), strict=True) if not value > 0.0]
+    guessed = _guessed_masses(records[0], structure, none)
+    if guessed and len(guessed) < len(parameters):
+        return of(_beside_masses(records, structure, guessed, given, weak))
     return start, None if integrated else deviations  # integration takes more than noise from them
+
+
+def _beside_masses(
+    records: Sequence[Record],
+    structure: Structure,
+    masses: Mapping[str, float],
+    given: Mapping[str, float],
+    weak: WeakStart | None,
+) -> dict[str, float]:
+    """Starts of all parameters by name beside those of some masses, with which forces are known, too."""
+    valued = structure.with_values(masses)
+    others = _values(records, valued, given, weak)[0]
+    return {**masses, **dict(zip((p.name for p in valued.parameters), others.tolist(), strict=True))}
+
+
+def _guessed_masses(record: Record, structure: Structure, missing: Sequence[str]) -> dict[str, float]:
+    """Masses without a start by name of their parameter: what an applied force accelerates where it is large, in which time
+    springs do little, else the mean of the others; none where nothing tells one.
+    """
+    named = {mass.name: f"{mass.name}.{MASS}" for mass in structure.masses}
+    known = [mass.mass.value for mass in structure.masses if mass.mass.value]
+    guessed = {}
+    for name in (name for name, parameter in named.items() if parameter in missing):
+        force, acceleration = f"force:{name}", f"a:{name}"
+        mass = float(np.exp(np.mean(np.log(known)))) if known else 0.0
+        if force in record.channels and acceleration in record.channels and record.channel(force).any():
+            acting, moved = (np.nan_to_num(record.channel(channel)) for channel in (force, acceleration))
+            large = np.abs(acting) > _LARGE * np.abs(acting).max()
+            mass = float(
+                acting[large] @ moved[large] / max(moved[large] @ moved[large], np.finfo(float).tiny)
+            )
+        if mass > 0.0:
+            guessed[named[name]] = mass
+    return guessed
 
 
 def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]:

@@ -17,7 +17,7 @@ from itertools import chain, combinations, permutations
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.estimates.causes import CLOCK
+from linkwise.estimates.causes import CLOCK, CROSSTALK
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.residuals import (
@@ -237,13 +237,13 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
     in s, crosstalk the part of another channel of the same kind that is seen as well.
     """
     shown, kinds = motion.shown, motion.segments.sensors.kind
-    names, errors = motion.responses, [*ERRORS.items()]
+    names, errors = motion.responses, [(kind, error) for kind, error in ERRORS.items() if kind != CROSSTALK]
     for channel, one in enumerate(shown):
         for kind, error in errors:
             yield Added(Hypothesis(kind, names[channel]), samples=[(channel, error.tested(one))])
     for channel, source in permutations(range(len(shown) if len(shown) <= _COUPLED else 0), 2):
         if kinds[channel] == kinds[source]:
-            crosstalk = Hypothesis("crosstalk", names[channel], source=names[source])
+            crosstalk = Hypothesis(CROSSTALK, names[channel], source=names[source])
             yield Added(crosstalk, samples=[(channel, shown[source].value)])
     yield Added(Hypothesis(FILTER, "all channels"), samples=[*enumerate(motion.filtered)])
     if len(motion.channels) == len(names) + 1:

@@ -314,7 +314,7 @@ def _bands(fit: LikelihoodFit) -> Iterator[tuple[slice, int, float]]:
 # of noise of sensors, whose products give the moments of a sum of squares: 2016 pairs, 41664 triples
 DRAWS = 64
 SEED = 20200
-_RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
+RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
 SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
 _HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
 # segments from which so few of the draws are followed at once, which takes a quarter of the memory
@@ -364,7 +364,7 @@ def noise_of_inputs(
         return ()
     try:
         with one_blas_thread():
-            equations = DrawnEquations.of(fit, _beginning(optimum), _RELAXED)
+            equations = DrawnEquations.of(fit, _beginning(optimum), RELAXED)
             multipliers = None if equations is None else _multipliers(equations)
     except np.linalg.LinAlgError:
         return ()
@@ -414,12 +414,12 @@ def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
     misfit = optimum.misfit
     free, p = free_of_bounds(fit), len(fit.values)
     with one_blas_thread():
-        factor = linearise(segments, misfit, scales, optimum.loss).equations(_RELAXED).factor()
-        rows = eliminated_rows(segments, misfit, scales, optimum.loss, _RELAXED)
+        factor = linearise(segments, misfit, scales, optimum.loss).equations(RELAXED).factor()
+        rows = eliminated_rows(segments, misfit, scales, optimum.loss, RELAXED)
         if factor is None or rows is None:
             return None
         scaled = np.zeros((len(kicks), segments.count, n))
-        scaled[:, :-1] = kicks / scales.state[n : 2 * n] / _RELAXED
+        scaled[:, :-1] = kicks / scales.state[n : 2 * n] / RELAXED
         pulls = np.concatenate(
             [np.einsum("knp,rkn->rkp", chunk.defects[:, n : 2 * n], scaled[:, chunk.part]) for chunk in rows],
             axis=1,
@@ -523,9 +523,13 @@ class DrawnEquations:
 
     def by_kicks(self, nodes: Floats, border: Floats) -> Floats:
         """(K - 1, n, d) slopes of half the cost in s/m by kicks of the masses, from steps (K, m, d) and (P, d)."""
+        return self.of_defects(self.defects(nodes, border))
+
+    def defects(self, nodes: Floats, border: Floats) -> Floats:
+        """(K - 1, m, d) scaled defects from steps (K, m, d) and (P, d)."""
         ends = np.einsum("kij,kjd->kid", self.linear.state_ends, nodes[:-1])
         ends += self.linear.right_ends[..., : len(border)] @ border
-        return self.of_defects(nodes[1:] * self.linear.joined[:, :, None] - ends)
+        return np.asarray(nodes[1:] * self.linear.joined[:, :, None] - ends)
 
     def of_defects(self, defects: Floats) -> Floats:
         """The same from scaled defects (K - 1, m, d)."""
@@ -544,8 +548,8 @@ def _multipliers(equations: DrawnEquations) -> Floats:
     draws = DRAWS if segments.count < _MANY else _FEW
     rng = np.random.default_rng(SEED)
     for first in range(0, DRAWS, draws):
-        drawn = _noise(equations.optimum, draws, rng)
-        nodes, border = equations.pulls(1 + draws, partial(_with_draws, segments, drawn))
+        drawn = noise_draws(equations.optimum, draws, rng)
+        nodes, border = equations.pulls(1 + draws, partial(with_draws, segments, drawn))
         for columns in at_once(1 + draws, nodes[..., 0].size):
             places = np.arange(columns.start, columns.stop)
             places[places > 0] += first
@@ -554,7 +558,7 @@ def _multipliers(equations: DrawnEquations) -> Floats:
     return multipliers
 
 
-def _with_draws(segments: Segments, drawn: Callable[[slice], Floats], part: slice, rows: Floats) -> Floats:
+def with_draws(segments: Segments, drawn: Callable[[slice], Floats], part: slice, rows: Floats) -> Floats:
     """(k, M C, 1 + draws) the residuals of a part of the segments, and draws of their noise."""
     observed = segments.observed[..., part].transpose(2, 0, 1).reshape(len(rows), -1, 1)
     return np.concatenate([rows[..., -1:], observed * drawn(part)], axis=2)
@@ -566,7 +570,7 @@ def at_once(count: int, size: int) -> list[slice]:
     return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
 
-def _noise(optimum: Optimum, draws: int, rng: np.random.Generator) -> Callable[[slice], Floats]:
+def noise_draws(optimum: Optimum, draws: int, rng: np.random.Generator) -> Callable[[slice], Floats]:
     """Draws (k, M C, draws) of the noise of sensors in k segments: as large as the residuals, or as coloured as was found."""
     segments = optimum.segments
     M, C, K = segments.samples.shape
@@ -574,7 +578,7 @@ def _noise(optimum: Optimum, draws: int, rng: np.random.Generator) -> Callable[[
         samples = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
         sizes = np.sqrt(np.sum(optimum.misfit.residuals**2, axis=(0, 2)) / samples)[:, None]
         return lambda part: (sizes * rng.standard_normal((part.stop - part.start, M, C, draws))).reshape(
-            -1, M * C, draws
+            part.stop - part.start, M * C, draws
         )
     whole = np.empty((K, M, C, draws), np.float32)
     for channel in range(C):

@@ -1,0 +1,157 @@
+"""Motion that begins anew at one moment: a hit that nobody recorded, or samples that a logger lost or wrote twice.
+
+The states on both sides of a node follow from the samples before and behind it. What a jump between them takes off -2 log
+likelihood, all states and coefficients following, is a chi-square of as many degrees of freedom as there are states where
+nothing happened (a generalised likelihood ratio: Willsky and Jones, IEEE Trans. Automatic Control 21, 1976). One that hardly
+shows, as of whole periods of a free decay, may move a damping by many of its standard errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import scipy
+
+from linkwise.arrays import Floats, Indices
+from linkwise.estimates.causes import EVENT, Cause
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.neighbourhoods import MANY
+from linkwise.likelihood.shooting.segments import Segments
+from linkwise.likelihood.tests.diagnosis import least_gain
+from linkwise.likelihood.tests.variances import DRAWS, RELAXED, SEED, DrawnEquations, noise_draws, with_draws
+from linkwise.model.structure import Structure
+from linkwise.records.record import Record
+from linkwise.runtime import one_blas_thread
+
+_COLUMNS = 64  # jumps of single states that are tested
+_FEWEST = 8  # moments
+_ENDS = 0.05  # of a record: nearer to an end a jump is another start of its motion
+_RANK = 1e-9  # of the largest information on a jump: a direction with less is not seen
+_PULSE = 30.0  # times the mean power of an input: of a hit, whose impulse few samples hardly tell
+_HINT = 6.25  # with twice the logarithm of the moments, of one degree of freedom: one fit in 80 by chance
+
+
+@dataclass(frozen=True, eq=False)
+class Jump:
+    """The likeliest jump of all states, alone, as an `event`, and what it makes of the coefficients (p,).
+
+    Chance gives one fit in 20 000 a jump that `is_significant`, one in 80 others.
+    """
+
+    event: Cause
+    moves: Floats
+    is_significant: bool
+
+
+def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> Jump | None:
+    """The jump at one moment that explains most of what exact laws leave; None where chance may well give it."""
+    exact = fit.model_error == 0.0 and isinstance(fit.optimum.loss, Gaussian) and fit.has_errors
+    if not exact or identified.hosts or identified.size >= MANY or fit.random_forces:
+        return None
+    moments, segments = _moments(fit), fit.optimum.segments
+    with one_blas_thread():
+        gain, segment, moves = max(
+            _jumps(fit, moments), default=(0.0, 0, np.empty(0)), key=lambda jump: jump[0]
+        )
+    states = segments.system.dimension
+    if not gain > _of_states(_HINT + 2.0 * float(np.log(max(len(moments), 1))), states):
+        return None
+    apart = int(np.max(np.diff(moments), initial=1))
+    first, last = max(segment + 1 - apart, 0), min(segment + 1 + apart, segments.count - 1)
+    event = event_between(segments, first, last, records, gain)
+    return Jump(event, moves, gain > _of_states(least_gain(len(moments)), states))
+
+
+def _of_states(gain: float, states: int) -> float:
+    """The gain of so many degrees of freedom that is as rare as one of one."""
+    return float(scipy.stats.chi2.isf(scipy.stats.chi2.sf(gain, 1), states))
+
+
+def _moments(fit: LikelihoodFit) -> Indices:
+    """Numbers of segments at whose ends a jump is tested, evenly along each record, and not at a hit."""
+    segments = fit.optimum.segments
+    count = max(_FEWEST, _COLUMNS // segments.system.dimension)
+    starts = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1, [segments.count]])
+    found = []
+    for start, stop in pairwise(starts.tolist()):
+        share = max(2, round(count * (stop - start) / segments.count))
+        margin = _ENDS * (stop - start)
+        found.append(np.linspace(start + margin, stop - 2 - margin, share))
+    moments = np.unique(np.rint(np.concatenate(found)).astype(int))
+    moments = moments[(moments >= 0) & (moments < segments.count - 1)]
+    moments = moments[segments.linked[moments]]
+    near, hits = max(1, segments.count // (2 * count)), np.zeros(segments.count, dtype=bool)
+    for values in (segments.inputs.force, segments.inputs.base, segments.inputs.frame):
+        if values is not None:
+            power = np.max(values**2, axis=tuple(range(values.ndim - 1)))
+            hits |= power > _PULSE * np.mean(values**2)
+    around = np.convolve(hits, np.ones(2 * near + 1), "same") > 0.5
+    return np.asarray(moments[~around[moments]])
+
+
+def _jumps(fit: LikelihoodFit, moments: Indices) -> list[tuple[float, int, Floats]]:
+    """Jumps of all states at the ends of some segments, each alone: what each takes off -2 log likelihood, the segment, and
+    what it makes of the parameters (p,). None where the equations are singular.
+    """
+    optimum = fit.optimum
+    equations = DrawnEquations.of(fit, optimum, RELAXED) if len(moments) else None
+    if equations is None:
+        return []
+    m, linear = optimum.segments.system.dimension, equations.linear
+    nodes = np.zeros((optimum.segments.count, m, m * len(moments)))
+    border = np.zeros((len(equations.free), m * len(moments)))
+    for number, segment in enumerate(moments):
+        own = slice(number * m, (number + 1) * m)
+        nodes[segment + 1, :, own] = np.diag(linear.joined[segment])
+        nodes[segment, :, own] = -linear.state_ends[segment].T
+        border[:, own] = -linear.right_ends[segment, :, : len(border)].T
+    nodes, border = equations.solved(nodes / RELAXED**2, border / RELAXED**2)
+    defects, pulls = equations.defects(nodes, border), _pulls(equations)
+    scale, jumps = optimum.scales.theta[: len(fit.values)], []
+    for number, segment in enumerate(moments):
+        own = slice(number * m, (number + 1) * m)
+        left = (np.eye(m) - defects[segment][:, own]) / RELAXED**2
+        information, directions = np.linalg.eigh(0.5 * (left + left.T))
+        seen = information > _RANK * information[-1]
+        along = directions[:, seen].T @ pulls[segment]
+        gains = np.sum(along**2 / information[seen, None], axis=0)
+        chance = np.mean(gains[1:]) / m if len(gains) > 1 else optimum.noise**2
+        size = directions[:, seen] @ (along[:, 0] / information[seen])
+        moves = np.where(fit.free, (border[: len(scale), own] @ size) * scale, 0.0)
+        jumps.append((float(gains[0] / chance), int(segment), moves))
+    return jumps
+
+
+def _pulls(equations: DrawnEquations) -> Floats:
+    """(K - 1, m, 1 + d) slopes of half the cost by jumps, of the residuals and, where noise is coloured, of draws of it."""
+    optimum, draws = equations.optimum, 0 if equations.optimum.coloured is None else DRAWS
+    noise = partial(with_draws, optimum.segments, noise_draws(optimum, draws, np.random.default_rng(SEED)))
+    steps = equations.solved(*equations.pulls(1 + draws, noise))
+    return equations.defects(*steps) / RELAXED**2
+
+
+def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:
+    """When a segment begins, in words."""
+    number, time = _begins(segments, segment, records)
+    return f"{time:.3g} s{f' of record {number + 1}' if len(records) > 1 else ''}"
+
+
+def event_between(segments: Segments, first: int, last: int, records: Sequence[Record], gain: float) -> Cause:
+    """What happened from the beginning of one segment to that of another; its size is the middle of both, in s."""
+    (_, start), (_, end) = (_begins(segments, place, records) for place in (first, last))
+    source = f"between {moment(segments, first, records)} and {moment(segments, last, records)}"
+    return Cause(EVENT, "", 0.5 * (start + end), "s", gain, 0.5 * (end - start), source=source)
+
+
+def _begins(segments: Segments, segment: int, records: Sequence[Record]) -> tuple[int, float]:
+    """The number of the record in which a segment begins, and the time in s."""
+    samples = len(segments.samples)
+    begins = np.cumsum([0, *(-(-len(record) // samples) for record in records[:-1])])
+    number = int(np.searchsorted(begins, segment, side="right")) - 1
+    record = records[number]
+    return number, float(record.start + (segment - begins[number]) * samples * record.step)

@@ -1,0 +1,56 @@
+"""Samples that the only response lost or has twice, beside the force that was recorded with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_signals import random_force
+from structures import HARDENING, oscillator
+from within import errors
+
+import linkwise as lw
+from linkwise.likelihood.checks.slips import slips
+
+TRUE = {"s.k": 4000.0, "s.k3": 5e7, "s.c": 1.3}
+SPRING = oscillator(HARDENING, name="s", k=4000.0, k3=5e7, c=1.3)
+AT, RATE = 370, 250.0
+
+
+def shaken() -> lw.Record:
+    """At 40 dB, by a force that acts throughout."""
+    force = random_force(np.random.default_rng(31), 4.0, RATE, highest=30.0, rms=10.0)
+    clean = lw.simulate(SPRING, duration=4.0, rate=RATE, forces={"m1": force}, sensors=("x",))
+    return replace(clean.with_noise(40.0, seed=32), simulated=None)
+
+
+def slipped(record: lw.Record, samples: int) -> lw.Record:
+    """The record whose displacement lost so many samples, or has them twice."""
+    values, column = record.values.copy(), list(map(str, record.channels)).index("x:m1")
+    values[AT:, column] = np.roll(values[:, column], -samples)[AT:]
+    return replace(record, values=values)[:-4]
+
+
+@pytest.mark.parametrize("samples", [1, 3, -2])
+def test_the_force_tells_a_slip_of_the_only_response(samples: int) -> None:
+    record = shaken()
+    cause, mended = next(slips(slipped(record, samples), SPRING.unknown("all"), TRUE))
+    assert (cause.where, cause.size) == ("x:m1", samples)
+    shown, exact = mended.channel("x:m1")[AT + 60 : -8], record.channel("x:m1")[AT + 60 : -8 - 4]
+    assert np.array_equal(shown[: len(exact)], exact)
+
+
+def test_it_tells_none_where_it_no_longer_acts() -> None:
+    """A hit that nobody recorded moves what follows as well."""
+    record = shaken()
+    values = record.values.copy()
+    values[AT - 40 :, list(map(str, record.channels)).index("force:m1")] = 0.0
+    assert not list(slips(slipped(replace(record, values=values), 3), SPRING.unknown("all"), TRUE))
+
+
+@pytest.mark.slow
+def test_it_is_put_back_in_its_place() -> None:
+    fit = lw.identify(slipped(shaken(), -2), SPRING.unknown("all"))
+    [slip] = fit.added
+    assert (slip.kind, slip.where, slip.size) == ("slip", "x:m1", -2)
+    assert fit.trusted and np.abs(errors(fit, SPRING)).max() < 4.0
+    assert not fit.alerts  # of samples that are left out around it
