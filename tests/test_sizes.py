@@ -12,15 +12,15 @@ TESTS = 34_801  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2223),
+    "absorption": (10, 2225),
     "analysis": (4, 522),
-    "cli": (20, 1868),
+    "cli": (20, 1869),
     "discovery": (19, 3667),
-    "estimates": (6, 1329),
-    "export": (8, 769),
+    "estimates": (6, 1304),
+    "export": (8, 768),
     "expression": (6, 1084),
     "files": (14, 1943),
-    "identification": (14, 2400),
+    "identification": (14, 2396),
     "inspection": (10, 1858),
     "likelihood": (61, 14298),
     "modal": (5, 867),
@@ -28,9 +28,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "paper": (3, 368),
     "plot": (12, 1911),
     "records": (7, 1372),
-    "report": (10, 1001),
-    "response": (11, 1703),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (13, 961),
+    "report": (10, 1002),
+    "response": (11, 1708),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "root": (13, 997),
     "signals": (6, 905),
     "simulation": (9, 1661),
     "sindy": (9, 1090),

@@ -18,7 +18,7 @@ from linkwise.model.coefficient import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
-from linkwise.verdict import STATUSES, Grade, Verdict
+from linkwise.verdict import STATUSES, UNGRADED, Basis, Grade, Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -45,6 +45,8 @@ class Posterior:
         Their bounds.
     for_dropped_terms : array of shape (p, p) or None
         The part of the covariance that allows for terms that a discovery dropped or a diagnosis names.
+    basis : Basis
+        The grade of the answer.
 
     See Also
     --------
@@ -68,6 +70,7 @@ class Posterior:
     lower: Floats
     upper: Floats
     for_dropped_terms: Floats | None = None
+    basis: Basis = UNGRADED
 
     @classmethod
     def of(cls, estimate: Estimate) -> Posterior:
@@ -108,6 +111,7 @@ class Posterior:
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),
             None if dropped is None else dropped[np.ix_(which, which)],
+            Basis(estimate.grade, estimate.status),
         )
 
     def __repr__(self) -> str:
@@ -271,7 +275,7 @@ def read_posterior(folder: str | Path) -> Posterior:
         structure.coefficient(name)
     _require_unedited(folder, structure)
     dropped = parts[1] if _FOR_DROPPED_TERMS in (lines[0] if lines else ()) else None
-    return Posterior(structure, names, parts[0], *_bounds(names), dropped)
+    return Posterior(structure, names, parts[0], *_bounds(names), dropped, Basis.stated_in(folder))
 
 
 def _require_unedited(folder: Path, structure: Structure) -> None:

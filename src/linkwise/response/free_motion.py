@@ -39,7 +39,7 @@ from linkwise.simulation.integrator.formulas import (
     phase_integrator,
 )
 from linkwise.simulation.run import run_time_parameters
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 
 def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseIntegrator:
@@ -168,6 +168,8 @@ class Backbone(JudgedView):
         At each point the link whose elongation leaves most the range that the record visited, "" where none does.
     measured : MeasuredPoints or None
         Points of a decay beside the curve.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -191,6 +193,7 @@ class Backbone(JudgedView):
     reached: bool = True
     outside: tuple[str, ...] = ()
     measured: MeasuredPoints | None = None
+    basis: Basis = UNGRADED
 
     def beside(self, record: Record) -> Backbone:
         """The same with the frequencies of a measured decay over its amplitude.
@@ -381,6 +384,7 @@ def backbone(
         outside=tuple(asked.farthest(structure.elongations(motion[:, :count], zero)) for motion in motions)
         if asked.ranges
         else (),
+        basis=asked.basis,
     )
 
 
@@ -495,6 +499,8 @@ class Basins(JudgedView):
         The stable rest positions in m.
     ends : array of int, shape (A, B)
         The number of the rest position where each motion ends, from 0; -1 where it has too much energy to tell.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -509,6 +515,7 @@ class Basins(JudgedView):
     values: tuple[Floats, Floats]
     rests: Floats
     ends: Indices
+    basis: Basis = UNGRADED
 
     @property
     def shares(self) -> Floats:
