@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_801  # lines of all files of tests
+TESTS = 34_819  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,7 +16,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 522),
     "cli": (20, 1869),
     "discovery": (19, 3667),
-    "estimates": (6, 1304),
+    "estimates": (6, 1312),
     "export": (8, 768),
     "expression": (6, 1084),
     "files": (14, 1943),
@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1911),
     "records": (7, 1372),
     "report": (10, 1002),
-    "response": (11, 1708),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 997),
     "signals": (6, 905),
     "simulation": (9, 1661),
