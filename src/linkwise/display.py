@@ -11,7 +11,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from linkwise.verdict import Grade, Verdict
+from linkwise.verdict import UNGRADED, Basis, Grade, Verdict
 
 _MARKED = (*"=+-@＝＋－＠\t\r\n'",)  # with which a formula may begin, and the apostrophe itself
 _FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
@@ -182,7 +182,9 @@ class NotebookView:
 
 
 class JudgedView(NotebookView):
-    """The same for an answer: a result with `verdicts`, which say whether it can be trusted."""
+    """The same for an answer: a result with `verdicts`, which say whether it can be trusted, as far as its `basis` can."""
+
+    basis: Basis = UNGRADED
 
     if TYPE_CHECKING:  # a field or a property of the answer
 
@@ -201,12 +203,13 @@ class JudgedView(NotebookView):
     @property
     def grade(self) -> Grade:
         """How far the answer goes, on which exit codes depend."""
-        return Grade.worst(verdict.grade for verdict in self.verdicts)
+        return Grade.worst((self.basis.grade, *(verdict.grade for verdict in self.verdicts)))
 
     def _judgement(self) -> dict[str, Any]:
         """The part of `to_dict` that all answers share."""
         verdicts = [verdict.name for verdict in self.verdicts]
-        return {"verdicts": verdicts, "trusted": self.trusted, "grade": self.grade.value}
+        of_basis = {"basis": self.basis.remark} if self.basis.remark else {}
+        return {"verdicts": verdicts, "trusted": self.trusted, "grade": self.grade.value, **of_basis}
 
 
 def text_html(text: str, trusted: bool | None = None) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
 
 
 class Grade(Enum):
@@ -266,6 +268,79 @@ class Verdict(Enum):
 
 
 STATUSES = frozenset(verdict.status for verdict in Verdict)  # all that a file may state
+
+
+_COMMENTS = {
+    Grade.APPROXIMATE: "# approximate ({}): numbers of laws that leave more than noise of their record.\n",
+    Grade.REFUSED: "# NOT to be trusted ({}): numbers of an answer that does not explain its record.\n",
+}
+_REMARKS = {
+    Grade.EXPLAINED: "",
+    Grade.APPROXIMATE: (
+        "The answer is approximate{}: its laws leave more than noise, and so does what follows from its numbers."
+    ),
+    Grade.REFUSED: "The answer is NOT to be trusted{}, and neither is what follows from its numbers.",
+}
+
+
+class Basis(NamedTuple):
+    """The answer that a result was computed from: its grade, beyond which the result does not go.
+
+    Attributes
+    ----------
+    grade : Grade
+        The grade; explained of a structure that states none.
+    status : str
+        The status, empty where it is not known.
+
+    Examples
+    --------
+    >>> from linkwise.verdict import Basis, Grade
+    >>> Basis(Grade.REFUSED, "not converged").remark
+    'The answer is NOT to be trusted (not converged), and neither is what follows from its numbers.'
+    """
+
+    grade: Grade = Grade.EXPLAINED
+    status: str = ""
+
+    @property
+    def remark(self) -> str:
+        """A sentence on what follows from the numbers of the answer; empty where it is explained."""
+        return _REMARKS[self.grade].format(f" ({self.status})" if self.status else "")
+
+    @property
+    def comment(self) -> str:
+        """The first line of the structure file of the answer; empty where it is explained."""
+        return _COMMENTS.get(self.grade, "").format(self.status)
+
+    @classmethod
+    def stated_in(cls, path: Path) -> Basis:
+        """Read what a structure file, or that of a result folder, states in its first line.
+
+        Parameters
+        ----------
+        path : Path
+            The file or folder.
+
+        Returns
+        -------
+        Basis
+            The basis; explained where nothing is stated, or the file cannot be read.
+        """
+        try:
+            with (path / "structure.toml" if path.is_dir() else path).open(encoding="utf-8") as file:
+                line = file.readline()
+        except (OSError, UnicodeDecodeError):
+            return cls()
+        for grade, comment in _COMMENTS.items():
+            if line.startswith(mark := comment.partition(" (")[0]):
+                status = line.removeprefix(mark).partition(":")[0].strip(" ()\n")
+                return cls(grade, status if status in STATUSES else "")
+        return cls()
+
+
+UNGRADED = Basis()
+"""That of a structure that states no grade."""
 
 
 def admit_intervals(verdicts: Iterable[Verdict]) -> bool:

@@ -37,6 +37,9 @@ def test_draws_have_the_covariance_and_keep_the_bounds() -> None:
     assert np.all(np.abs(np.cov(drawn.T) - covariance) < 4.0 * size)
     # likewise, of means
     assert np.all(np.abs(drawn.mean(axis=0) - [-100.0, 1e6]) < 4.0 * np.sqrt(np.diag(covariance) / 20000))
+    pairs = known(covariance.tolist(), "nes1.alpha", "nes1.beta").mirrored_draws(8, seed=1) - [-100.0, 1e6]
+    np.testing.assert_allclose(pairs.T @ pairs / 8, covariance, rtol=1e-12)
+    assert np.all(known([[1e-4]], "nes1.c", lower=0.01).mirrored_draws(99, seed=1) >= 0.01)
     bounded = known([[1e-4]], "nes1.c", lower=0.01).draws(500, seed=1000)
     # the bound that was stated
     assert bounded.min() >= 0.01 and len(bounded) == 500

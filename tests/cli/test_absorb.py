@@ -101,7 +101,7 @@ def test_a_sweep_writes_a_map(absorb: str, tmp_path: Path) -> None:
         "6 runs of 1 s over nes1.alpha from -150 to -50 N/m and nes1.beta from 200000 to 2e+06 N/m^3"
     )
     assert err == f"written to {folder}; open {folder / 'report.html'}\n"
-    files = {"absorption.json", "map.csv", "map.png", "report.html"}
+    files = {"absorption.json", "structure.toml", "map.csv", "map.png", "report.html"}
     assert {path.name for path in folder.iterdir()} == files
     header = (folder / "map.csv").read_text().splitlines()[0].split(",")
     table = np.loadtxt(folder / "map.csv", delimiter=",", skiprows=1)

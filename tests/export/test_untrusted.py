@@ -126,3 +126,32 @@ def test_a_comparison_goes_no_farther_than_the_answer(fit: lw.Estimate, answer: 
         f'"grade": "{validation.grade.value}"'
         in said(f"validate {tmp_path}/run.csv {answer} --json", code).out
     )
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize(
+    ("command", "mark"),
+    [
+        ("respond answer --force m1=1 --from 2 --to 3 --starts 0", "response.json"),
+        ("backbone answer --mode 1 --to-amplitude x:m1=0.01", "backbone.json"),
+        ("basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 2", "basins.json"),
+        ("absorb chain.toml --duration 0.1 --release v:m1=1", "absorption.json"),
+        (
+            "design chain.toml --vary nes1.c=0.01:0.1 --evaluations 8 --duration 0.1 --release v:m1=1",
+            "design.json",
+        ),
+    ],
+)
+def test_pages_of_what_is_computed_from_it_have_its_grade(
+    command: str, mark: str, fit: lw.Estimate, answer: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(answer, "answer")
+    basis = lw.verdict.Basis(fit.grade, fit.status)
+    Path("chain.toml").write_text(basis.comment + lw.model.format_structure(lw.bnes_chain(2)))
+    said(f"{command} -o out", fit.grade.exit_code)
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    assert f'<div class="verdict {fit.grade.value}">' in page and SENTENCES[fit.grade] in page
+    result = json.loads(Path(f"out/{mark}").read_text())
+    assert (result["grade"], result["basis"]) == (fit.grade.value, SENTENCES[fit.grade])
+    assert lw.verdict.Basis.stated_in(Path("out")) == basis

@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
+from linkwise.model.coefficient import Name
 from linkwise.response.search import LevelSearch
 from linkwise.response.shooting import Shooting, driven_phase
 
@@ -84,6 +85,20 @@ def test_a_linear_oscillator_responds_as_its_transfer_function() -> None:
     np.testing.assert_allclose(branch.largest_multiplier, np.exp(-np.pi / omega * 2.0), rtol=1e-8)
     peak = np.sqrt(K / 2.0 - 2 * 1.0**2) / (2 * np.pi)  # of omega0**2 - 2*(zeta*omega0)**2
     assert branch.hz[branch.amplitude[:, 0].argmax()] == pytest.approx(peak, rel=1e-6)
+
+
+def test_a_band_is_as_wide_as_the_uncertain_stiffness_moves_the_transfer_function() -> None:
+    """Of a linear oscillator, through the frequency above its resonance at which its stiffness moves nothing."""
+    bounds = np.array([0.0]), np.array([np.inf])
+    spring = oscillator("k*d + c*v", k=400.0, c=20.0)
+    answer = lw.estimates.Posterior(spring, (Name("link", "k"),), np.array([[4.0]]), *bounds)
+    (branch,) = lw.respond(answer, force={"m1": 1.0}, hz=(1.0, 8.0), starts=0, draws=20).levels[0].branches
+    omega = 2.0 * np.pi * branch.hz
+    sensitivity = (400.0 - omega**2) / ((400.0 - omega**2) ** 2 + (20.0 * omega) ** 2)
+    assert branch.lower is not None and branch.upper is not None
+    half = 0.5 * np.log(branch.upper / branch.lower)[:, 0]
+    # to first order in the relative deviation of 0.5 %; between stations by interpolation
+    np.testing.assert_allclose(half, 1.96 * 2.0 * np.abs(sensitivity), rtol=0.02, atol=2e-5)
 
 
 @pytest.mark.parametrize(("kind", "order"), [("x", 0), ("v", 1), ("a", 2)])

@@ -39,14 +39,13 @@ from linkwise.errors import (
     require_known,
 )
 from linkwise.estimates.estimate import Estimate
-from linkwise.estimates.uncertainty import Posterior, read_posterior
+from linkwise.estimates.uncertainty import Posterior
 from linkwise.model.excitation import Excitation, Impulse, InputSignal, Sampled, TimeFunction
 from linkwise.model.structure import Structure
-from linkwise.model.structure_file import read_structure
 from linkwise.progress import Progress, ProgressReport, part, silent
-from linkwise.response.options import ResponseOptions
+from linkwise.response.options import Answer, AskedStructure, ResponseOptions
 from linkwise.response.result import Response
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 ADDED_MASS = "added_mass"
 """The mass of all sinks in kg: a budget, and one side of the trade-off."""
@@ -231,6 +230,8 @@ class Design(JudgedView):
         What `absorb` says of the best structure under the excitation as given.
     response : Response or None
         What `respond` says of it under the harmonic excitation.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -258,6 +259,7 @@ class Design(JudgedView):
     closure: float
     absorption: Absorption
     response: Response | None = None
+    basis: Basis = UNGRADED
 
     @property
     def evaluations(self) -> int:
@@ -570,9 +572,20 @@ class _Search:
             for k, share in enumerate(_CAPS, start=1):
                 self.evolve(main + round(k * (self.budget - main) / len(_CAPS)), low + share * (best - low))
 
+    def best(self) -> int:
+        """The number of the best design; LinkwiseError where none keeps the limits and has a value."""
+        merit, options = self.merit(), self.problem.options
+        if merit.min() >= _INFEASIBLE:
+            kept = "keeps the limits and has" if options.limits else "has"
+            raise LinkwiseError(
+                f"none of {len(merit)} designs {kept} a value of {self.problem.quantity.name}: widen the bounds"
+                f"{', raise the limits' if options.limits else ''} or simulate for longer"
+            )
+        return int(np.argmin(merit))
+
 
 def design(
-    structure: Structure | Estimate | Posterior | str | Path,
+    structure: Answer,
     over: Mapping[str, tuple[float, float]],
     minimise: str = "remaining",
     options: DesignOptions | None = None,
@@ -630,7 +643,8 @@ def design(
     expect("design(structure, over): structure", structure, Structure, Estimate, Posterior, str, Path)
     expect("design(structure, over): over", over, Mapping)
     options = options or DesignOptions()
-    subject, drawn = _subject(structure, options, over)
+    given = AskedStructure.of(structure)
+    subject, drawn = given.structure, _drawn(given.posterior, options, over)
     simulated = options_given(AbsorptionOptions.of, None, keywords)
     problem, comparison = _problem(subject, drawn, over, minimise, options, simulated)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
@@ -643,14 +657,7 @@ def design(
         if start is not None:
             search.evaluate(start[None])
         search.run()
-    merit = search.merit()
-    best = int(np.argmin(merit))
-    if merit[best] >= _INFEASIBLE:
-        kept = "keeps the limits and has" if options.limits else "has"
-        raise LinkwiseError(
-            f"none of {len(merit)} designs {kept} a value of {problem.quantity.name}: widen the bounds"
-            f"{', raise the limits' if options.limits else ''} or simulate for longer"
-        )
+    best = search.best()
     sign = -1.0 if options.maximise else 1.0
     values = dict(zip(over, search.values(search.ways[best : best + 1])[0].tolist(), strict=True))
     objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
@@ -670,30 +677,24 @@ def design(
         objectives=objectives,
         added_mass=search.mass,
         allowed=search.excess <= 0.0,
-        simulations=len(merit) * len(options.levels) * len(drawn),
+        simulations=len(search.ways) * len(options.levels) * len(drawn),
         diverged=int(search.diverged.sum()),
         closure=float(search.closure.max()),
         absorption=absorption,
         response=None if resonance is None else resonance.response(absorption.with_sinks.structure),
+        basis=given.basis,
     )
 
 
-def _subject(
-    given: Structure | Estimate | Posterior | str | Path, options: DesignOptions, over: Mapping[str, Any]
-) -> tuple[Structure, tuple[Mapping[str, float], ...]]:
-    """The structure, and the coefficients beside the varied ones that its draws have."""
-    if isinstance(given, str | Path):
-        given = read_posterior(given) if Path(given).is_dir() else read_structure(given)
-    if isinstance(given, Structure):
-        return given, ({},)
-    posterior = given if isinstance(given, Posterior) else Posterior.of(given)
-    if set(posterior.names) <= set(over):
-        return posterior.structure, ({},)
+def _drawn(
+    posterior: Posterior | None, options: DesignOptions, over: Mapping[str, Any]
+) -> tuple[Mapping[str, float], ...]:
+    """The coefficients beside the varied ones that draws have; a single empty set where there are none."""
+    if posterior is None or set(posterior.names) <= set(over):
+        return ({},)
     rows = posterior.draws(options.draws, options.seed).tolist()
     draws = [dict(zip(map(str, posterior.names), row, strict=True)) for row in rows]
-    return posterior.structure, tuple(
-        {name: draw[name] for name in draw if name not in over} for draw in draws
-    )
+    return tuple({name: draw[name] for name in draw if name not in over} for draw in draws)
 
 
 def _problem(

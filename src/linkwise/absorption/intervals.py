@@ -17,7 +17,7 @@ from linkwise.errors import LinkwiseError, expect, options_given, require_known
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.progress import Progress, part, silent
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 COVERED = 0.95
 _LEAST_COMPLETED = 0.9  # of the draws
@@ -77,6 +77,8 @@ class AbsorptionIntervals(JudgedView):
         The number of draws whose motion diverged.
     closure : float
         The largest error of an energy balance, as a part of the energy supplied.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -99,6 +101,7 @@ class AbsorptionIntervals(JudgedView):
     upper: Floats
     diverged: int
     closure: float
+    basis: Basis = UNGRADED
 
     def quantity(self, name: str) -> QuantityInterval:
         """The quantity called `name`.
@@ -247,6 +250,7 @@ def absorption_intervals(
         upper=upper,
         diverged=int(np.sum(~completed)),
         closure=float(np.nanmax(ensemble.column("closure"))),
+        basis=posterior.basis,
     )
 
 

@@ -31,7 +31,7 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import available_memory
 from linkwise.simulation.batch import SimulatedMotion
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _EQUAL_RATIOS = 1e-6  # relative differences of ratios below it are rounding
 
@@ -96,6 +96,8 @@ class AbsorptionMap(JudgedView):
         The runs that came to their end.
     horizon : float or None
         Time in s past which a chaotic motion cannot be predicted, in the middle of the grid; None if it can throughout.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -117,6 +119,7 @@ class AbsorptionMap(JudgedView):
     values: Floats
     completed: Bools
     horizon: float | None
+    basis: Basis = UNGRADED
 
     def __getitem__(self, name: str) -> Floats:
         """The values (K,) or (K, J) of the quantity called `name`; LinkwiseError lists all."""

@@ -16,7 +16,7 @@ from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.model.coefficient import index_of
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 Rows = list[tuple[str, ...]]
 
@@ -360,6 +360,8 @@ class Absorption(JudgedView):
         The links by which sinks absorb: the sinks, their harvesters and other links to their masses.
     with_sinks, without : AbsorptionRun
         The two runs.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -380,6 +382,7 @@ class Absorption(JudgedView):
     absorbing: tuple[str, ...]
     with_sinks: AbsorptionRun
     without: AbsorptionRun
+    basis: Basis = UNGRADED
 
     @property
     def sinks_share(self) -> float:

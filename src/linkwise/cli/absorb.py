@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     typed,
     unstarted_is_usage,
 )
-from linkwise.cli.reading_options import read_told
+from linkwise.cli.reading_options import read_told, tell_grade
 from linkwise.output import ABSORPTION
 
 EXAMPLE = "nes1.alpha=-200:-20:100"
@@ -127,6 +127,7 @@ def _answer(
     over = repetition.axes()
     if structure.is_dir() and not over:
         posterior = lw.estimates.read_posterior(structure)
+        tell_grade(structure)
         return lw.absorption.absorption_intervals(posterior, **repetition.drawing(), **keywords)
     subject = read_told(structure)
     if over:

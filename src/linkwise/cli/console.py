@@ -8,7 +8,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -22,19 +22,16 @@ from linkwise.errors import OutputError
 from linkwise.output import check_result_folder, to_json
 from linkwise.progress import Progress, silent
 from linkwise.registry import lazy_module
-from linkwise.verdict import Grade
+from linkwise.verdict import Basis, Grade
 
 if TYPE_CHECKING:
     from rich import console as terminal
     from rich import progress as bars
 
-    from linkwise.display import JudgedView
-    from linkwise.estimates import estimate as estimates
     from linkwise.model.structure import Structure
     from linkwise.report import page as pages
 else:  # rich is for terminals
     pages = lazy_module("linkwise.report.page")
-    estimates = lazy_module("linkwise.estimates.estimate")
     terminal = lazy_module("rich.console")
     bars = lazy_module("rich.progress")
 
@@ -54,12 +51,6 @@ def note(*remarks: str) -> None:
     """Tell what there is to know beside a result, each remark as a note."""
     for remark in remarks:
         tell(f"note: {remark}")
-
-
-def ended(result: JudgedView, answer: Path | None = None) -> int:
-    """The exit code of a result, which goes no farther than the `answer` that it was computed from."""
-    stated = Grade.EXPLAINED if answer is None else estimates.stated_grade(answer)[0]
-    return Grade.worst((result.grade, stated)).exit_code
 
 
 def answer_options(mark: str, *further: Callable[[Any], Any]) -> Decorator:
@@ -94,7 +85,7 @@ class Delivery:
 
     def of(
         self,
-        result: JudgedView,
+        result: Any,
         *,
         more: Sequence[str] = (),
         truth: Structure | None = None,
@@ -103,9 +94,9 @@ class Delivery:
         """Print a result with `more` lines, or as JSON, then write its folder, even where printing fails; the exit code.
 
         Where the folder cannot be written, the result is kept in a temporary folder; where drawing fails, its numbers alone.
-        It is said where. Beside a document it is not said where the folder is. The exit code counts the `answer` that it is
-        of.
+        It is said where. Beside a document it is not said where the folder is. The grade counts the `answer` that it is of.
         """
+        result = result if answer is None else replace(result, basis=Basis.stated_in(answer))
         unheard: OSError | None = None
         try:
             document = lw.report.result_of(result, truth) if self.as_json else {}
@@ -127,7 +118,8 @@ class Delivery:
             note(f"what to do, by cause, stands on {page}")
         if unheard is not None:
             raise unheard
-        return ended(result, answer)
+        code: int = result.grade.exit_code
+        return code
 
 
 def deliver_structure(

@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     typed,
     unstarted_is_usage,
 )
-from linkwise.cli.reading_options import read_told
+from linkwise.cli.reading_options import tell_grade, tell_of_hosts
 from linkwise.output import DESIGN
 from linkwise.runtime import processors
 
@@ -103,7 +103,7 @@ def design(
     factors = tuple(number(text, "--levels", "0.5,1,2") for text in wanted.levels.split(","))
     place = None if delivery.output is None else delivery.output.resolve()
     journal = None if place is None else place.with_name(f".{place.name}.designs")
-    subject = lw.estimates.read_posterior(structure) if structure.is_dir() else read_told(structure)
+    tell_grade(structure)
     quantity = wanted.minimise or maximise or "remaining"
     with progress("simulating") as step, unstarted_is_usage():
         harmonic, drive = _harmonic(drive, wanted.start, wanted.stop)
@@ -112,8 +112,9 @@ def design(
             **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic
         )
         keywords = {**given["options"], **drive.keywords(), "journal": journal, "progress": step}
-        result = lw.design(subject, over, quantity, search, **keywords)
-    code = delivery.of(result, answer=structure)
+        result = lw.design(structure, over, quantity, search, **keywords)
+    tell_of_hosts(result.structure.hosts)
+    code = delivery.of(result)
     if journal is not None:
         journal.unlink(missing_ok=True)
     return code

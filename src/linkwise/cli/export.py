@@ -68,7 +68,7 @@ def export(answer: Path, files: tuple[Path, ...], asked: FileOptions) -> int:
     for file in equations:
         exports.format_writer(file, motions.EQUATIONS, "equations")
     content = exports.ExportedAnswer.of(answer)
-    if remark := content.note if files else content.warning:
+    if remark := content.note if files else content.basis.remark:
         note(remark)
     written = [lw.export_answer(answer, file) for file in files]
     written += [motions.export_equations(answer, file) for file in equations]
@@ -78,4 +78,4 @@ def export(answer: Path, files: tuple[Path, ...], asked: FileOptions) -> int:
         click.echo(to_json({"files": [str(file) for file in written]}))
     else:
         click.echo("\n".join(f"written to {file}" for file in written))
-    return content.grade.exit_code
+    return content.basis.grade.exit_code

@@ -10,7 +10,7 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import ended, progress
+from linkwise.cli.console import progress
 from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
 from linkwise.cli.options import (
     POSITIVE,
@@ -26,6 +26,7 @@ from linkwise.cli.options import (
 )
 from linkwise.cli.reading_options import read_told
 from linkwise.output import to_json
+from linkwise.verdict import Basis
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,9 @@ def limit(structure: Path, test: PlannedTest, drive: ExcitationOptions, as_json:
     subject = read_told(structure)
     with progress("simulating the test") as step, unstarted_is_usage():
         result = lw.limit(subject, noise=_noise(test.noise), unknown=test.unknown, progress=step, **keywords)
+    result = replace(result, basis=Basis.stated_in(structure))
     click.echo(to_json(result.to_dict()) if as_json else str(result))
-    return ended(result, structure)
+    return result.grade.exit_code
 
 
 def _noise(texts: tuple[str, ...]) -> float | dict[str, float]:
@@ -115,6 +117,6 @@ def _optimised(
     subject = read_told(structure)
     with progress("comparing tests") as step, unstarted_is_usage():
         result = lw.best_test(subject, coefficient, noise=noise, within=within, progress=step, **plan)
-    result = replace(result, file=str(structure))
+    result = replace(result, file=str(structure), basis=Basis.stated_in(structure))
     click.echo(to_json(result.to_dict()) if as_json else str(result))
-    return ended(result, structure)
+    return result.grade.exit_code

@@ -27,9 +27,9 @@ from linkwise.cli.options import (
     typed,
 )
 from linkwise.display import near_miss
-from linkwise.estimates.estimate import stated_grade
 from linkwise.model import rotations
 from linkwise.signals.force_window import with_force_windows
+from linkwise.verdict import Basis
 
 _BY_WIDTH = -1.0  # of --force-window without a time, which none below 0 is
 _FITTED = {"drift": ("drifts", "s"), "hum": ("hums", "Hz"), "corner": ("corners", "Hz")}
@@ -313,7 +313,7 @@ def read_told(path: Path) -> lw.Structure:
 
 def tell_grade(path: Path) -> None:
     """Say what the answer is worth that a structure comes from."""
-    if remark := stated_grade(path)[1]:
+    if remark := Basis.stated_in(path).remark:
         note(f"{path}: {remark}")
 
 

@@ -110,7 +110,7 @@ def respond(structure: Path, harmonic: HarmonicOptions, delivery: Delivery) -> i
     result = result if measured is None else result.beside(measured)
     tell_grade(structure)
     tell_of_hosts(result.structure.hosts)
-    return delivery.of(result, answer=structure)
+    return delivery.of(result)
 
 
 _AMPLITUDE = "x:m1=0.01"
@@ -171,7 +171,7 @@ def backbone(structure: Path, chosen: ModeOptions, delivery: Delivery) -> int:
         result = lw.backbone(structure, chosen.mode, **chosen.keywords())
     result = result if measured is None else result.beside(measured)
     tell_grade(structure)
-    return delivery.of(result, answer=structure)
+    return delivery.of(result)
 
 
 _PLANE = "x:m2=-0.02:0.02,v:m2=-2:2"

@@ -64,8 +64,8 @@ def validate(source: RecordOptions, answer: Path, scoring: ScoringOptions, deliv
     """
     source.refuse_unknown_errors()
     subject = answers.ValidatedAnswer.of(answer)
-    if subject.warning and not answer.is_dir():  # that of a folder is a finding
-        note(f"{answer}: {subject.warning}")
+    if subject.basis.remark and not answer.is_dir():  # that of a folder is a finding
+        note(f"{answer}: {subject.basis.remark}")
     note(*source.masses_beside(subject.structure))
     with progress("reading") as step:
         record = source.read_motion_of(subject.structure)

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from math import isfinite
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -57,7 +56,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress
 from linkwise.records.record import Record
 from linkwise.registry import lazy_module
-from linkwise.verdict import STATUSES, Grade, Verdict, admit_intervals, status_of
+from linkwise.verdict import Grade, Verdict, admit_intervals, status_of
 
 if TYPE_CHECKING:
     import pandas
@@ -118,44 +117,6 @@ _APPROXIMATE = (
     "Intervals are approximate: of the laws of this form that come closest over motion like that of the record. They hold the "
     "scatter between parts of it and the change to longer horizons, and say nothing of laws of another form."
 )
-_MARKS = {Grade.APPROXIMATE: "# approximate", Grade.REFUSED: "# NOT to be trusted"}
-_FILES = {
-    Grade.APPROXIMATE: "numbers of laws that leave more than noise of their record",
-    Grade.REFUSED: "numbers of an answer that does not explain its record",
-}
-_REMARKS = {
-    Grade.EXPLAINED: "",
-    Grade.APPROXIMATE: (
-        "The answer is approximate{}: its laws leave more than noise, and so does what follows from its numbers."
-    ),
-    Grade.REFUSED: "The answer is NOT to be trusted{}, and neither is what follows from its numbers.",
-}
-
-
-def grade_comment(grade: Grade, status: str) -> str:
-    """The first line of the structure file of an answer with this grade and status, empty for one that can be trusted."""
-    return f"{_MARKS[grade]} ({status}): {_FILES[grade]}.\n" if grade in _MARKS else ""
-
-
-def stated_grade(path: Path) -> tuple[Grade, str]:
-    """The grade that a structure file or a result folder states in a comment, explained without one, and a sentence on it."""
-    try:
-        with (path / "structure.toml" if path.is_dir() else path).open(encoding="utf-8") as file:
-            line = file.readline()
-    except (OSError, UnicodeDecodeError):
-        return Grade.EXPLAINED, ""
-    for grade, mark in _MARKS.items():
-        if line.startswith(mark):
-            status = line.removeprefix(mark).partition(":")[0].strip(" ()\n")
-            return grade, grade_remark(grade, status if status in STATUSES else "")
-    return Grade.EXPLAINED, ""
-
-
-def grade_remark(grade: Grade, status: str) -> str:
-    """The sentence on an answer with this grade and status, for whatever is computed from its numbers."""
-    return _REMARKS[grade].format(f" ({status})" if status else "")
-
-
 _ROUNDING = 1e-9  # of a coefficient: a negative variance smaller than the square of it is zero
 
 

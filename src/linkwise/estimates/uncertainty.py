@@ -18,7 +18,7 @@ from linkwise.model.coefficient import MASS, Name
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
-from linkwise.verdict import STATUSES, Grade, Verdict
+from linkwise.verdict import STATUSES, UNGRADED, Basis, Grade, Verdict
 
 COVARIANCE = "covariance.csv"
 _HEADER = ("first", "second", "covariance")
@@ -45,6 +45,8 @@ class Posterior:
         Their bounds.
     for_dropped_terms : array of shape (p, p) or None
         The part of the covariance that allows for terms that a discovery dropped or a diagnosis names.
+    basis : Basis
+        The grade of the answer.
 
     See Also
     --------
@@ -68,6 +70,7 @@ class Posterior:
     lower: Floats
     upper: Floats
     for_dropped_terms: Floats | None = None
+    basis: Basis = UNGRADED
 
     @classmethod
     def of(cls, estimate: Estimate) -> Posterior:
@@ -108,6 +111,7 @@ class Posterior:
             np.array([estimate.parameters[number].lower for number in which]),
             np.array([estimate.parameters[number].upper for number in which]),
             None if dropped is None else dropped[np.ix_(which, which)],
+            Basis(estimate.grade, estimate.status),
         )
 
     def __repr__(self) -> str:
@@ -162,6 +166,32 @@ class Posterior:
             f"of {_TRIES * count} draws only {len(accepted)} lie within the bounds of the coefficients: the estimate is too "
             "uncertain for draws; use a longer record, or one with less noise"
         )
+
+    def mirrored_draws(self, count: int, seed: int) -> Floats:
+        """Draw coefficients in pairs on either side of the identified values, for bands.
+
+        Where pairs are twice as many as coefficients, they have exactly the covariance, so that the deviation of whatever
+        follows linearly from the coefficients has no error of sampling.
+
+        Parameters
+        ----------
+        count : int
+            Number of draws.
+        seed : int
+            Seed of the random numbers.
+
+        Returns
+        -------
+        array of shape (count, p)
+            Normal draws, moved into the bounds, in SI units.
+        """
+        width = len(self.names)
+        pairs = np.random.default_rng(seed).standard_normal(((count + 1) // 2, width))
+        if len(pairs) >= 2 * width:
+            pairs = np.linalg.solve(np.linalg.cholesky(pairs.T @ pairs / len(pairs)), pairs.T).T
+        moved = pairs @ covariance_root(self.covariance).T
+        drawn = self.values + np.stack([moved, -moved], axis=1).reshape(-1, width)[:count]
+        return np.clip(drawn, self.lower, self.upper)
 
     def to_dict(self, draws: int = 1000, *, seed: int = 0) -> dict[str, Floats]:
         """Draws as packages for posteriors take them, as in ``arviz.from_dict({"posterior": posterior.to_dict()})``.
@@ -271,7 +301,7 @@ def read_posterior(folder: str | Path) -> Posterior:
         structure.coefficient(name)
     _require_unedited(folder, structure)
     dropped = parts[1] if _FOR_DROPPED_TERMS in (lines[0] if lines else ()) else None
-    return Posterior(structure, names, parts[0], *_bounds(names), dropped)
+    return Posterior(structure, names, parts[0], *_bounds(names), dropped, Basis.stated_in(folder))
 
 
 def _require_unedited(folder: Path, structure: Structure) -> None:

@@ -20,7 +20,7 @@ from linkwise.estimates.uncertainty import Posterior
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
-from linkwise.verdict import Grade
+from linkwise.verdict import UNGRADED, Basis
 
 _LONGEST = 50  # characters of a name: MATLAB takes 63, and prefixes are added
 
@@ -45,7 +45,7 @@ class ExportedCoefficient:
 class ExportedAnswer:
     """A structure of numbers, with the covariance (p, p) of those coefficients that were identified, by `names`.
 
-    `note` is what there is to know of it, of which `warning` says that it is not explained.
+    `note` is what there is to know of it, of which the remark of its `basis` says that it is not explained.
     """
 
     structure: Structure
@@ -53,8 +53,7 @@ class ExportedAnswer:
     covariance: Floats
     note: str
     version: str
-    grade: Grade = Grade.EXPLAINED
-    warning: str = ""
+    basis: Basis = UNGRADED
 
     @classmethod
     def of(cls, answer: Structure | Estimate | Posterior | str | Path) -> ExportedAnswer:
@@ -63,7 +62,7 @@ class ExportedAnswer:
         posterior = given.posterior
         names = posterior.names if posterior is not None else ()
         covariance = posterior.covariance if posterior is not None else np.zeros((0, 0))
-        notes = [given.warning] if given.warning else []
+        notes = [given.basis.remark] if given.basis.remark else []
         if posterior is None:
             notes.append("It has no standard errors, since the answer gives none.")
         if any(host.damping for host in given.structure.hosts):
@@ -72,7 +71,7 @@ class ExportedAnswer:
             what = "masses there are moments of inertia in kg m^2, and links moments in N m"
             notes.append(f"Rotations in rad: {turning}; {what}.")
         note = " ".join(notes)
-        return cls(given.structure, names, covariance, note, version("linkwise"), given.grade, given.warning)
+        return cls(given.structure, names, covariance, note, version("linkwise"), given.basis)
 
     @property
     def quantities(self) -> dict[str, str]:

@@ -381,7 +381,7 @@ class EquationsOfMotion:
     def notes(self) -> tuple[str, ...]:
         """What there is to know beside the equations: trust, and laws that are not smooth."""
         kinked = [link.name for link in self.structure.links if any(map(kinks, _laws(link).values()))]
-        notes = [self.answer.warning] if self.answer.warning else []
+        notes = [self.answer.basis.remark] if self.answer.basis.remark else []
         if kinked:
             notes.append(
                 f"Not smooth: the laws of {', '.join(kinked)} have kinks, which are marked; keep steps short there, or let "

@@ -42,7 +42,7 @@ def _table(answer: ExportedAnswer) -> list[list[Any]]:
 
     Texts have one line each: sheets take no control characters, which a law may have as spaces.
     """
-    notes = (["note"], [answer.warning]) if answer.warning else ([], [])
+    notes = (["note"], [answer.basis.remark]) if answer.basis.remark else ([], [])
     table = [[*_HEADER, *notes[0]], *([*row, *notes[1]] for row in _rows(answer))]
     return [[on_one_line(cell) if isinstance(cell, str) else cell for cell in row] for row in table]
 

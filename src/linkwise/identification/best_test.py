@@ -20,7 +20,7 @@ from linkwise.model.excitation import Sampled, TimeFunction
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.simulation.simulate import simulate
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 # of the lowest mode: segments of this length compare tests, and not how chaotic their motion is
 _PERIODS = 4.0
@@ -120,6 +120,8 @@ class BestTest(JudgedView):
         The tests, the best first.
     file : str
         The name of the structure's file in the command of each.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -136,6 +138,7 @@ class BestTest(JudgedView):
     coefficient: str
     plans: tuple[Plan, ...]
     file: str = "structure.toml"
+    basis: Basis = UNGRADED
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

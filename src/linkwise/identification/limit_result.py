@@ -28,7 +28,7 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 # standard errors: 95 of 100 such effects leave zero outside their 95 % interval (1.960 + 1.645)
 DETECTION = 3.605
@@ -98,6 +98,8 @@ class Limit(JudgedView):
         The record of the test without noise.
     segment : float
         Length of the segments in s.
+    basis : Basis
+        The answer that the structure comes from.
 
     See Also
     --------
@@ -121,6 +123,7 @@ class Limit(JudgedView):
     noise: Mapping[str, float]
     record: Record
     segment: float
+    basis: Basis = UNGRADED
 
     @cached_property
     def standard_errors(self) -> Floats:

@@ -17,7 +17,6 @@ from linkwise.absorption.intervals import (
 )
 from linkwise.absorption.map import AbsorptionMap, map_headline, map_rows
 from linkwise.absorption.result import crossing_rows, energy_rows, harvest_rows, headline, mass_rows, primary
-from linkwise.model.structure_file import write_structure
 from linkwise.output import ABSORPTION, DESIGN
 from linkwise.plot.absorptions import (
     crossings_figure,
@@ -73,7 +72,7 @@ def _write_map(swept: AbsorptionMap, folder: Path) -> None:
 
 
 def _write_data(result: Answer, folder: Path) -> None:
-    """The structure, and decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
+    """decay.csv, energy.csv and crossings.csv: time in s, displacements in m, energies in J."""
     absorption = without_intervals(result)
     bands = (result.lower, result.upper) if isinstance(result, AbsorptionIntervals) else ()
     names, columns = ["time"], [absorption.time]
@@ -85,7 +84,6 @@ def _write_data(result: Answer, folder: Path) -> None:
             names.append(f"envelope:{mass.name} {label}")
             columns.append(end[:, number])
     csv_table(folder / "decay.csv", names, np.column_stack(columns).tolist())
-    write_structure(absorption.with_sinks.structure, folder / "structure.toml")
     names, columns = ["time"], [absorption.time]
     for side, label in ((absorption.with_sinks, ""), (absorption.without, " without sinks")):
         names += [f"{name}{label}" for name in ("put in", "stored", *side.dissipated_by)]
@@ -124,8 +122,7 @@ def _design_sections(result: Design) -> dict[str, Section]:
 
 
 def _write_designs(result: Design, folder: Path) -> None:
-    """The structure of the best, and designs.csv: a line for every design, in the order of the search."""
-    write_structure(result.structure, folder / "structure.toml")
+    """designs.csv: a line for every design, in the order of the search."""
     names = [*(axis.name for axis in result.axes), ADDED_MASS, "within limits", result.quantity.name]
     columns = result.added_mass, result.allowed, result.objectives
     csv_table(folder / "designs.csv", names, np.column_stack([result.points, *columns]).tolist())

@@ -24,7 +24,7 @@ from linkwise.display import (
 )
 from linkwise.estimates.causes import UnseenTerm
 from linkwise.estimates.curves import GRID, fitted_channels, has_loop
-from linkwise.estimates.estimate import Estimate, grade_comment
+from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import CoefficientEstimate, DerivedQuantity, LinkEstimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, write_covariance
 from linkwise.likelihood.noise import whiteness_text
@@ -42,8 +42,9 @@ from linkwise.report.page import (
     Section,
     rendered,
     sectioned,
+    write_graded,
 )
-from linkwise.verdict import Grade, status_of
+from linkwise.verdict import Basis, Grade, status_of
 
 if TYPE_CHECKING:
     from linkwise.identification.compare import Comparison
@@ -259,7 +260,7 @@ def _derived(quantity: DerivedQuantity) -> str:
 
 def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
     """Write structure, forces of links and, of an answer that is not refused, the covariance into an empty `folder`."""
-    _write_graded(estimate, result, folder)
+    write_graded(estimate.structure, Basis(result.grade, status_of(result.verdicts)), folder)
     if estimate.alternative is not None:
         asked = format_structure(estimate.alternative.given_structure)
         (folder / "alternative.toml").write_text(asked, encoding="utf-8", newline="\n")
@@ -267,12 +268,6 @@ def write_numbers(estimate: Estimate, folder: Path, result: JudgedView) -> None:
         _write_force(estimate, name, folder / f"force_{name}.csv")
     if result.grade is not Grade.REFUSED and estimate.intervals:
         write_covariance(Posterior.of(estimate), folder / COVARIANCE)
-
-
-def _write_graded(estimate: Estimate, result: JudgedView, folder: Path) -> None:
-    """structure.toml with what was identified, which states the grade of the result."""
-    text = grade_comment(result.grade, status_of(result.verdicts)) + format_structure(estimate.structure)
-    (folder / "structure.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
 def _write_force(estimate: Estimate, name: str, path: Path) -> None:
@@ -307,8 +302,7 @@ def _compared(comparison: Comparison) -> dict[str, Section]:
 
 COMPARISON_FOLDER: ResultFolder[Comparison] = sectioned(
     COMPARISON,
-    lambda result: Head(result.head, result.best.structure),
+    lambda result: Head(result.head, result.best.structure, basis=Basis(result.grade, result.best.status)),
     _compared,
-    lambda result, folder: _write_graded(result.best, result.best, folder),
 )
 """What `compare` hands over."""

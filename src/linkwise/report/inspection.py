@@ -120,5 +120,5 @@ def _head(inspection: Inspection) -> Head:
     return Head(verdict, title="Inspection")
 
 
-INSPECTION_FOLDER = sectioned(INSPECTION, _head, inspection_sections, lambda inspection, folder: None)
+INSPECTION_FOLDER = sectioned(INSPECTION, _head, inspection_sections)
 """What `inspect` hands over."""

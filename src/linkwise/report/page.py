@@ -25,6 +25,7 @@ from linkwise.model.structure_file import format_structure
 from linkwise.output import RESULT, atomic_folder, to_json
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.registry import Registry, lazy_module
+from linkwise.verdict import Basis
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -176,6 +177,7 @@ class Head:
     structure: Structure | None = None
     findings: Sequence[str] = ()
     title: str = ""
+    basis: Basis | None = None
 
 
 def in_units_of_figures(rows: Sequence[Sequence[str]], columns: slice) -> list[tuple[str, ...]]:
@@ -222,7 +224,7 @@ def sectioned(
     mark: str,
     head: Callable[[R], Head],
     sections: Callable[[R], Mapping[str, Section]],
-    data: Callable[[R, Path], None],
+    data: Callable[[R, Path], None] = lambda result, folder: None,
 ) -> ResultFolder[R]:
     """The folder of a result whose page is its head and its sections, HTML that carries everything in itself."""
 
@@ -234,18 +236,32 @@ def sectioned(
             title=shown.title or (shown.structure and shown.structure.name) or "structure",
             head=shown,
             grade=result.grade.value,
+            basis=result.basis.remark,
             following=_FOLLOWING[type(result).__name__][0 if result.trusted else -1],
             sections=sections,
             pictures=pictures,
             structure="" if shown.structure is None else format_structure(shown.structure),
         )
 
+    def written(reported: Reported[R], folder: Path) -> None:
+        result: Any = reported.result
+        shown = head(result)
+        if shown.structure is not None:
+            write_graded(shown.structure, shown.basis or result.basis, folder)
+        data(result, folder)
+
     return ResultFolder(
-        data=lambda reported, folder: data(reported.result, folder),
+        data=written,
         sections=lambda reported: sections(reported.result),
         page=page,
         mark=mark,
     )
+
+
+def write_graded(structure: Structure, basis: Basis, folder: Path) -> None:
+    """Write structure.toml, which states the grade of the answer that its numbers are of."""
+    text = basis.comment + format_structure(structure)
+    (folder / "structure.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
 def csv_table(path: Path, head: Iterable[str], rows: Iterable[Iterable[object]]) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from linkwise.model.structure_file import write_structure
 from linkwise.output import BACKBONE, BASINS, RESPONSE
 from linkwise.plot.responses import backbone_figure, basins, response_figure
 from linkwise.plot.style import scale, single
@@ -58,8 +57,7 @@ def amplitude_sections(result: Response, title: str = "Amplitude over frequency"
 
 
 def _write_data(result: Response, folder: Path) -> None:
-    """The structure, and branches.csv: a line for every point of a branch."""
-    write_structure(result.structure, folder / "structure.toml")
+    """branches.csv: a line for every point of a branch."""
     kinds = ("amplitude", "first harmonic", "phase in degrees", "lower", "upper")
     names = [f"{channel} {kind}" for channel in result.channels for kind in kinds]
     head = ["level", "branch", "hz", "stable", "largest multiplier", "bifurcation", *names]
@@ -103,8 +101,7 @@ def _curve(result: Backbone) -> dict[str, Section]:
 
 
 def _write_backbone_data(result: Backbone, folder: Path) -> None:
-    """The structure, and backbone.csv: frequency in Hz, energy in J and amplitudes."""
-    write_structure(result.structure, folder / "structure.toml")
+    """backbone.csv: frequency in Hz, energy in J and amplitudes."""
     table = np.column_stack([result.hz, result.energy, result.amplitude]).tolist()
     csv_table(folder / "backbone.csv", ("hz", "energy", *result.channels), table)
 
@@ -119,8 +116,7 @@ BACKBONE_FOLDER: ResultFolder[Backbone] = sectioned(
 
 
 def _write_basins_data(result: Basins, folder: Path) -> None:
-    """The structure, and basins.csv: the initial values and the number of the rest position, from 1, 0 where not decided."""
-    write_structure(result.structure, folder / "structure.toml")
+    """basins.csv: the initial values and the number of the rest position, from 1, 0 where not decided."""
     first, second = np.meshgrid(*result.values, indexing="ij")
     rows = np.column_stack([first.ravel(), second.ravel(), result.ends.ravel() + 1]).tolist()
     csv_table(folder / "basins.csv", [*result.plane, "rest"], rows)

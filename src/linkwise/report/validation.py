@@ -16,7 +16,6 @@ from linkwise.identification.validation.result import (
     coefficient_rows,
     headline,
 )
-from linkwise.model.structure_file import write_structure
 from linkwise.output import VALIDATION
 from linkwise.plot.validations import (
     prediction_error_figure,
@@ -70,8 +69,7 @@ def _sections(validation: Validation) -> dict[str, Section]:
 
 
 def _write_data(result: Validation, folder: Path) -> None:
-    """The structure, and the responses as it predicts them, empty where they are not scored."""
-    write_structure(result.structure, folder / "structure.toml")
+    """The responses as it predicts them, empty where they are not scored."""
     write_record(result.predicted, folder / "predicted.csv")
 
 

@@ -1,18 +1,21 @@
 """Bands of amplitudes: the steady motions of draws from the posterior at the frequencies of a branch.
 
 Each draw starts from the motion of the identified structure, moved as at the point before. Where a fold has moved, a draw
-has no motion at a frequency and is left out there. Stable motion alone has bands, at some points of a branch, and between
-them by interpolation of its parts of the amplitude.
+has no motion at a frequency and is left out there. Stable motion alone has bands. A draw is solved for at some points of a
+branch; between them its ratio to the amplitude of the branch is interpolated, draw by draw: a quantile turns sharply where
+draws cross each other, each of them does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.estimates.uncertainty import Posterior
 from linkwise.model.structure import Structure
 from linkwise.response.continuation import Point, solve
@@ -21,10 +24,11 @@ from linkwise.response.result import Branch
 from linkwise.response.search import Curve, repeats_sooner
 from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes
 
-_COVERED = 0.95
+_DEVIATIONS = 1.96  # on either side: 95 % of normal draws
 _SAMPLES = 64  # of a turn
 _STATIONS, _FEWEST, _MOST = 120, 6, 40  # points of all branches at which draws are made, and of each
 _FAR = 0.1  # of the size of the motion: nearer, it may be one whose period does not double yet
+_JUMP = 0.5  # of the size of the motion, from where it was expected: farther off it is one of another branch
 _LEAST = 0.5  # of the draws must have a motion
 
 
@@ -36,10 +40,7 @@ def banded(
     options: ResponseOptions,
 ) -> list[Branch]:
     """The branches of curves with bands; without where shapes of hosts are uncertain, on which the equations depend."""
-    drawn = [
-        posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
-        for values in posterior.draws(options.draws, options.seed)
-    ]
+    drawn = drawn_structures(posterior, options.draws, options.seed)
     if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
         return list(branches)
     every = sum(len(curve.points) for curve in curves)
@@ -54,7 +55,7 @@ def _with_band(
     curve: Curve, branch: Branch, drawn: Sequence[Structure], rows: Floats, stations: int
 ) -> Branch:
     """The branch with the band of structures that were drawn: at some of its points, by interpolation between."""
-    count, stable = len(curve.points), np.flatnonzero(branch.stable)
+    stable = np.flatnonzero(branch.stable)
     if not len(stable):
         return branch
     peaks = stable[branch.amplitude[stable].argmax(axis=0)]
@@ -62,18 +63,46 @@ def _with_band(
         np.concatenate([stable[np.linspace(0, len(stable) - 1, stations).round().astype(int)], peaks])
     )
     points = [curve.points[number][0] for number in at.tolist()]
-    values = np.array([_drawn(curve.equations.of(one), points, rows) for one in drawn])
-    values /= branch.amplitude[at]
-    enough = np.isfinite(values).mean(axis=0) >= _LEAST
-    values[:, ~enough] = 1.0
-    tail = 50.0 * (1.0 - _COVERED)
-    bounds = np.nanpercentile(values, [tail, 100.0 - tail], axis=0)
-    bounds[:, ~enough] = np.nan
-    lower, upper = (
-        np.column_stack([np.interp(np.arange(count), at, column) for column in bound.T]) for bound in bounds
-    )
+    ways = [(b.unknowns - a.unknowns) / a.sizes for (a, _), (b, _) in pairwise(curve.points)]
+    along = np.append(0.0, np.cumsum(np.linalg.norm(ways, axis=1)))
+    of_draws = (_drawn(curve.equations.of(one), points, rows) / branch.amplitude[at] for one in drawn)
+    lower, upper = band_ends(np.array([_everywhere(ratios, at, along) for ratios in of_draws]))
     lower[~branch.stable] = upper[~branch.stable] = np.nan
     return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
+
+
+def drawn_structures(posterior: Posterior, count: int, seed: int) -> list[Structure]:
+    """Structures from the posterior, in pairs on either side of the identified one."""
+    return [
+        posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
+        for values in posterior.mirrored_draws(count, seed)
+    ]
+
+
+def band_ends(ratios: Floats) -> tuple[Floats, Floats]:
+    """The ends of the band, over the curve, of draws (R, ...) of what is positive over the curve; NaN where fewer than half
+    of them have a motion. On either side it is as wide as the root mean square of the draws there says of normal ones.
+    """
+    logs = np.log(ratios)
+    enough = np.isfinite(logs).mean(axis=0) >= _LEAST
+    ends = []
+    for side in (-1.0, 1.0):
+        there = side * logs > 0.0
+        mean_square = np.where(there, logs**2, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+        ends.append(np.where(enough, np.exp(side * _DEVIATIONS * np.sqrt(mean_square)), np.nan))
+    return ends[0], ends[1]
+
+
+def _everywhere(ratios: Floats, at: Indices, along: Floats) -> Floats:
+    """(M, C) the ratios (P, C) of a draw at the points `at` of a curve at all its points, `along` it (M,); NaN near those at
+    which the draw has no motion.
+    """
+    known = np.isfinite(ratios).all(axis=1)
+    if known.sum() < 2:
+        return np.full((len(along), ratios.shape[1]), np.nan)
+    between = Akima1DInterpolator(along[at[known]], np.log(ratios[known]), method="makima", extrapolate=True)
+    near = np.interp(along, along[at], known) > 0.5
+    return np.where(near[:, None], np.exp(between(along)), np.nan)
 
 
 def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
@@ -92,12 +121,16 @@ def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) 
 
 
 def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:
-    """The solution near unknowns, if it is on the same side of all folds as a point and not far off with a shorter period."""
+    """The solution near unknowns, if it is on the branch and the same side of all folds as a point, and not far off with a
+    shorter period.
+    """
     found = solve(equations, unknowns)
     if found is None:
         return None
-    far = np.abs((found.unknowns - unknowns) / point.sizes).max() > _FAR
-    if far and isinstance(equations, Shooting) and repeats_sooner(equations, found):
+    off = float(np.abs((found.unknowns - unknowns) / point.sizes).max())
+    if off > _JUMP:
+        return None
+    if off > _FAR and isinstance(equations, Shooting) and repeats_sooner(equations, found):
         return None
     signs = [np.linalg.slogdet(one.jacobian[:, :-1])[0] for one in (point, found)]
     return found.unknowns if signs[0] == signs[1] else None

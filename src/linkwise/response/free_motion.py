@@ -26,6 +26,7 @@ from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
+from linkwise.response.bands import band_ends, drawn_structures
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
 from linkwise.response.options import Answer, AskedStructure, shown_channels
@@ -39,7 +40,7 @@ from linkwise.simulation.integrator.formulas import (
     phase_integrator,
 )
 from linkwise.simulation.run import run_time_parameters
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 
 def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseIntegrator:
@@ -70,7 +71,6 @@ _LONGEST = 0.08  # step along the curve
 _MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
 _DRAWS, _STATIONS = 60, 12  # of an answer, and points of its curve near which they have motions
-_DEVIATIONS, _LEAST = 1.96, 0.5  # of the draws in half a band, and the part of them that must have a motion
 _FREQUENCY = 0.2  # of omega: its size
 
 
@@ -168,6 +168,8 @@ class Backbone(JudgedView):
         At each point the link whose elongation leaves most the range that the record visited, "" where none does.
     measured : MeasuredPoints or None
         Points of a decay beside the curve.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -191,6 +193,7 @@ class Backbone(JudgedView):
     reached: bool = True
     outside: tuple[str, ...] = ()
     measured: MeasuredPoints | None = None
+    basis: Basis = UNGRADED
 
     def beside(self, record: Record) -> Backbone:
         """The same with the frequencies of a measured decay over its amplitude.
@@ -381,6 +384,7 @@ def backbone(
         outside=tuple(asked.farthest(structure.elongations(motion[:, :count], zero)) for motion in motions)
         if asked.ranges
         else (),
+        basis=asked.basis,
     )
 
 
@@ -395,8 +399,7 @@ def _band(
     hz = np.array([point.parameter for point in points])
     stations = [points[k] for k in np.unique(np.linspace(0, len(points) - 1, _STATIONS).round().astype(int))]
     ratios = []
-    for values in posterior.draws(_DRAWS, seed=0):
-        drawn = posterior.structure.with_values(dict(zip(posterior.names, values.tolist(), strict=True)))
+    for drawn in drawn_structures(posterior, _DRAWS, seed=0):
         own = FreeMotion(drawn, free.integrator)
         moved = [solve(own, point.unknowns, point.tangent) for point in stations]
         found = [point for point in moved if point is not None]
@@ -406,10 +409,8 @@ def _band(
         ratios.append(
             np.interp(energy, at[order], ratio[order]) if len(found) > 1 else np.full(len(hz), np.nan)
         )
-    enough = np.mean(np.isfinite(ratios), axis=0) >= _LEAST
-    half = _DEVIATIONS * np.nanstd(np.where(enough, ratios, 1.0), axis=0) * hz / (2.0 * np.pi)
-    half[~enough] = np.nan
-    return hz / (2.0 * np.pi) - half, hz / (2.0 * np.pi) + half
+    lower, upper = band_ends(np.array(ratios))
+    return lower * hz / (2.0 * np.pi), upper * hz / (2.0 * np.pi)
 
 
 def _linear_start(free: FreeMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:
@@ -495,6 +496,8 @@ class Basins(JudgedView):
         The stable rest positions in m.
     ends : array of int, shape (A, B)
         The number of the rest position where each motion ends, from 0; -1 where it has too much energy to tell.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -509,6 +512,7 @@ class Basins(JudgedView):
     values: tuple[Floats, Floats]
     rests: Floats
     ends: Indices
+    basis: Basis = UNGRADED
 
     @property
     def shares(self) -> Floats:

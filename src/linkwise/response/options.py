@@ -23,6 +23,7 @@ from linkwise.model.structure_file import read_structure
 from linkwise.output import RESULT
 from linkwise.records.channel import Channel
 from linkwise.simulation.run import check_place
+from linkwise.verdict import UNGRADED, Basis
 
 FORCE = "force"
 _DISPLACEMENTS = {  # of the place that is driven, as what is harmonic is size*cos(omega*t)
@@ -306,12 +307,13 @@ Ranges = Mapping[str, tuple[float, float]]
 @dataclass(frozen=True, eq=False)
 class AskedStructure:
     """A structure, the `posterior` that it was drawn from if it was identified, and the `ranges` in m that the elongations of
-    its links visited in the record, where they are known.
+    its links visited in the record, where they are known; and the grade of the answer.
     """
 
     structure: Structure
     posterior: Posterior | None = None
     ranges: Ranges = field(default_factory=dict)
+    basis: Basis = UNGRADED
 
     @classmethod
     def of(cls, answer: Answer) -> AskedStructure:
@@ -320,18 +322,18 @@ class AskedStructure:
             case Structure():
                 return cls(answer)
             case Posterior():
-                return cls(answer.structure, answer)
+                return cls(answer.structure, answer, basis=answer.basis)
             case Estimate():
                 ranges = {found.link.name: found.d_range for found in answer.links}
                 try:
-                    return cls(answer.structure, Posterior.of(answer), ranges)
+                    return cls(answer.structure, posterior := Posterior.of(answer), ranges, posterior.basis)
                 except IdentificationError:
-                    return cls(answer.structure, None, ranges)
+                    return cls(answer.structure, None, ranges, Basis(answer.grade, answer.status))
         path = Path(answer)
         if not (path / COVARIANCE).exists():
-            return cls(read_structure(path), None, _ranges(path))
+            return cls(read_structure(path), None, _ranges(path), Basis.stated_in(path))
         posterior = read_posterior(path)
-        return cls(posterior.structure, posterior, _ranges(path))
+        return cls(posterior.structure, posterior, _ranges(path), posterior.basis)
 
     def farthest(self, d: Floats) -> str:
         """The link whose elongation in `d` (M, L) m goes farthest beyond the range it visited; "" where none does."""

@@ -125,7 +125,7 @@ def respond(
         )
     draws = 0 if asked.posterior is None else chosen.draws
     seconds = time.perf_counter() - started
-    return Response(structure, chosen.drive, shown.channels, tuple(levels), draws, seconds)
+    return Response(structure, chosen.drive, shown.channels, tuple(levels), draws, seconds, basis=asked.basis)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of motions from states at random that diverge

@@ -18,7 +18,7 @@ from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.response.measured import MeasuredPoints, steady_points
 from linkwise.response.options import Drive
-from linkwise.verdict import Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 FOLD = "fold"
 _SHOWN_BIFURCATIONS = 6
@@ -166,6 +166,8 @@ class Response(JudgedView):
         The time that it took.
     measured : MeasuredPoints or None
         Points of a record beside the curves.
+    basis : Basis
+        The answer that the structure comes from.
 
     Examples
     --------
@@ -184,6 +186,7 @@ class Response(JudgedView):
     draws: int = 0
     seconds: float = 0.0
     measured: MeasuredPoints | None = None
+    basis: Basis = UNGRADED
 
     def beside(self, record: Record) -> Response:
         """The same with the points of a stepped or slowly swept sine.

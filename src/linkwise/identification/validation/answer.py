@@ -17,7 +17,7 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, RecordError, StructureError
 from linkwise.estimates.causes import CROSSTALK, Cause, SensorErrorEstimate
-from linkwise.estimates.estimate import Estimate, grade_remark, stated_grade
+from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import COVARIANCE, Posterior, read_posterior
 from linkwise.identification.validation.result import CoefficientAgreement
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected
@@ -33,7 +33,7 @@ from linkwise.records.channel import SensorUncertainty
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
-from linkwise.verdict import STATUSES, Grade
+from linkwise.verdict import STATUSES, UNGRADED, Basis, Grade
 
 _STRUCTURE = "structure.toml"
 
@@ -43,8 +43,7 @@ class ValidatedAnswer:
     """A structure of numbers, with what is known of the errors of its coefficients, its laws and the sensors.
 
     That is the distribution of the coefficients if known, the model error, remarks on these, errors of sensors, and signs,
-    units and places of channels that were taken out of the records; and the grade of the answer, with a warning where it is
-    not explained.
+    units and places of channels that were taken out of the records; and the grade of the answer.
     """
 
     structure: Structure
@@ -53,8 +52,7 @@ class ValidatedAnswer:
     remarks: tuple[str, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
     exchanged: tuple[Cause, ...] = ()
-    grade: Grade = Grade.EXPLAINED
-    warning: str = ""
+    basis: Basis = UNGRADED
 
     @property
     def uncertain(self) -> tuple[Structure, Floats, Floats]:
@@ -72,12 +70,12 @@ class ValidatedAnswer:
         if isinstance(answer, str | Path):
             return _read(Path(answer))
         if isinstance(answer, Posterior):
-            return cls(answer.structure, answer)
+            return cls(answer.structure, answer, basis=answer.basis)
         if isinstance(answer, Estimate):
             refused = answer.grade is Grade.REFUSED
             error = 0.0 if refused else answer.model_error
             exchanged = tuple(cause for cause in answer.added if cause.kind in EXCHANGES)
-            graded = answer.sensor_errors, exchanged, answer.grade, grade_remark(answer.grade, answer.status)
+            graded = answer.sensor_errors, exchanged, Basis(answer.grade, answer.status)
             if answer.intervals and not refused:
                 return cls(answer.structure, Posterior.of(answer), error, (), *graded)
             why = answer.status if refused else f"{answer.method} gives no intervals"
@@ -100,8 +98,7 @@ def _numbers(structure: Structure, file: str | Path = "") -> Structure:
 def _read(path: Path) -> ValidatedAnswer:
     """A result folder of identify or discover, or a structure file."""
     if not path.is_dir():
-        grade, warning = stated_grade(path)
-        return ValidatedAnswer(_numbers(read_structure(path), path), grade=grade, warning=warning)
+        return ValidatedAnswer(_numbers(read_structure(path), path), basis=Basis.stated_in(path))
     structure = _numbers(read_structure(path), path / _STRUCTURE)
     status, stated = _stated(path / RESULT)
     if (path / COVARIANCE).exists():
@@ -133,8 +130,7 @@ def _stated(path: Path) -> tuple[str, dict[str, Any]]:
     known = {
         "sensor_errors": of_sensors,
         "exchanged": exchanged,
-        "grade": grade,
-        "warning": grade_remark(grade, status),
+        "basis": Basis(grade, status),
     }
     return status, {"model_error": error if math.isfinite(error) and error >= 0.0 else 0.0, **known}
 

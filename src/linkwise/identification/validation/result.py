@@ -24,7 +24,7 @@ from linkwise.inspection.result import Alert
 from linkwise.model.coefficient import Name
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.verdict import Grade, Verdict
+from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _SHOWN = 25.0  # % of the mean square: a prediction that leaves no more than half the motion shows it
 
@@ -235,8 +235,8 @@ class Validation(JudgedView):
         What else limits the comparison.
     refuted : bool
         Whether the laws of an answer without a model error leave more than noise of this record with any coefficients.
-    answer_grade : Grade
-        The grade of the answer; explained for a structure that states none.
+    basis : Basis
+        The grade of the answer.
     refittable : tuple of Name
         The coefficients that a refit would estimate again from this record alone; empty after one, or without a covariance.
 
@@ -265,13 +265,8 @@ class Validation(JudgedView):
     model_error: float = 0.0
     remarks: tuple[str, ...] = field(default=())
     refuted: bool = False
-    answer_grade: Grade = Grade.EXPLAINED
+    basis: Basis = UNGRADED
     refittable: tuple[Name, ...] = ()
-
-    @cached_property
-    def grade(self) -> Grade:
-        """How far the comparison goes: no farther than the answer that is compared."""
-        return Grade.worst((self.answer_grade, super().grade))
 
     @property
     def free_run(self) -> bool:

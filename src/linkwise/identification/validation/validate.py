@@ -331,7 +331,7 @@ def validate(
         model_error=law_error,
         remarks=remarks,
         refuted=refuted,
-        answer_grade=given.grade,
+        basis=given.basis,
         refittable=() if refit else refittable,
     )
 
