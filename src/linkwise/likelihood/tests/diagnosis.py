@@ -51,11 +51,13 @@ from linkwise.likelihood.tests.score_test import (
     PRICE_OF_REACH,
     CandidateForce,
     Hypothesis,
+    Lacking,
     Quadratic,
     SingleTests,
     augmented_quadratic,
     candidate_forces,
     determinant_slopes,
+    forces_along,
     missing_forces,
     missing_terms,
     unit_of,
@@ -435,11 +437,15 @@ def tested_causes(
     optimum = in_longer_segments(fit)
     motion = FittedMotion(optimum, identified, channels)
     lacking = (missing_forces if terms else usual_terms)(identified, optimum.segments.system.parameters.names)
+    if fit.random_forces:
+        lacking = [each for each in lacking if each[0].term not in _NO_SLOPE]
     of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
     errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
     with np.errstate(over="ignore", invalid="ignore"):  # a candidate may be infinite somewhere
         columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors))
         quadratic = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
+        if fit.random_forces:
+            quadratic = _with_determinants(quadratic, fit, identified, lacking)
         named = columns.hypotheses, columns.units
         return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified)
 
@@ -447,18 +453,29 @@ def tested_causes(
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
 def _beside_ambient_forces(fit: LikelihoodFit, identified: Structure) -> TestedCauses:
     """Missing terms by the marginal likelihood; errors of sensors and of masses are not tested beside ambient forces."""
-    optimum, parameters = fit.optimum, len(fit.values)
+    optimum = fit.optimum
     there = [f"{link.name}.{name}" for link in identified.links for name in link.coefficients]
     lacking = [each for each in missing_terms(identified, there) if each[0].term not in _NO_SLOPE]
-    forces = [force for _, force in lacking]
-    candidates, norms = candidate_forces(optimum.segments, optimum.misfit, forces)
-    quadratic = augmented_quadratic(optimum, candidates)
-    deviations = (quadratic.tests(parameters).deviations * norms).tolist()
-    masses = [force.where.removeprefix("force:") for force in fit.random_forces]
-    slopes = determinant_slopes(optimum, identified, masses, list(zip(forces, deviations, strict=True)))
-    slope = quadratic.slope + np.concatenate([np.zeros(parameters), slopes * norms])
+    candidates, norms = candidate_forces(optimum.segments, optimum.misfit, [force for _, force in lacking])
+    quadratic = _with_determinants(augmented_quadratic(optimum, candidates), fit, identified, lacking)
     named = [hypothesis for hypothesis, _ in lacking], np.ones(len(norms))
-    return TestedCauses(*named, replace(quadratic, slope=slope), 0.0, optimum, identified)
+    return TestedCauses(*named, quadratic, 0.0, optimum, identified)
+
+
+def _with_determinants(
+    quadratic: Quadratic, fit: LikelihoodFit, identified: Structure, lacking: Lacking
+) -> Quadratic:
+    """The cost of the marginal likelihood beside random forces, in which missing forces follow the parameters."""
+    optimum, forces = fit.optimum, [force for _, force in lacking]
+    first, last = len(fit.values), len(fit.values) + len(forces)
+    _, norms = forces_along(optimum.segments, optimum.misfit, forces)
+    deviations = (quadratic.tests(first).deviations[: len(forces)] * norms).tolist()
+    masses = [force.where.removeprefix("force:") for force in fit.random_forces]
+    slope = quadratic.slope.copy()
+    slope[first:last] += norms * determinant_slopes(
+        optimum, identified, masses, list(zip(forces, deviations, strict=True))
+    )
+    return replace(quadratic, slope=slope)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
