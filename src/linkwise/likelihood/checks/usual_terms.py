@@ -300,6 +300,10 @@ _ASYMMETRY = 0.1
 symmetric law by half of that."""
 
 
+_ONE_SIDE = 0.9
+"""Of the time, more on one side of d = 0 than on the other: what is seen on both sides tells an asymmetry of itself."""
+
+
 def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -> Hint | None:
     """What asymmetry that the records leave open adds to the covariance of a fit that leaves only noise; None where none is.
 
@@ -307,11 +311,13 @@ def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -
     them: the residuals stay noise, and those of a symmetric law are off by many standard errors.
     """
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    stated = {link.name for link in identified.links if ASYMMETRY in linear_terms(link)}
+    d, order = fit.misfit.trajectories.links[:, 0], fit.segments.system.order
+    on_one_side = {identified.links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
+    open_ones = on_one_side - {link.name for link in identified.links if ASYMMETRY in linear_terms(link)}
     numbers = [
         number
         for number in which_usual(tested.hypotheses, identified)
-        if tested.hypotheses[number].term == ASYMMETRY and tested.hypotheses[number].where not in stated
+        if tested.hypotheses[number].term == ASYMMETRY and tested.hypotheses[number].where in open_ones
     ]
     held = list(_bounded(fit, identified, tested, numbers, deviations, _ASYMMETRY))
     if not held:
