@@ -382,8 +382,20 @@ def _by_high_pass(first: _Model) -> _Model | None:
 
 
 def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
-    """Noise of inputs, and errors of sensors and inputs that the diagnosis names first, one after another."""
-    return explained(first, partial(_beside_error, first), most)
+    """Noise of inputs, and errors of sensors and inputs that the diagnosis names first, one after another.
+
+    The last of these alone, where it leaves as little: those before it stood for it.
+    """
+    last = explained(first, partial(_beside_error, first), most)
+    errors = [cause for cause in last.added[len(first.added) :] if is_admissible(cause)]
+    if len(errors) < 2 or not last.is_explained or any(cause.known_within for cause in errors):
+        return last
+    beside = [cause for cause in last.added[len(first.added) :] if cause.kind == "input noise"]
+    given = replace(first.options, random=last.options.random, harmonics=last.options.harmonics)
+    options = with_error(given, errors[-1], first.records[0])
+    alone = None if options is None else first.beside(*beside, errors[-1], options=options)
+    as_likely = alone is not None and alone.is_explained and alone.misfit < last.misfit + _AS_LIKELY
+    return alone if alone is not None and as_likely else last
 
 
 def _by_causes(first: _Model) -> _Model | None:

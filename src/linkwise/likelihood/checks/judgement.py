@@ -181,9 +181,6 @@ class Examined:
         found = line_causes(self.fit, self.identified, self.records)
         lines = (cause for cause in found if cause.gain > least)
         every = (*self.diagnosis.causes, *noisy, *forces, *lines)
-        if self.jump is not None and self.jump.is_significant:
-            most = max((cause.gain for cause in every), default=0.0)
-            every = (*every, *([self.jump.event] if self.jump.event.gain > most else ()))
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
     @cached_property

@@ -8,7 +8,7 @@ shows, as of whole periods of a free decay, may move a damping by many of its st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -23,11 +23,20 @@ from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import least_gain
-from linkwise.likelihood.tests.variances import DRAWS, RELAXED, SEED, DrawnEquations, noise_draws, with_draws
+from linkwise.likelihood.tests.variances import (
+    DRAWS,
+    RELAXED,
+    SEED,
+    DrawnEquations,
+    at_once,
+    noise_draws,
+    with_draws,
+)
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 
+_LONGEST = 20_000  # segments in which they are looked for
 _COLUMNS = 64  # jumps of single states that are tested
 _FEWEST = 8  # moments
 _ENDS = 0.05  # of a record: nearer to an end a jump is another start of its motion
@@ -51,13 +60,16 @@ class Jump:
 def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> Jump | None:
     """The jump at one moment that explains most of what exact laws leave; None where chance may well give it."""
     exact = fit.model_error == 0.0 and isinstance(fit.optimum.loss, Gaussian) and fit.has_errors
-    if not exact or identified.hosts or identified.size >= MANY or fit.random_forces:
-        return None
     moments, segments = _moments(fit), fit.optimum.segments
-    with one_blas_thread():
-        gain, segment, moves = max(
-            _jumps(fit, moments), default=(0.0, 0, np.empty(0)), key=lambda jump: jump[0]
-        )
+    large = identified.hosts or identified.size >= MANY or segments.count > _LONGEST
+    if not exact or large or fit.random_forces:
+        return None
+    try:
+        with one_blas_thread():
+            none = 0.0, 0, np.empty(0)
+            gain, segment, moves = max(_jumps(fit, moments), default=none, key=lambda jump: jump[0])
+    except np.linalg.LinAlgError:
+        return None
     states = segments.system.dimension
     if not gain > _of_states(_HINT + 2.0 * float(np.log(max(len(moments), 1))), states):
         return None
@@ -69,7 +81,7 @@ def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[
 
 def _of_states(gain: float, states: int) -> float:
     """The gain of so many degrees of freedom that is as rare as one of one."""
-    return float(scipy.stats.chi2.isf(scipy.stats.chi2.sf(gain, 1), states))
+    return float(scipy.special.chdtri(states, scipy.special.chdtrc(1, gain)))
 
 
 def _moments(fit: LikelihoodFit) -> Indices:
@@ -94,37 +106,44 @@ def _moments(fit: LikelihoodFit) -> Indices:
     return np.asarray(moments[~around[moments]])
 
 
-def _jumps(fit: LikelihoodFit, moments: Indices) -> list[tuple[float, int, Floats]]:
+def _jumps(fit: LikelihoodFit, moments: Indices) -> Iterator[tuple[float, int, Floats]]:
     """Jumps of all states at the ends of some segments, each alone: what each takes off -2 log likelihood, the segment, and
     what it makes of the parameters (p,). None where the equations are singular.
     """
     optimum = fit.optimum
     equations = DrawnEquations.of(fit, optimum, RELAXED) if len(moments) else None
     if equations is None:
-        return []
-    m, linear = optimum.segments.system.dimension, equations.linear
-    nodes = np.zeros((optimum.segments.count, m, m * len(moments)))
-    border = np.zeros((len(equations.free), m * len(moments)))
+        return
+    m, scale = optimum.segments.system.dimension, optimum.scales.theta[: len(fit.values)]
+    pulls = _pulls(equations)
+    for part in at_once(len(moments), optimum.segments.count * m * m):
+        border, defects = _by_jumps(equations, moments[part])
+        for number, segment in enumerate(moments[part]):
+            own = slice(number * m, (number + 1) * m)
+            left = (np.eye(m) - defects[segment][:, own]) / RELAXED**2
+            information, directions = np.linalg.eigh(0.5 * (left + left.T))
+            seen = information > _RANK * information[-1]
+            along = directions[:, seen].T @ pulls[segment]
+            gains = np.sum(along**2 / information[seen, None], axis=0)
+            chance = np.mean(gains[1:]) / m if len(gains) > 1 else optimum.noise**2
+            size = directions[:, seen] @ (along[:, 0] / information[seen])
+            moves = np.where(fit.free, (border[: len(scale), own] @ size) * scale, 0.0)
+            yield float(gains[0] / chance), int(segment), moves
+
+
+def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floats]:
+    """The steps (P, d) of the border and the defects (K - 1, m, d) that follow from jumps of single states of unit size."""
+    linear, count = equations.linear, len(equations.free)
+    m = equations.optimum.segments.system.dimension
+    nodes = np.zeros((equations.optimum.segments.count, m, m * len(moments)))
+    border = np.zeros((count, m * len(moments)))
     for number, segment in enumerate(moments):
         own = slice(number * m, (number + 1) * m)
         nodes[segment + 1, :, own] = np.diag(linear.joined[segment])
         nodes[segment, :, own] = -linear.state_ends[segment].T
-        border[:, own] = -linear.right_ends[segment, :, : len(border)].T
+        border[:, own] = -linear.right_ends[segment, :, :count].T
     nodes, border = equations.solved(nodes / RELAXED**2, border / RELAXED**2)
-    defects, pulls = equations.defects(nodes, border), _pulls(equations)
-    scale, jumps = optimum.scales.theta[: len(fit.values)], []
-    for number, segment in enumerate(moments):
-        own = slice(number * m, (number + 1) * m)
-        left = (np.eye(m) - defects[segment][:, own]) / RELAXED**2
-        information, directions = np.linalg.eigh(0.5 * (left + left.T))
-        seen = information > _RANK * information[-1]
-        along = directions[:, seen].T @ pulls[segment]
-        gains = np.sum(along**2 / information[seen, None], axis=0)
-        chance = np.mean(gains[1:]) / m if len(gains) > 1 else optimum.noise**2
-        size = directions[:, seen] @ (along[:, 0] / information[seen])
-        moves = np.where(fit.free, (border[: len(scale), own] @ size) * scale, 0.0)
-        jumps.append((float(gains[0] / chance), int(segment), moves))
-    return jumps
+    return border, equations.defects(nodes, border)
 
 
 def _pulls(equations: DrawnEquations) -> Floats:
