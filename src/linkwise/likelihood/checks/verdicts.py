@@ -129,7 +129,7 @@ def standard_errors(of: Examined) -> Judgement | None:
 def event(of: Examined) -> Judgement | None:
     """Whether half of a misfit happens in a moment of a record, to a motion on which no input acts more than elsewhere."""
     fit, segments = of.fit, of.fit.segments
-    if not (fit.chi_square_off or fit.model_error > 0.0):
+    if not (fit.chi_square_off or of.share > _LARGEST_ERROR):
         return None
     first, last, gain = _worst_stretch(fit)
     begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
