@@ -338,7 +338,7 @@ def _fit(
     """The fit of records in the coordinates of the equations, in the segments of `sensing`."""
     # products run on threads of our own
     with one_blas_thread(), ThreadPoolExecutor(min(processors(), _MOST_WORKERS)) as executor:
-        annealer = Annealer(executor, options.loss, options.progress)
+        annealer = Annealer(options.loss, executor, options.progress)
         problem = shooting_problem(with_bounds_for(options.loss, records), structure, theta, spread, sensing)
         return replace(_fitted(problem, records, spread, sensing, options, annealer), options=options)
 

@@ -29,7 +29,7 @@ from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, BlockScores, Optimum, blocks_of_scatter
-from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import MASS
@@ -120,7 +120,7 @@ def _has_blocks(optimum: Optimum, reach: int) -> bool:
 def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit:
     """The search at a relaxation, from an optimum at another one."""
     schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
-    return anneal(optimum.segments, optimum.point, optimum.scales, schedule, loss=optimum.loss)
+    return Annealer(optimum.loss)(optimum.segments, optimum.point, optimum.scales, schedule)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is no horizon

@@ -47,7 +47,7 @@ from linkwise.expression import symbols
 from linkwise.likelihood.fit import CostShape, LikelihoodFit
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus, anneal
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import linearise
 from linkwise.likelihood.shooting.segments import A, F, Iterate, S, V, X
@@ -334,12 +334,11 @@ def refitted(
     lower = np.where(is_fixed, point.theta, system.parameters.lower)
     upper = np.where(is_fixed, point.theta, system.parameters.upper)
     constrained = replace(system, parameters=replace(system.parameters, lower=lower, upper=upper))
-    return anneal(
+    return Annealer(optimum.loss)(
         replace(optimum.segments, system=constrained),
         replace(point, theta=np.clip(point.theta, lower, upper)),
         optimum.scales,
         replace(schedule or AnnealingSchedule(), initial_q=max(q, min(_LOOSENED * q, _LOOSEST)), final_q=q),
-        loss=optimum.loss,
     )
 
 
@@ -488,7 +487,7 @@ def _relaxed_fits(fit: LikelihoodFit) -> Iterator[tuple[AnnealingFit, float]]:
     optimum, point = fit.optimum, fit.optimum.point
     for q in _LADDER:
         schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_RELAXED_STEPS)
-        relaxed = anneal(optimum.segments, point, optimum.scales, schedule, loss=optimum.loss)
+        relaxed = Annealer(optimum.loss)(optimum.segments, point, optimum.scales, schedule)
         if relaxed.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
             return
         yield relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1]

@@ -141,18 +141,18 @@ class UncertainForces:
     coefficients: tuple[Floats, ...]
     unit: Floats
 
-    def mapped(self, change: Callable[[Floats], Floats], unit: Floats) -> UncertainForces:
-        """With each array over steps changed, and the `unit` (K',) of the segments then."""
+    def mapped(self, change: Callable[[Floats], Floats], firsts: slice | Indices) -> UncertainForces:
+        """With each array over steps changed, to segments that begin with those whose numbers are `firsts`."""
         return replace(
             self,
             certain=change(self.certain),
             coefficients=tuple(map(change, self.coefficients)),
-            unit=unit,
+            unit=self.unit[firsts],
         )
 
     def part(self, segments: slice | Indices) -> UncertainForces:
         """The forces in some segments."""
-        return self.mapped(lambda values: values[..., segments], self.unit[segments])
+        return self.mapped(lambda values: values[..., segments], segments)
 
     def acting(self, gains: Floats, delays: Floats) -> tuple[Floats, Floats]:
         """(J, 5, f, K) the forces in N at gains (g,) and delays (l,) in s, and their rates; straight on beyond `unit`."""
@@ -203,23 +203,18 @@ class Inputs:
 
     def part(self, segments: slice | Indices) -> Inputs:
         """The inputs of some segments."""
-        unit = None if self.uncertain is None else self.uncertain.unit[segments]
-        return self.mapped(lambda values: values[..., segments], unit)
+        return self.mapped(lambda values: values[..., segments], segments)
 
     def first(self, steps: int) -> Inputs:
         """The inputs of the first steps."""
-        return self.mapped(
-            lambda values: values[:steps], None if self.uncertain is None else self.uncertain.unit
-        )
+        return self.mapped(lambda values: values[:steps], slice(None))
 
-    def mapped(self, change: Callable[[Floats], Floats], unit: Floats | None) -> Inputs:
-        """The inputs with each array changed, and the `unit` (K',) of uncertain ones in the segments then."""
+    def mapped(self, change: Callable[[Floats], Floats], firsts: slice | Indices) -> Inputs:
+        """The inputs with each array changed, to segments that begin with those whose numbers are `firsts`."""
         every = (self.force, self.base, self.frame, self.points)
         force, base, frame, points = (None if a is None else change(a) for a in every)
         signals = {name: change(values) for name, values in self.signals.items()}
-        uncertain = None
-        if self.uncertain is not None and unit is not None:
-            uncertain = self.uncertain.mapped(change, unit)
+        uncertain = None if self.uncertain is None else self.uncertain.mapped(change, firsts)
         return Inputs(force, base, frame, points, signals, uncertain)
 
     def at(self, gains: Floats, delays: Floats) -> Inputs:

@@ -381,10 +381,6 @@ class ClippedReadings:
             return None
         return cls(present, np.where(present, readings, 0.0), np.where(present, sides, 0.0))
 
-    def chosen(self, which: Indices) -> ClippedReadings:
-        """Those of some segments."""
-        return self.mapped(lambda values: values[..., which])
-
     def mapped(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> ClippedReadings:
         """Those after a change of the segments."""
         return ClippedReadings(function(self.present), function(self.readings), function(self.sides))

@@ -12,16 +12,15 @@ J. Ye et al., Phys. Rev. E 92, 052901 (2015), for annealing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.likelihood.shooting.bordered_system import BorderedFactor
 from linkwise.likelihood.shooting.linear_model import covariance, firm_factor, linear_model
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.normal_equations import Linearization
@@ -58,10 +57,8 @@ class AnnealingFit:
 
     Attributes
     ----------
-    point : Iterate
-        The unknowns.
     misfit : Misfit
-        Residuals and defects there.
+        Residuals and defects at the end.
     q : float
         Last relaxation.
     scales : Scales
@@ -80,7 +77,6 @@ class AnnealingFit:
         Its steps.
     """
 
-    point: Iterate
     misfit: Misfit
     q: float
     scales: Scales
@@ -91,93 +87,10 @@ class AnnealingFit:
     status: AnnealingStatus
     path: tuple[AnnealingStep, ...]
 
-
-def anneal(
-    segments: Segments,
-    start: Iterate,
-    scales: Scales,
-    schedule: AnnealingSchedule,
-    *,
-    loss: Loss,
-    executor: Executor | None = None,
-    progress: Progress = silent,
-) -> AnnealingFit:
-    """Fit nodes, parameters, offsets and gains to segments.
-
-    Parameters
-    ----------
-    segments : Segments
-        The records in segments.
-    start : Iterate
-        Starting values.
-    scales : Scales
-        Units of the unknowns.
-    schedule : AnnealingSchedule
-        How the relaxation is lowered.
-    loss : Loss
-        Loss of a residual.
-    executor : Executor, optional
-        Threads for the normal equations.
-    progress : Progress, optional
-        Called at every step.
-
-    Returns
-    -------
-    AnnealingFit
-        The result; an interrupt from the keyboard ends the search with the best so far.
-
-    Raises
-    ------
-    IdentificationError
-        If the motion from the start is not finite.
-    """
-    path: list[AnnealingStep] = []
-    control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
-    status = AnnealingStatus.EXHAUSTED
-    samples = int(segments.observed.sum())
-    misfit = _started(segments, start, scales, loss, schedule.initial_q)
-    linear: Linearization | None = None
-    damped: DampedEquations | None = None
-    try:
-        while len(path) < schedule.max_steps:
-            linear = linear or linear_model(segments, misfit, scales, loss, executor)
-            if control.damping > _MAX_DAMPING:
-                status = AnnealingStatus.STUCK
-                break
-            if damped is None or (damped.q, damped.damping) != (control.q, control.damping):
-                damped = None  # whose memory the next ones take
-                damped = DampedEquations.of(linear, control.q, control.damping)
-            attempt = curved_step(segments, linear, damped, misfit, scales, loss, control.stride)
-            if attempt is None:
-                control = control.firmer()
-                continue
-            trial, predicted, unclear = attempt
-            unclear = max(unclear, predicted if control.stride < 1.0 else 0.0)  # by the shorter step
-            step = control.evaluated_step(len(path), misfit, trial, predicted, samples)
-            path.append(step)
-            progress(step.report)
-            if step.reduction > 0.0:
-                misfit = trial
-                schedule = schedule.with_ceiling(step, misfit, samples)
-                if schedule.exceeded(step, unclear):
-                    status = AnnealingStatus.COSTLY
-                    break
-            small, left = schedule.is_little(step, unclear, segments)
-            settled = small and (
-                control.ends_in_valley(step)
-                or is_settled(segments, linear, damped, misfit, scales, loss, left)
-            )
-            if settled:
-                status = AnnealingStatus.CONVERGED
-                break
-            control = control.after(step, schedule, samples)
-            linear, damped = (None, None) if step.reduction > 0.0 else (linear, damped)
-    except KeyboardInterrupt:
-        status = AnnealingStatus.INTERRUPTED
-    factor = None if damped is None else damped.undamped_factor(control.q)
-    linear, damped = linear or linear_model(segments, misfit, scales, loss, executor), None
-    covariance_of = partial(covariance, firm_factor(linear, control.q, factor), scales)
-    return _fit(segments, covariance_of, misfit, scales, loss, control.q, status, tuple(path))
+    @property
+    def point(self) -> Iterate:
+        """The unknowns."""
+        return self.misfit.point
 
 
 def _started(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: float) -> Misfit:
@@ -192,53 +105,120 @@ def _started(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: 
     return misfit
 
 
-def _fit(
+def _ended(
     segments: Segments,
-    covariance_of: Callable[[Bools], Floats],
+    factor: BorderedFactor | None,
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
     q: float,
     status: AnnealingStatus,
-    path: tuple[AnnealingStep, ...],
+    path: list[AnnealingStep],
 ) -> AnnealingFit:
-    theta, (lower, upper) = misfit.point.border, bounds(segments)
-    free = (theta > lower) & (theta < upper)
+    """The fit where a search ended."""
+    border, (lower, upper) = misfit.point.border, bounds(segments)
+    free = (border > lower) & (border < upper)
     return AnnealingFit(
-        misfit.point,
         misfit,
         q,
         scales,
-        covariance_of(free),
+        covariance(factor, scales, free),
         ~free,
         misfit.cost_of_samples(q) / (freedom(segments) * loss.expected),
         int(segments.observed.sum()),
         status,
-        path,
+        tuple(path),
     )
 
 
 @dataclass(frozen=True)
 class Annealer:
-    """`anneal` with its threads, loss and progress.
+    """The search for an optimum, with its loss, threads and progress.
 
     Parameters
     ----------
-    executor : Executor
-        Threads for the normal equations.
     loss : Loss
         Loss of a residual.
-    progress : Progress
+    executor : Executor, optional
+        Threads for the normal equations.
+    progress : Progress, optional
         Called at every step.
     """
 
-    executor: Executor
     loss: Loss
-    progress: Progress
+    executor: Executor | None = None
+    progress: Progress = silent
 
     def __call__(
         self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
     ) -> AnnealingFit:
-        return anneal(
-            segments, start, scales, schedule, loss=self.loss, executor=self.executor, progress=self.progress
-        )
+        """Fit nodes, parameters, offsets and gains to segments.
+
+        Parameters
+        ----------
+        segments : Segments
+            The records in segments.
+        start : Iterate
+            Starting values.
+        scales : Scales
+            Units of the unknowns.
+        schedule : AnnealingSchedule
+            How the relaxation is lowered.
+
+        Returns
+        -------
+        AnnealingFit
+            The result; an interrupt from the keyboard ends the search with the best so far.
+
+        Raises
+        ------
+        IdentificationError
+            If the motion from the start is not finite.
+        """
+        loss, path = self.loss, list[AnnealingStep]()
+        control = SearchState(schedule.initial_q, schedule.initial_q, gains=segments.sensors.gains > 0)
+        status = AnnealingStatus.EXHAUSTED
+        samples = int(segments.observed.sum())
+        misfit = _started(segments, start, scales, loss, schedule.initial_q)
+        linear: Linearization | None = None
+        damped: DampedEquations | None = None
+        try:
+            while len(path) < schedule.max_steps:
+                linear = linear or linear_model(segments, misfit, scales, loss, self.executor)
+                if control.damping > _MAX_DAMPING:
+                    status = AnnealingStatus.STUCK
+                    break
+                if damped is None or (damped.q, damped.damping) != (control.q, control.damping):
+                    damped = None  # whose memory the next ones take
+                    damped = DampedEquations.of(linear, control.q, control.damping)
+                attempt = curved_step(segments, linear, damped, misfit, scales, loss, control.stride)
+                if attempt is None:
+                    control = control.firmer()
+                    continue
+                trial, predicted, unclear = attempt
+                unclear = max(unclear, predicted if control.stride < 1.0 else 0.0)  # by the shorter step
+                step = control.evaluated_step(len(path), misfit, trial, predicted, samples)
+                path.append(step)
+                self.progress(step.report)
+                if step.reduction > 0.0:
+                    misfit = trial
+                    schedule = schedule.with_ceiling(step, misfit, samples)
+                    if schedule.exceeded(step, unclear):
+                        status = AnnealingStatus.COSTLY
+                        break
+                small, left = schedule.is_little(step, unclear, segments)
+                settled = small and (
+                    control.ends_in_valley(step)
+                    or is_settled(segments, linear, damped, misfit, scales, loss, left)
+                )
+                if settled:
+                    status = AnnealingStatus.CONVERGED
+                    break
+                control = control.after(step, schedule, samples)
+                linear, damped = (None, None) if step.reduction > 0.0 else (linear, damped)
+        except KeyboardInterrupt:
+            status = AnnealingStatus.INTERRUPTED
+        factor = None if damped is None else damped.undamped_factor(control.q)
+        linear, damped = linear or linear_model(segments, misfit, scales, loss, self.executor), None
+        firm = firm_factor(linear, control.q, factor)
+        return _ended(segments, firm, misfit, scales, loss, control.q, status, path)

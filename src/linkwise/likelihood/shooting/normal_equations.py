@@ -152,7 +152,7 @@ def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whi
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
-_AT_ONCE = 32  # nodes whose equations are assembled together
+_AT_ONCE = 200_000  # numbers in the equations of nodes that are assembled together
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
@@ -226,8 +226,9 @@ class Linearization:
         weight, m = 1.0 / q**2, self.state.shape[1]
         diagonal, right = self.state.astype(float), self.right.astype(float)
         diagonal[1:, range(m), range(m)] += weight * self.joined**2
-        for first in range(0, len(self.joined), _AT_ONCE):
-            some = slice(first, min(first + _AT_ONCE, len(self.joined)))
+        size = max(16, _AT_ONCE // right[0].size)
+        for first in range(0, len(self.joined), size):
+            some = slice(first, min(first + size, len(self.joined)))
             for states, rows in self.reach:
                 ends = self.state_ends[some, rows].astype(float, copy=False)
                 weighted = weight * ends[:, :, states].transpose(0, 2, 1)

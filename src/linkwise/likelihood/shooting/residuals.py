@@ -355,31 +355,11 @@ class LongerSegments:
         if shorter.random is not None or shorter.late_base is not None:
             return None
         parts = _parts(shorter)
-        last = parts[:-1, -1]
-        heads = parts[:, 0]
-        inputs, waveforms = shorter.inputs, shorter.waveforms
-        together = replace(
-            shorter,
-            samples=_end_to_end(shorter.samples, parts),
-            observed=_end_to_end(shorter.observed, parts, _once(parts)),
-            step=shorter.step[heads],
-            linked=shorter.linked[last],
-            inputs=inputs.mapped(
-                lambda signal: _end_to_end(signal, parts),
-                None if inputs.uncertain is None else inputs.uncertain.unit[heads],
-            ),
-            relative_noise=None if shorter.relative_noise is None else shorter.relative_noise[:, heads],
-            carried=None
-            if shorter.carried is None
-            else np.stack([_end_to_end(signal, parts) for signal in shorter.carried]),
-            waveforms=None
-            if waveforms is None
-            else replace(waveforms, values=_end_to_end(waveforms.values, parts)),
-            clipped=None
-            if shorter.clipped is None
-            else shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
-        )
-        return cls(together, parts)
+        joined = shorter.linked[parts[:-1, -1]]
+        together = shorter.mapped(lambda values: _end_to_end(values, parts), parts[:, 0], joined)
+        once = _end_to_end(np.ones(shorter.samples.shape, bool), parts, _once(parts))
+        clipped = together.clipped and together.clipped.mapped(lambda values: values * once)
+        return cls(replace(together, observed=together.observed & once, clipped=clipped), parts)
 
     def point(self, point: Iterate) -> Iterate:
         """A point with the nodes of the longer segments."""
@@ -396,9 +376,8 @@ class LongerSegments:
             point=self.point(shorter.point),
             trajectories=orbit.end_to_end(parts),
             residuals=_end_to_end(shorter.residuals, parts, _once(parts)),
-            clipped=None
-            if shorter.clipped is None
-            else shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
+            clipped=shorter.clipped
+            and shorter.clipped.mapped(lambda values: _end_to_end(values, parts, _once(parts))),
             defects=defects,
             continuity=float(np.vdot(defects, defects)),
         )

@@ -88,7 +88,7 @@ def cut_segments(
     """
     channels = records[0].responses
     _require_known_channels(records, structure, channels)
-    parts = [_piece(record, channels, samples) for record in records]
+    parts = [cut(record.select(channels).values, samples) for record in records]
     counts = [part.shape[2] for part in parts]
     data = np.concatenate(parts, axis=2)
     observed = np.isfinite(data)
@@ -203,11 +203,6 @@ def require_units_of_states(record: Record, structure: Structure) -> None:
             )
 
 
-def _piece(record: Record, channels: tuple[str, ...], samples: int) -> Floats:
-    """(samples, C, K) of one record, NaN behind its end."""
-    return cut(record.select(channels).values, samples)
-
-
 def cut(values: Floats, samples: int) -> Floats:
     """Cut series into segments.
 
@@ -295,7 +290,7 @@ def flow_inputs(
                 f"a link ends at the base, whose displacement the record lacks{advice} give a channel x:base"
             )
         pieces = [
-            np.stack(signal_at_points(record, *_input(record, "x:base", count, samples, refine)), axis=2)
+            _with_rate(record, *_input(record, "x:base", count, samples, refine))
             for record, count in zip(records, counts, strict=True)
         ]
         base = np.concatenate(pieces, axis=3) if any(piece.any() for piece in pieces) else None
@@ -329,32 +324,33 @@ def forces_at_points(structure: Structure, places: Sequence[str], size: tuple[in
 def _input(
     record: Record, name: str, count: int, samples: int, refine: int
 ) -> tuple[Floats, int, tuple[int, int], str]:
-    """What `signal_at_points` takes of an input; held behind the last sample."""
+    """What `value_at_points` takes of an input; held behind the last sample."""
     values = record.channel(name)
     require_complete(name, values, record.start, record.rate)
     return values, count, (samples, refine), record.interpolation.get(name, BAND_LIMITED)
 
 
-def signal_at_points(
-    record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
-) -> tuple[Floats, Floats]:
-    """Value and rate at the points of steps, `grid` the samples in a segment and the steps in a sample."""
-    value = value_at_points(record, values, count, grid, kind)
-    if kind == HELD:
-        return value, np.zeros(value.shape)
-    return value, _between_samples(record, values, count, grid, kind, derivative=True)
-
-
 def value_at_points(
     record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
 ) -> Floats:
-    """(steps, points, segments) the value alone of `signal_at_points`."""
+    """(steps, points, segments) an input at the points of steps, `grid` the samples in a segment and the steps in a sample."""
     if kind != HELD:
         return _between_samples(record, values, count, grid, kind)
     samples, refine = grid
     steps = np.arange(count * samples * refine).reshape(count, samples * refine)
     stepped = values[np.minimum(steps.T // refine, len(values) - 1)][:, None, :]  # which jumps at a sample
     return np.broadcast_to(stepped, (len(stepped), len(POINTS), count)).copy()
+
+
+def _with_rate(
+    record: Record, values: Floats, count: int, grid: tuple[int, int], kind: str = BAND_LIMITED
+) -> Floats:
+    """(steps, points, 2, segments) the value of `value_at_points` and its rate."""
+    value = value_at_points(record, values, count, grid, kind)
+    if kind == HELD:
+        return np.stack([value, np.zeros(value.shape)], axis=2)
+    rate = _between_samples(record, values, count, grid, kind, derivative=True)
+    return np.stack([value, rate], axis=2)
 
 
 def _between_samples(
@@ -454,9 +450,7 @@ def _frame_acceleration(frames: Sequence[FramedRecord], samples: int, refine: in
     if not any(frame.acceleration is not None for frame in frames):
         return None
     pieces = [
-        signal_at_points(
-            frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine)
-        )[0]
+        value_at_points(frame.record, frame.acceleration, -(-len(frame.record) // samples), (samples, refine))
         for frame in frames
         if frame.acceleration is not None
     ]

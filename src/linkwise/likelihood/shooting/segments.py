@@ -11,7 +11,7 @@ behind it is free at first (`split_at_gaps`), and the two sides are joined once 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -31,10 +31,6 @@ class Waveforms:
 
     channel: Indices
     values: Floats
-
-    def chosen(self, which: Indices) -> Waveforms:
-        """Those in some of the segments."""
-        return Waveforms(self.channel, self.values[..., which])
 
     def added(self, channel: int, sizes: Floats) -> Floats:
         """(M, K) what waveforms of these `sizes` (w,) add to a channel."""
@@ -216,22 +212,32 @@ class Segments:
             weights *= self.random.weights[:, :-1]
         return weights
 
+    def mapped(self, change: Callable[[NDArray[Any]], NDArray[Any]], firsts: Indices, linked: Bools) -> Self:
+        """With each array over samples or steps changed, to segments that begin with those whose numbers are `firsts`.
+
+        Late bases and random forces stay.
+        """
+        waveforms, noise = self.waveforms, self.relative_noise
+        return replace(
+            self,
+            samples=change(self.samples),
+            observed=change(self.observed),
+            step=self.step[firsts],
+            linked=linked,
+            inputs=self.inputs.mapped(change, firsts),
+            relative_noise=None if noise is None else noise[:, firsts],
+            carried=None if self.carried is None else np.stack([*map(change, self.carried)]),
+            waveforms=waveforms and replace(waveforms, values=change(waveforms.values)),
+            clipped=self.clipped and self.clipped.mapped(change),
+        )
+
     def chosen(self, which: Indices) -> Self:
         """Some of the segments; those that follow each other in the record stay linked."""
         linked = self.linked[which[:-1]] & (np.diff(which) == 1)
         return replace(
-            self,
-            samples=self.samples[..., which],
-            observed=self.observed[..., which],
-            step=self.step[which],
-            linked=linked,
-            inputs=self.inputs.part(which),
-            relative_noise=None if self.relative_noise is None else self.relative_noise[:, which],
-            carried=None if self.carried is None else self.carried[..., which],
-            late_base=None if self.late_base is None else self.late_base.chosen(which),
-            random=None if self.random is None else self.random.chosen(which),
-            waveforms=None if self.waveforms is None else self.waveforms.chosen(which),
-            clipped=None if self.clipped is None else self.clipped.chosen(which),
+            self.mapped(lambda values: values[..., which], which, linked),
+            late_base=self.late_base and self.late_base.chosen(which),
+            random=self.random and self.random.chosen(which),
         )
 
     def late(
