@@ -9,9 +9,10 @@ but noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -602,12 +603,12 @@ def _noise(options: LikelihoodOptions, records: Sequence[Record], stated: Estima
         random = random_forces((), levels, records[0], structure)
     except IdentificationError:
         return None
-    return replace(options, random=random), tuple(_of_input(name, levels, stated) for name in levels)
-
-
-def _of_input(name: str, levels: Mapping[str, float], stated: Estimate) -> Cause:
-    gain = next((c.gain for c in stated.diagnosis if c.kind == "input noise" and c.where == name), 0.0)
-    return Cause("input noise", name, levels[name], unit_in(stated.given_structure, name), gain, 0.0)
+    gains = {cause.where: cause.gain for cause in reversed(stated.diagnosis) if cause.kind == "input noise"}
+    causes = (
+        Cause("input noise", name, level, unit_in(structure, name), gains.get(name, 0.0), 0.0)
+        for name, level in levels.items()
+    )
+    return replace(options, random=random), tuple(causes)
 
 
 def _first_error(model: _Model) -> _Rung | None:
@@ -667,15 +668,12 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
 
 def _as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
     """What was added, with the sizes and standard errors of the answer beside it."""
-    found: dict[tuple[str, str], SensorErrorEstimate] = {
-        (error.kind, error.channel): error for error in answer.sensor_errors
-    }
-    sizes = []
+    errors: Sequence[SensorErrorEstimate] = answer.sensor_errors
+    found, sizes = {(error.kind, error.channel): error for error in errors}, []
     for cause in added:
-        error = found.get((cause.kind.removeprefix("force "), cause.where))
-        of_gain = cause.kind.endswith("gain")
+        error = found.get((cause.kind.removeprefix(OF_FORCE), cause.where))
         if error is not None:
-            size = error.value - 1.0 if of_gain else error.value
+            size = error.value - 1.0 if cause.kind.endswith("gain") else error.value
             cause = replace(cause, size=size, standard_error=error.standard_error)
         sizes.append(cause)
     return tuple(sizes)
@@ -714,7 +712,9 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
         while any(link.name == name for link in links):
             name += "_"
         law, coefficients = Law.parse(f"size*({cause.term})"), {"size": Coefficient.unknown(start=0.0)}
-        return replace(structure, links=(*links, Link(name, ends_of(structure, cause), law, coefficients)))
+        pairs = product(structure.topology.index, repeat=2)
+        ends = next((first, second) for first, second in pairs if f"{first}-{second}" == cause.where)
+        return replace(structure, links=(*links, Link(name, ends, law, coefficients)))
     return replace(
         structure,
         links=tuple(_with_term(link, cause.term) if link.name == cause.where else link for link in links),
@@ -737,27 +737,6 @@ def _with_own_value(structure: Structure, cause: Cause) -> Structure:
         for link in structure.links
     )
     return replace(structure, masses=tuple(masses), links=tuple(links))
-
-
-def ends_of(structure: Structure, cause: Cause) -> tuple[str, str]:
-    """The two ends of a missing link, which a cause has in one word.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    cause : Cause
-        A cause of the kind "link".
-
-    Returns
-    -------
-    tuple of (str, str)
-        The places that it joins.
-    """
-    places = list(structure.topology.index)
-    return next(
-        (first, second) for first in places for second in places if f"{first}-{second}" == cause.where
-    )
 
 
 def _with_term(link: Link, term: str) -> Link:

@@ -66,7 +66,7 @@ def unstated_forces(fit: LikelihoodFit, identified: Structure, channels: Sequenc
         sums = _Sums.of(fit, kicks)
     if sums is None:
         return ()
-    beside = _found_beside(fit, sums)
+    beside = sums.found()
     causes = list(spectral_causes(fit, sums.slopes))
     for place, tested in sums.kicks.items():
         score = VarianceScore.of(tested, beside)
@@ -93,7 +93,7 @@ def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
         return fit
     forces = list(fit.random_forces)
     for number in np.flatnonzero(random.is_estimated).tolist():
-        score = VarianceScore.of(sums.forces[number], _found_beside(fit, sums, but=number))
+        score = VarianceScore.of(sums.forces[number], sums.found(but=number))
         is_present = bool(random.present[number])
         if score is None or (is_present and score.error < 1.0 / _CERTAIN):
             continue
@@ -103,20 +103,6 @@ def with_limits(fit: LikelihoodFit) -> LikelihoodFit:
         ambient = forces[number].ambient
         forces[number] = replace(forces[number], upper_limit=_density(fit) * limit if ambient else limit)
     return replace(fit, random_forces=tuple(forces))
-
-
-def _found_beside(fit: LikelihoodFit, sums: _Sums, but: int | None = None) -> list[SquareSum]:
-    """Sums of squares of what has deviations that were found, `but` a force; one that is absent has none."""
-    random = fit.optimum.segments.random
-    assert random is not None
-    return [
-        *sums.noise,
-        *(
-            sums.forces[number]
-            for number in np.flatnonzero(random.is_estimated & random.present)
-            if number != but
-        ),
-    ]
 
 
 def _kicks(
@@ -179,13 +165,19 @@ def _density(fit: LikelihoodFit) -> float:
 class _Sums:
     """Sums of squares of slopes: by `kicks` of each name, by the random `forces` in their deviations, and by `noise`.
 
-    `slopes` (r, K, 1 + d) are those by the forces, of the record and of draws.
+    `slopes` (r, K, 1 + d) are those by the forces, of the record and of draws; of those with numbers in `present` a deviation
+    was found, while one that is absent has none.
     """
 
     kicks: dict[str, SquareSum]
     forces: list[SquareSum]
     noise: list[SquareSum]
     slopes: Floats
+    present: Sequence[int]
+
+    def found(self, but: int | None = None) -> list[SquareSum]:
+        """Those of what has deviations that were found, `but` a force."""
+        return [*self.noise, *(self.forces[number] for number in self.present if number != but)]
 
     @classmethod
     def of(cls, fit: LikelihoodFit, kicks: Mapping[str, Floats]) -> _Sums | None:
@@ -212,6 +204,7 @@ class _Sums:
             [SquareSum.of(slopes) for slopes in of_forces],
             [SquareSum.of(slopes.reshape(-1, slopes.shape[-1])) for slopes in of_noise],
             of_forces,
+            np.flatnonzero(random.is_estimated & random.present).tolist(),
         )
 
 

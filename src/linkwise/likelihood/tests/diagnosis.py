@@ -489,11 +489,9 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     sample = float(optimum.segments.step[0]) * optimum.segments.refine
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
-        if not (gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]):
-            continue
-        if not (
-            0.0 < size * tested.attenuation < LARGEST if is_filter else _is_small(hypothesis, size, sample)
-        ):
+        beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]
+        relative = size * tested.attenuation if is_filter else size
+        if not (beyond and _is_small(hypothesis, relative, sample)):
             continue
         forces = forces or link_forces(optimum, tested.structure)
         force = forces.get(hypothesis.where, 0.0)
@@ -507,7 +505,9 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
 
 
 def _is_small(hypothesis: Hypothesis, size: float, sample: float) -> bool:
-    """Whether the first order describes an error of a size, by the distance of samples in s."""
+    """Whether the first order describes an error of a size, that of a filter as a gain, by the distance of samples in s."""
+    if hypothesis.kind == FILTER:
+        return 0.0 < size < LARGEST
     if hypothesis.kind.endswith("delay"):
         return abs(size) < _LATEST * sample
     if hypothesis.kind == HIGH_PASS:
@@ -525,17 +525,13 @@ def _with_changes(cause: Cause, fit: LikelihoodFit, scaled: Floats) -> Cause:
     changes = scaled[determined] * fit.optimum.scales.theta[determined]
     shifts = np.abs(changes) / errors
     before, after = values / errors, (values + changes) / errors
-    overturned = (
-        (np.abs(before) > _FROM_ZERO) & (np.sign(before) * after < _FROM_ZERO) & (shifts > _FROM_ZERO)
-    )
+    uncertain = (np.sign(before) * after < _FROM_ZERO) & (shifts > _FROM_ZERO)
     names = [fit.segments.system.parameters.names[number] for number in determined]
     return replace(
         cause,
         shift=float(np.max(shifts)),
         shifted=names[int(np.argmax(shifts))],
-        overturned=tuple(
-            name for name, is_overturned in zip(names, overturned, strict=True) if is_overturned
-        ),
+        overturned=tuple(names[k] for k in np.flatnonzero((np.abs(before) > _FROM_ZERO) & uncertain)),
     )
 
 
