@@ -39,7 +39,9 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 
 @pytest.mark.slow
 def test_an_admitted_error_is_found_with_the_structure() -> None:
-    discovery = lw.discover(changed(1.1 * record().channel("x:m2")), MASSES, admit=["gain"])
+    faulty = changed(1.1 * record().channel("x:m2"))
+    assert any('admit="gain"' in remark for remark in lw.discover(faulty, MASSES).remarks)
+    discovery = lw.discover(faulty, MASSES, admit=["gain"])
     assert_discovered(discovery, lw.bnes_chain(2))
     assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
 

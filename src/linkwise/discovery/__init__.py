@@ -5,8 +5,7 @@ every pair of ends; `checks` of what the records cannot show; `screen` and `scre
 a first subset; `criterion`, cost and penalty of subsets in a quadratic model, and its least; `selection`, rounds of fit and
 change by it, with `term_parameters`; where exact laws leave more than noise, the other kinds of rounds (`inexact`) and links
 with `memory`. `discover` calls these in turn. The answer is judged by what `rivals` explain as well, by `prediction` of
-pieces left out and by the `evidence` for each term; `judgement` makes the `result` of it, with a `model_average`. `scoring`
-compares with a truth.
+pieces left out and by the `evidence` for each term; `judgement` makes the `result` of it, with a `model_average`.
 """
 
 from __future__ import annotations

@@ -7,11 +7,11 @@ from linkwise.discovery.model_average import ModelAverage as ModelAverage
 from linkwise.discovery.model_average import PathPoint as PathPoint
 from linkwise.discovery.model_average import RunnerUp as RunnerUp
 from linkwise.discovery.result import TermEvidence as TermEvidence
-from linkwise.discovery.scoring import TermScore as TermScore
-from linkwise.discovery.scoring import align_truth as align_truth
-from linkwise.discovery.scoring import term_score as term_score
 from linkwise.discovery.terms import Term as Term
 from linkwise.discovery.terms import parse_terms as parse_terms
+from linkwise.estimates.scoring import TermScore as TermScore
+from linkwise.estimates.scoring import align_truth as align_truth
+from linkwise.estimates.scoring import term_score as term_score
 from linkwise.verdict import Decision as Decision
 
 __all__: list[str]

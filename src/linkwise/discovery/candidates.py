@@ -127,6 +127,11 @@ class Candidates:
         """The candidates by their names."""
         return {entry.name: entry for entry in self.entries}
 
+    @property
+    def stated_pairs(self) -> frozenset[int]:
+        """The numbers of the pairs with stated links, which cost nothing."""
+        return frozenset(number for number, pair in enumerate(self.pairs) if pair.stated)
+
     def on_links_of(self, names: Collection[str]) -> frozenset[str]:
         """The names of all candidates on the links that have at least one of the candidates in `names`."""
         return self.on_pairs({self.by_name[name].pair for name in names if name in self.by_name})

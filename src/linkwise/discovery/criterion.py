@@ -60,7 +60,7 @@ class Penalty:
             term=float(ln_samples + 2.0 * np.log(max(len(candidates.terms), 1))),
             link=float(ln_samples + 2.0 * np.log(max(len(candidates.pairs), 1))),
             pair=np.array(pairs, dtype=np.intp),
-            stated=frozenset(number for number, pair in enumerate(candidates.pairs) if pair.stated),
+            stated=candidates.stated_pairs,
         )
 
     def total(self, chosen: Subset) -> float:

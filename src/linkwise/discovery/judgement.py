@@ -38,6 +38,7 @@ from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.estimate import estimate_of
 from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.likelihood.options import OF_FORCE, is_admissible
 from linkwise.records.record import Record
 from linkwise.verdict import Verdict, admit_intervals
 
@@ -93,6 +94,7 @@ def judged_discovery(
         average=model_average(selection, alone),
         remarks=(
             *(remark for _, remark in doubts),
+            *(() if told else _advice(estimate)),
             *((_NOT_TESTED,) if fit.random_forces else ()),
             *choice_remarks(selection, path),
             *rival_remarks(rivals),
@@ -106,6 +108,17 @@ def judged_discovery(
         untested=tuple(e.name for e in screened.candidates.entries if e.name not in screened.tested),
     )
     return _with_doubts(discovery, dropped, alone, fit) if trusted else discovery
+
+
+def _advice(estimate: Estimate) -> Iterator[str]:
+    """How the error of a sensor or a force that the diagnosis names first is found with the structure."""
+    for cause in estimate.diagnosis[:1]:
+        kind = cause.kind.removeprefix(OF_FORCE)
+        if is_admissible(cause):
+            yield (
+                f"Links or terms may stand in for the {kind} of {cause.where}: look for it with the structure, by "
+                f'--let "{kind}" on the command line or admit="{kind}" in Python.'
+            )
 
 
 def _rivals_beside(

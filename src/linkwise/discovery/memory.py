@@ -222,7 +222,7 @@ def _ranked(
     if search.candidates.hosts:
         pairs = frozenset(by_name[name].pair for name in screened.first)
     else:
-        pairs = skeleton(screened.measured, search.candidates)
+        pairs = skeleton(screened.measured, search.candidates) or search.candidates.stated_pairs
     names = {name for name, entry in by_name.items() if entry.pair in pairs}
     linear = {name for name in names if by_name[name].term.text in _LINEAR}
     chosen = frozenset(linear | (names & screened.first))

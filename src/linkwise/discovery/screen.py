@@ -374,26 +374,13 @@ def _connected(regression: WeakRegression, significant: list[int]) -> list[int]:
     return chosen
 
 
-def most_significant_tree(measured: Measured, candidates: Candidates) -> frozenset[str]:
-    """All candidates on the links of the tree that joins every mass to the ground with the largest |z|.
-
-    The |z| of a link is that of its most significant elastic term. Empty if the significant links do not reach every mass.
-    """
-    return candidates.on_pairs(_tree(measured, candidates, {}))
-
-
 def skeleton(measured: Measured, candidates: Candidates) -> frozenset[int]:
     """The numbers of the pairs with stated links, and of those of the tree of the most significant links beside them.
 
-    Only the former if the significant links do not reach every mass.
+    It joins every mass to the ground with the largest |z|, that of a link being that of its most significant elastic term.
+    Empty if the significant links do not reach every mass.
     """
-    stated = {number: _STATED for number, pair in enumerate(candidates.pairs) if pair.stated}
-    return frozenset(stated) | _tree(measured, candidates, stated)
-
-
-def _tree(measured: Measured, candidates: Candidates, stated: Mapping[int, float]) -> frozenset[int]:
-    """The numbers of the pairs of the tree with the largest |z|; those of the `stated` are given by number."""
-    z = dict(stated)
+    z = dict.fromkeys(candidates.stated_pairs, _STATED)
     regression = WeakRegression.of(measured, candidates, candidates.full_structure)
     significant = regression.significant(_LIMIT)
     found = regression.least_biased(lambda quadratic: quadratic.solve(significant))
@@ -412,4 +399,5 @@ def _tree(measured: Measured, candidates: Candidates, stated: Mapping[int, float
     tree = minimum_spanning_tree(distance).tocoo()
     if tree.nnz < len(candidates.masses):
         return frozenset()
-    return frozenset(pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True))
+    beside = (pairs[int(first), int(second)] for first, second in zip(tree.row, tree.col, strict=True))
+    return candidates.stated_pairs.union(beside)

@@ -13,7 +13,7 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates, CandidateTerm
-from linkwise.discovery.screen import Measured, most_significant_tree, screen, screen_links
+from linkwise.discovery.screen import Measured, screen, screen_links, skeleton
 from linkwise.discovery.term_parameters import MotionRange, first_values, motion_ranges
 from linkwise.errors import IdentificationError
 from linkwise.model.link import BASE, GROUND
@@ -241,8 +241,8 @@ class ScreenedRecords:
             {k for k, p in enumerate(candidates.pairs) if p.name in candidates.asked_for}
         )
         if integrated:
-            tree = tree_of_forces(records, candidates) or most_significant_tree(measured, candidates)
-            first = tree or first
+            tree = tree_of_forces(records, candidates)
+            first = tree or candidates.on_pairs(skeleton(measured, candidates)) or first
             # a constant force may only shift elongations that were not measured, so that the equations are singular
             first -= {entry.name for entry in candidates.entries if entry.term.is_constant}
         remarks = []

@@ -30,8 +30,8 @@ from linkwise.discovery.result import (
     term_rows,
     unknown_rows,
 )
-from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.scoring import align_truth, term_score
 from linkwise.model.structure import Structure
 from linkwise.plot.discoveries import departures, evidence_figure, path_figure
 from linkwise.plot.graphs import graph_figure

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from linkwise.discovery.result import Discovery
-from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.errors import RecordError
 from linkwise.estimates.estimate import Estimate
+from linkwise.estimates.scoring import align_truth, term_score
 from linkwise.identification.identify import nmse
 from linkwise.model.structure import Link, Structure
 from linkwise.records.record import Record

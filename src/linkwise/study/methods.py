@@ -17,10 +17,10 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import DiscoveryOptions, candidates_for
 from linkwise.discovery.discover import discover
-from linkwise.discovery.scoring import align_truth, term_score
 from linkwise.discovery.terms import DEFAULT, parse_terms
 from linkwise.errors import IdentificationError
 from linkwise.estimates.estimate import Estimator
+from linkwise.estimates.scoring import align_truth, term_score
 from linkwise.expression import Expression, Number, Symbol, add, multiply, polynomial, substitute
 from linkwise.identification.identify import IdentificationMethod, identify, nmse
 from linkwise.model.law import VARIABLES, Law

@@ -21,9 +21,8 @@ elongations; an elongation that no sensor determines is known up to drift, as in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -447,7 +446,6 @@ def _start_by_forces(record: Record, structure: Structure, given: Mapping[str, f
 
 
 ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
-WeakStart: TypeAlias = Callable[[Structure, Mapping[str, float]], ValuesAndDeviations]
 
 _NAMED = 6  # parameters that a message names
 _LARGE = 0.3  # of the largest force
@@ -458,8 +456,6 @@ def starting_values(
     records: Sequence[Record],
     structure: Structure,
     given: Mapping[str, float] | None = None,
-    *,
-    weak: WeakStart | None = None,
 ) -> tuple[Floats, Floats | None]:
     """Starting values of the parameters.
 
@@ -475,8 +471,6 @@ def starting_values(
         The structure.
     given : mapping of str to float, optional
         Starting values by name of the parameter.
-    weak : callable, optional
-        Gives values and standard deviations by the weak form; by default the best of the weak fits to single records.
 
     Returns
     -------
@@ -495,11 +489,11 @@ def starting_values(
     priors = {p.name: p for p in structure.parameters if p.sigma < np.inf and p.name not in given}
     firm = [name for name, p in priors.items() if p.sigma <= _FIRM * abs(_start(p))]
     try:
-        return _with_masses(structure, _beside_priors(records, structure, given, firm, weak))
+        return _with_masses(structure, _beside_priors(records, structure, given, firm))
     except IdentificationError:
         if len(firm) == len(priors):
             raise
-    return _with_masses(structure, _beside_priors(records, structure, given, list(priors), weak))
+    return _with_masses(structure, _beside_priors(records, structure, given, list(priors)))
 
 
 def _with_masses(structure: Structure, starts: tuple[Floats, Floats | None]) -> tuple[Floats, Floats | None]:
@@ -518,13 +512,12 @@ def _beside_priors(
     structure: Structure,
     given: Mapping[str, float],
     fixed: Sequence[str],
-    weak: WeakStart | None,
 ) -> tuple[Floats, Floats | None]:
     """Starting values with the parameters `fixed` at the most likely values of their priors."""
     priors = {p.name: (_start(p), p.sigma) for p in structure.parameters if p.name in fixed}
     reduced = structure.with_values({n: value for n, (value, _) in priors.items()}) if priors else structure
     values, deviations = (
-        _values(records, reduced, given, weak) if reduced.parameters else (np.zeros(0), np.zeros(0))
+        _values(records, reduced, given) if reduced.parameters else (np.zeros(0), np.zeros(0))
     )
     names = [p.name for p in reduced.parameters]
     spread = np.full(len(names), np.nan) if deviations is None else deviations
@@ -543,7 +536,6 @@ def _values(
     records: Sequence[Record],
     structure: Structure,
     given: Mapping[str, float],
-    weak: WeakStart | None,
 ) -> tuple[Floats, Floats | None]:
     parameters = structure.parameters
     known: dict[str, float] = {p.name: p.start for p in parameters if p.start is not None} | dict(given)
@@ -561,7 +553,7 @@ def _values(
     integrated = _integrated(records, structure)
     try:
         with one_blas_thread():
-            estimated, deviations = (weak or partial(_best_weak_fit, integrated or records))(structure, known)
+            estimated, deviations = _best_weak_fit(integrated or records, structure, known)
     except IdentificationError as error:
         missing = [p.name for p in parameters if p.name not in known]
         if not missing:
@@ -571,7 +563,7 @@ def _values(
             return of(_beside_masses(records, structure, guessed, given, weak))
         if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
             values: dict[str, float] = {p.name: known[p.name] for p in parameters if p.name in known}
-            others = _values(records, structure.with_values(values), {}, weak)[0]
+            others = _values(records, structure.with_values(values), {})[0]
             return of(values | dict(zip(missing, others, strict=True)))
         more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
         raise IdentificationError(
