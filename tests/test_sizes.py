@@ -26,9 +26,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
-    "plot": (12, 1911),
+    "plot": (12, 1912),
     "records": (7, 1372),
-    "report": (10, 1002),
+    "report": (10, 1003),
     "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 997),
     "signals": (6, 905),
