@@ -12,7 +12,7 @@ TESTS = 34_819  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2225),
+    "absorption": (10, 2211),
     "analysis": (4, 522),
     "cli": (20, 1869),
     "discovery": (19, 3667),
