@@ -112,8 +112,7 @@ def fitted(chain: lw.Structure) -> lw.Estimate:
 @pytest.fixture(scope="session")
 def paper_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a complete study of the paper, its rows made up, with its report; not to be changed."""
-    study = paper_study()
-    folder = stored(tmp_path_factory.mktemp("study") / "paper", study, paper_rows(study))
+    folder = stored(tmp_path_factory.mktemp("study") / "paper", paper_study(), paper_rows(paper_study()))
     assert lw.report.write_study_report(folder) == folder / "report.html"
     return folder
 

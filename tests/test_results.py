@@ -45,7 +45,8 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "TermScore": "a comparison with a truth that is given",
 }
 
-LATE = {kind.__name__: kind for kind in (lw.Structure, lw.inspection.LevelComparison)}  # for type checkers
+# for type checkers
+LATE = {k.__name__: k for k in (lw.Structure, lw.inspection.LevelComparison, lw.analysis.OrbitEnvelope)}
 
 
 def classes(annotation: object) -> Iterator[type]:

@@ -12,7 +12,7 @@ TESTS = 34_801  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2225),
+    "absorption": (10, 2211),
     "analysis": (4, 522),
     "cli": (20, 1866),
     "discovery": (18, 3491),
@@ -26,9 +26,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
-    "plot": (12, 1911),
+    "plot": (12, 1912),
     "records": (7, 1372),
-    "report": (10, 1002),
+    "report": (10, 1003),
     "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 997),
     "signals": (6, 905),

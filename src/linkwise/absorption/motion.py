@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from linkwise.absorption.sinks import delivered_energy, have_equal_shapes, moving_alike, place_motion
 from linkwise.analysis.potential_wells import rest_points
@@ -198,31 +199,14 @@ def _roots_of_cubics(
     edges: Floats, d: Floats, rate: Floats, tops: Sequence[Floats]
 ) -> tuple[Indices, Floats, Floats]:
     """Link, top in m and time in s of every root of the cubics through `d` and `rate` at the `edges`."""
-    links: list[int] = []
-    levels: list[float] = []
-    times: list[float] = []
-    step = np.diff(edges)
+    found = []
     for link, some in enumerate(tops):
-        first, last = d[:-1, link], d[1:, link]
-        inner = first + step * rate[:-1, link] / 3.0, last - step * rate[1:, link] / 3.0
-        bernstein = np.stack([first, *inner, last])  # the cubic lies within the hull of its coefficients
+        cubics = CubicHermiteSpline(edges, d[:, link], rate[:, link])
         for top in some.tolist():
-            enclosed = (bernstein.min(axis=0) <= top) & (bernstein.max(axis=0) >= top)
-            for interval in np.flatnonzero(enclosed):
-                for root in _roots(bernstein[:, interval] - top):
-                    links.append(link)
-                    levels.append(top)
-                    times.append(float(edges[interval] + root * step[interval]))
-    return np.array(links, dtype=np.intp), np.array(levels), np.array(times)
-
-
-def _roots(bernstein: Floats) -> Floats:
-    """The real roots in [0, 1] of a cubic given by its Bernstein coefficients (4,)."""
-    b0, b1, b2, b3 = bernstein
-    roots = np.roots([b3 - 3.0 * b2 + 3.0 * b1 - b0, 3.0 * (b2 - 2.0 * b1 + b0), 3.0 * (b1 - b0), b0])
-    real = roots.real[np.abs(roots.imag) <= 1e-9]
-    inside: Floats = real[(real >= 0.0) & (real <= 1.0)]
-    return inside
+            times = cubics.solve(top, extrapolate=False)
+            found += [(link, top, time) for time in times[np.isfinite(times)].tolist()]
+    links, levels, roots = np.array(found).reshape(-1, 3).T
+    return links.astype(np.intp), levels, roots
 
 
 @dataclass(frozen=True, eq=False)

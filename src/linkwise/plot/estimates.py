@@ -36,7 +36,7 @@ from linkwise.plot.style import (
 from linkwise.records.record import Record
 
 _MOST = 4  # channels that still can be read on one page
-_OVERLAID = 3  # channels of which measured and fitted are seen at a glance
+OVERLAID = 3  # channels of which measured and fitted are seen at a glance
 _MEASURED: dict[str, Any] = {"color": MEASURED, "lw": 1.8, "label": "measured"}
 _FITTED: dict[str, Any] = {"color": IDENTIFIED, "lw": 0.7, "label": "fitted"}
 _APART = 8  # standard deviations of noise between the channels over time
@@ -176,7 +176,7 @@ def residuals_figure(estimate: Estimate) -> Figure:
 def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) -> Figure:
     """Channels (N,) of a record as measured over what a fit says they show, in time and frequency; of more than 3 the first
     ones."""
-    overlaid = list(channels.items())[:_OVERLAID]
+    overlaid = list(channels.items())[:OVERLAID]
     with sheet(len(overlaid), 2, height=1.0 + 1.3 * len(overlaid)) as (figure, panels):
         for row, (name, (measured, fitted)) in enumerate(overlaid):
             over_time, over_frequency = panels[2 * row : 2 * row + 2]

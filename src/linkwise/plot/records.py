@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -39,7 +40,9 @@ from linkwise.plot.style import (
 )
 from linkwise.records.channel import KINDS, Channel
 from linkwise.records.record import Record
-from linkwise.simulation.simulate import OrbitEnvelope
+
+if TYPE_CHECKING:  # which takes a twentieth of a second to load
+    from linkwise.simulation.simulate import OrbitEnvelope
 
 _MOST = 10  # strips that still can be read on one page
 

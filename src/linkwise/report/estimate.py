@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,7 @@ from linkwise.likelihood.noise import whiteness_text
 from linkwise.model.structure_file import format_structure
 from linkwise.output import COMPARISON
 from linkwise.plot import style
-from linkwise.plot.estimates import fit_figure, residuals_figure
+from linkwise.plot.estimates import OVERLAID, fit_figure, residuals_figure
 from linkwise.plot.links import comparison_figure, force_figure, loop, loop_figure
 from linkwise.plot.records import histories_figure
 from linkwise.registry import Registry
@@ -60,7 +60,8 @@ NOISE_HEAD = ("channel", "noise found", "unit", "signal to noise, dB")
 def _sections(reported: Reported[Estimate]) -> dict[str, Section]:
     """What follows the links, the fit on the first screen, by the names of figures."""
     estimate, sections = reported.result, {}
-    if overlaid := fitted_channels(estimate):
+    overlaid = fitted_channels(estimate)
+    if overlaid:
         figure = partial(fit_figure, estimate.record, overlaid)
         sections["fit"] = Section("Measured and fitted", figure=figure)
     title, asked, rows = estimate.second_answer
@@ -77,12 +78,12 @@ def _sections(reported: Reported[Estimate]) -> dict[str, Section]:
         items = [whiteness_text(name, values) for name, values in left.items()]
         figure = partial(residuals_figure, estimate)
         sections["residuals"] = Section("Residuals", [text], items, figure=figure, folded=True)
-    sections["histories"] = _record(estimate)
+    sections["histories"] = _record(estimate, list(overlaid)[:OVERLAID])
     return sections
 
 
-def _record(estimate: Estimate) -> Section:
-    """The record: where it comes from, its noise and its histories."""
+def _record(estimate: Estimate, drawn: Collection[str]) -> Section:
+    """The record: where it comes from, its noise, and its histories where not all are `drawn` with what was fitted."""
     record = estimate.record
     text = (
         f"{record.source or 'A record'}: {len(record)} samples at {record.rate:g} Hz, from {record.time[0]:g} to "
@@ -91,7 +92,7 @@ def _record(estimate: Estimate) -> Section:
     noise = estimate.noise.items()
     rows = [(name, f"{one.sigma:.3g}", one.unit, f"{one.snr_db:.1f}") for name, one in noise]
     rows = [NOISE_HEAD, *rows] if rows else []
-    figure = partial(histories_figure, record)
+    figure = None if {*record.channels} <= {*drawn} else partial(histories_figure, record)
     return Section("Record", text=[text], items=record.notes, rows=rows, figure=figure, folded=True)
 
 
