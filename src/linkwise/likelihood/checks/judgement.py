@@ -180,7 +180,10 @@ class Examined:
         least = max(_LINE * random, AS_NOISE * first)
         found = line_causes(self.fit, self.identified, self.records)
         lines = (cause for cause in found if cause.gain > least)
-        every = (*self.diagnosis.causes, *noisy, *forces, *lines)
+        every = [*self.diagnosis.causes, *noisy, *forces, *lines]
+        tells = bool(every) and not (noisy or self.fit.chi_square_off)
+        if tells and self.jump is not None and self.jump.is_significant:
+            every += [self.jump.event] * (self.jump.event.gain > max(cause.gain for cause in every))
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
     @cached_property

@@ -9,7 +9,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import format_percent
-from linkwise.estimates.causes import Cause
+from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.checks.horizons import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
     AS_NOISE,
@@ -129,6 +129,9 @@ def standard_errors(of: Examined) -> Judgement | None:
 def event(of: Examined) -> Judgement | None:
     """Whether half of a misfit happens in a moment of a record, to a motion on which no input acts more than elsewhere."""
     fit, segments = of.fit, of.fit.segments
+    if of.causes and of.causes[0].kind == EVENT:
+        message = f"{of.explained}, but {would_explain(of.causes[0])}. {_PARTS}"
+        return _found(of, Verdict.UNEXPLAINED_FORCES, message)
     if not (fit.chi_square_off or of.share > _LARGEST_ERROR):
         return None
     first, last, gain = _worst_stretch(fit)
@@ -480,7 +483,7 @@ def hinted_errors(of: Examined, before: Judgement) -> Judgement | None:
 
 def hinted_event(of: Examined, before: Judgement) -> Judgement | None:
     """Whether residuals hint at motion that begins anew at one moment, though it is not significant."""
-    if not before.leaves_noise or of.jump is None:
+    if not before.leaves_noise or of.jump is None or "input noise" in before.added:
         return None
     return _widened(before, {"events": np.outer(of.jump.moves, of.jump.moves)}, of.jump.event.description)
 

@@ -560,7 +560,7 @@ def _values(
             return of(known)
         guessed = _guessed_masses(records[0], structure, missing)
         if guessed and len(guessed) < len(missing):
-            return of(_beside_masses(records, structure, guessed, given, weak))
+            return of(_beside_masses(records, structure, guessed, given))
         if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
             values: dict[str, float] = {p.name: known[p.name] for p in parameters if p.name in known}
             others = _values(records, structure.with_values(values), {})[0]
@@ -574,7 +574,7 @@ def _values(
     none = [p.name for p, value in zip(parameters, start.tolist(), strict=True) if not value > 0.0]
     guessed = _guessed_masses(records[0], structure, none)
     if guessed and len(guessed) < len(parameters):
-        return of(_beside_masses(records, structure, guessed, given, weak))
+        return of(_beside_masses(records, structure, guessed, given))
     return start, None if integrated else deviations  # integration takes more than noise from them
 
 
@@ -583,11 +583,10 @@ def _beside_masses(
     structure: Structure,
     masses: Mapping[str, float],
     given: Mapping[str, float],
-    weak: WeakStart | None,
 ) -> dict[str, float]:
     """Starts of all parameters by name beside those of some masses, with which forces are known, too."""
     valued = structure.with_values(masses)
-    others = _values(records, valued, given, weak)[0]
+    others = _values(records, valued, given)[0]
     return {**masses, **dict(zip((p.name for p in valued.parameters), others.tolist(), strict=True))}
 
 
