@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from linkwise.absorption.sinks import delivered_energy, have_equal_shapes, moving_alike, place_motion
 from linkwise.analysis.potential_wells import rest_points
@@ -201,7 +201,7 @@ def _roots_of_cubics(
     """Link, top in m and time in s of every root of the cubics through `d` and `rate` at the `edges`."""
     found = []
     for link, some in enumerate(tops):
-        cubics = CubicHermiteSpline(edges, d[:, link], rate[:, link])
+        cubics = scipy.interpolate.CubicHermiteSpline(edges, d[:, link], rate[:, link])
         for top in some.tolist():
             times = cubics.solve(top, extrapolate=False)
             found += [(link, top, time) for time in times[np.isfinite(times)].tolist()]

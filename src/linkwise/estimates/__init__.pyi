@@ -23,3 +23,4 @@ from linkwise.progress import Progress as Progress
 from linkwise.progress import ProgressReport as ProgressReport
 
 __all__: list[str]
+from linkwise.verdict import Basis as Basis
