@@ -55,9 +55,7 @@ def test_answer_of_the_whole(record: lw.Record, held: LikelihoodFit, monkeypatch
     assert 0.2 < square < 20.5  # chi-square with five degrees of freedom, one in a thousand on either side
     monkeypatch.setattr(search, "is_long", lambda segments: False)
     q = held.optimum.q
-    options = LikelihoodOptions(
-        nodes=held.optimum.point.nodes, relaxation=q, tightest=q, model_error=False, coloured_noise=False
-    )
+    options = LikelihoodOptions(nodes=held.optimum.point.nodes, relaxation=q, tightest=q, model_error=False)
     whole = fitted(record, held.values, options)
     deviations = np.sqrt(whole.covariance.diagonal())
     assert whole.status is AnnealingStatus.CONVERGED and whole.optimum.q == q

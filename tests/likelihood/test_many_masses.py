@@ -90,7 +90,7 @@ def test_a_cubic_term_that_is_held_too_large_leaves_more_than_noise(beta: float)
     record, chain = chain_record(14, duration=1.0).with_noise(20.0, seed=1002), lw.bnes_chain(14)
     held = present(chain.coefficient("nes3.beta").value) * beta
     asked = chain.unknown("all").with_values({"nes3.beta": held}).unknown("nes3.alpha", "nes3.c")
-    options = LikelihoodOptions(ceiling=1.5, model_error=False, coloured_noise=False)
+    options = LikelihoodOptions(ceiling=1.5, model_error=False)
     start, spread = starting_values([record], asked)
     fit = likelihood_fit([record], asked, start, spread=spread, options=options)
     assert fit.chi_square_off is (beta > 1.0)

@@ -557,9 +557,7 @@ def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Recor
         return fit
 
     def refit(values: Floats, nodes: Floats, q: float) -> LikelihoodFit:
-        near = replace(
-            fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False, coloured_noise=False
-        )
+        near = replace(fit.options, nodes=nodes, relaxation=q, tightest=q, model_error=False)
         return likelihood_fit(records, structure, values, options=near)
 
     return tightest_smooth_fit(fit, refit)

@@ -304,7 +304,6 @@ class Parameters:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class RatePartials:
     """Partial derivatives of the rates of states, and of the forces by states; states are the last axis but one.
 
@@ -314,21 +313,11 @@ class RatePartials:
         Of the force of a state's link with respect to the state.
     by_d, by_v : array of shape (..., S, K)
         Of the rates with respect to elongation and rate of the link.
-    by_state : tuple of (int, int, array)
+    by_state : list of (int, int, array)
         Of the rate of a state (first) with respect to a state (second), (..., K).
-    by_parameter : tuple of (int, int, array)
+    by_parameter : list of (int, int, array)
         Of the rate of a state (first) with respect to a parameter (second), (..., K).
     """
-
-    force: Floats
-    by_d: Floats
-    by_v: Floats
-    by_state: tuple[tuple[int, int, Floats], ...]
-    by_parameter: tuple[tuple[int, int, Floats], ...]
-
-
-class MemorySlopes:
-    """Collects the derivatives of the rates, group by group."""
 
     def __init__(self, parameter_map: Floats, states: Floats) -> None:
         self.parameter_map = parameter_map
@@ -357,10 +346,6 @@ class MemorySlopes:
                         self.by_parameter.append(
                             (state, int(column), factors[column] * slope[..., offset, :])
                         )
-
-    def partials(self) -> RatePartials:
-        """All of them."""
-        return RatePartials(self.force, self.by_d, self.by_v, tuple(self.by_state), tuple(self.by_parameter))
 
 
 MANY = 12  # masses from which the parts of a structure are handled apart
@@ -663,7 +648,7 @@ class NumericSystem:
         by_d, by_v = np.empty_like(d), np.empty_like(d)
         by_coefficient = np.empty((*d.shape[:-2], self.system.free_rows, d.shape[-1]))
         rows = 0
-        memory = MemorySlopes(self.system.parameters.map, states[..., : len(self.system.states), :])
+        memory = RatePartials(self.system.parameters.map, states[..., : len(self.system.states), :])
         for group, values in zip(self.system.groups, self._values, strict=True):
             which, inside = group.which, group.inside(states)
             by_d[which], by_v[which], *slopes = group.partials(d[which], v[which], *inside, *values)
@@ -678,7 +663,7 @@ class NumericSystem:
             by_parameter[..., index, :] = factor * by_coefficient[..., row, :]
             for row, factor in rest:
                 by_parameter[..., index, :] += factor * by_coefficient[..., row, :]
-        return ForcePartials(by_d, by_v, by_parameter, memory.partials())
+        return ForcePartials(by_d, by_v, by_parameter, memory)
 
     def by_signal(self, signal: int, d: Floats, v: Floats, states: Floats) -> Floats:
         """Partial derivatives (..., L, K) of the link forces with respect to the signal at a position behind the states."""
