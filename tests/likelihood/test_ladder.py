@@ -1,6 +1,7 @@
 """Which errors of sensors stay in the model, of those that are taken in one after another."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,3 +50,20 @@ def test_an_error_that_stood_for_the_one_behind_it_is_taken_out_again(alone: Any
     record = lw.Record(0.0, 100.0, ("a:m1",), np.random.default_rng(1).normal(size=(200, 1)))
     first = _Model(answered, SPRING, LikelihoodOptions(), [record], answer([DELAY]))
     assert [cause.kind for cause in _with_errors(first).added] == kept
+
+
+@pytest.mark.parametrize("kind", ["high pass", "delay", "clock", "hum"])
+def test_an_error_that_noise_of_an_input_hides_is_taken_in_before_that(kind: str) -> None:
+    """Beside the noise that its channel shows, the diagnosis names another cause."""
+
+    def answered(structure: lw.Structure, options: LikelihoodOptions, records: Sequence[lw.Record]) -> Any:
+        return answer([] if options.errors and not options.random else [HIGH_PASS])
+
+    rng, time = np.random.default_rng(2), np.arange(400) / 200.0
+    force = 50.0 * (abs(time - 0.5) < 0.05) + 0.1 * rng.normal(size=len(time))
+    record = lw.Record.from_arrays(time, {"a:m1": rng.normal(size=len(time)), "force:m1": force})
+    first = _Model(answered, SPRING, LikelihoodOptions(), [record], answer([replace(HIGH_PASS, kind=kind)]))
+    found = _with_errors(first)
+    assert found.is_explained and [cause.kind for cause in found.added] == [kind]
+    noisy = _with_errors(replace(first, answer=answer([replace(HIGH_PASS, kind="offset")])))
+    assert noisy.added[0].kind == "input noise"

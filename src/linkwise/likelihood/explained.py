@@ -87,6 +87,7 @@ _BY_HITS = (
 )
 _SCALES = ("mass", "force gain", "gain")
 _TRIED = 3  # causes that are as likely
+_HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, which follows what they leave
 _OF_STIFFNESS = -2.0  # the power of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 
@@ -499,7 +500,7 @@ def _beside_error(first: _Model, model: _Model) -> _Model | None:
     if model.is_explained:
         return None
     named, records = model.answer.diagnosis[:1], model.records
-    hidden = any(cause.kind.endswith((CLOCK, "delay")) for cause in named)  # by noise of inputs
+    hidden = any(cause.kind.endswith(_HIDDEN) for cause in named)
     rung = (_first_error(model) if hidden else None) or (
         _noise(model.options, records, first.answer) or _first_error(model)
     )
