@@ -117,22 +117,25 @@ def paper_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def answer_folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A result folder as `identify --truth` writes it, its figures not rendered; not to be changed."""
+def _written(result: object, truth: lw.Structure, temporary: pytest.TempPathFactory) -> Path:
+    """A result folder as `--truth` writes it, its figures not rendered; not to be changed."""
     with pytest.MonkeyPatch.context() as patch:
         _unrendered(patch)
-        return lw.report.write_result(fitted, tmp_path_factory.mktemp("identified") / "answer", truth=chain)
+        return lw.report.write_result(result, temporary.mktemp("written") / "answer", truth=truth)
+
+
+@pytest.fixture(scope="session")
+def answer_folder(fitted: lw.Estimate, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the estimate."""
+    return _written(fitted, chain, tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
 def discovery_folder(
     discovered: lw.Discovery, chain: lw.Structure, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
-    """A result folder as `discover --truth` writes it, its figures not rendered; not to be changed."""
-    with pytest.MonkeyPatch.context() as patch:
-        _unrendered(patch)
-        return lw.report.write_result(discovered, tmp_path_factory.mktemp("found") / "answer", truth=chain)
+    """The folder of the discovery."""
+    return _written(discovered, chain, tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

@@ -101,16 +101,13 @@ def test_a_folder_of_a_method_without_intervals_says_which_methods_give_them(tmp
         ("absorb moved.toml --duration 1 --release v:m1=1 --sink link --without locked", 2),
         ("limit moved.toml --duration 1 --rate 500 --release v:m1=1 --noise 40", 0),
         ("simulate moved.toml --duration 1 --rate 500 --release v:m1=1 -o run.csv", 0),
-        ("export moved.toml forces.py", 3),
-        ("validate given.csv moved.toml", 3),
     ],
 )
 def test_commands_on_its_structure_file_say_so_wherever_the_file_went(
     command: str, code: int, fit: lw.Estimate, answer: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code = fit.grade.exit_code if command.startswith(("export", "limit")) else code
-    lw.write_record(hardening(), "given.csv")
+    code = fit.grade.exit_code if command.startswith("limit") else code
     Path("moved.toml").write_text((answer / "structure.toml").read_text())
     assert SENTENCES[fit.grade] in said(command, code).err
 
@@ -130,20 +127,20 @@ def test_a_comparison_goes_no_farther_than_the_answer(fit: lw.Estimate, answer: 
 
 @pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize(
-    ("command", "mark"),
+    ("command", "files"),
     [
-        ("respond answer --force m1=1 --from 2 --to 3 --starts 0", "response.json"),
-        ("backbone answer --mode 1 --to-amplitude x:m1=0.01", "backbone.json"),
-        ("basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 2", "basins.json"),
-        ("absorb chain.toml --duration 0.1 --release v:m1=1", "absorption.json"),
+        ("respond answer --force m1=1 --from 2 --to 3 --starts 0", "response.json branches.csv"),
+        ("backbone answer --mode 1 --to-amplitude x:m1=0.01", "backbone.json backbone.csv"),
+        ("basins chain.toml --plane x:m2=-0.02:0.02,v:m2=-0.2:0.2 --points 2", "basins.json basins.csv"),
+        ("absorb chain.toml --duration 0.1 --release v:m1=1", "absorption.json energy.csv"),
         (
             "design chain.toml --vary nes1.c=0.01:0.1 --evaluations 8 --duration 0.1 --release v:m1=1",
-            "design.json",
+            "design.json designs.csv",
         ),
     ],
 )
 def test_pages_of_what_is_computed_from_it_have_its_grade(
-    command: str, mark: str, fit: lw.Estimate, answer: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str, files: str, fit: lw.Estimate, answer: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copytree(answer, "answer")
@@ -152,6 +149,7 @@ def test_pages_of_what_is_computed_from_it_have_its_grade(
     said(f"{command} -o out", fit.grade.exit_code)
     page = Path("out/report.html").read_text(encoding="utf-8")
     assert f'<div class="verdict {fit.grade.value}">' in page and SENTENCES[fit.grade] in page
-    result = json.loads(Path(f"out/{mark}").read_text())
+    assert {*files.split()} <= {path.name for path in Path("out").iterdir()}
+    result = json.loads(Path("out", files.split()[0]).read_text())
     assert (result["grade"], result["basis"]) == (fit.grade.value, SENTENCES[fit.grade])
     assert lw.verdict.Basis.stated_in(Path("out")) == basis
