@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_825  # lines of all files of tests
+TESTS = 34_842  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -20,9 +20,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "export": (8, 769),
     "expression": (6, 1084),
     "files": (14, 1943),
-    "identification": (14, 2400),
+    "identification": (14, 2415),
     "inspection": (10, 1858),
-    "likelihood": (61, 14378),
+    "likelihood": (61, 14387),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
