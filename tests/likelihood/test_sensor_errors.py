@@ -244,6 +244,19 @@ def test_a_prior_of_a_delay_is_of_the_whole_delay() -> None:
     assert value == pytest.approx(3.0, abs=4.0 * error)
 
 
+def test_an_offset_that_dwarfs_the_motion_leaves_the_search_where_it_would_end_without(
+    quiet: lw.Record,
+) -> None:
+    decay = lw.simulate(
+        lw.bnes_chain(2), release={"x:m1": 0.01}, duration=3.0, rate=quiet.rate, sensors=["x:m1", "x:m2"]
+    )
+    decay = decay.with_noise(40.0, seed=3)
+    far = replace(decay, values=decay.values + 1.0, simulated=None)
+    unknown = {"offsets": ["x:m1", "x:m2"]}
+    near, moved = (lw.identify(record, lw.bnes_chain(2).unknown("all"), **unknown) for record in (decay, far))
+    np.testing.assert_allclose(moved.values, near.values, rtol=1e-3)
+
+
 @pytest.mark.slow
 def test_an_offset_beyond_its_prior_takes_trust_away() -> None:
     off = replace(noisy(), values=noisy().values + np.array([0.0, 1e-3]), simulated=None)

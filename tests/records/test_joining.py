@@ -190,6 +190,13 @@ def test_a_rounded_time_gives_the_rate_that_was_meant(rate: float, digits: int) 
     assert timeline.count == 20_000
 
 
+def test_times_of_significant_digits_whose_start_was_set_to_zero_are_even() -> None:
+    printed = np.array([float(f"{time:.7g}") for time in 0.1299873 + np.arange(15_000) / 5120.0])
+    timeline = Timeline.fit(np.round(printed - printed[0], 9))
+    assert timeline.rate == 5120.0
+    assert timeline.count == 15_000
+
+
 def test_times_of_single_precision_and_of_a_clock_that_jitters_within_bounds_are_even() -> None:
     time = (np.arange(20_000) / 1000.0).astype(np.float32)
     timeline = Timeline.fit(time)

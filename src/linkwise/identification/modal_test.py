@@ -147,10 +147,12 @@ class HostEstimate(JudgedView):
         rows: list[tuple[str, ...]] = [title]
         for name, mode in zip(host.coordinates, host.modes, strict=True):
             frequency, damping = mode.frequency, mode.damping
-            errors = [mode.shape_sigma[point] for point in points]
+            errors = [mode.shape_sigma.get(point, 0.0) for point in points]
             hz = format_both(frequency.value or 0.0, frequency.sigma)
             percent = format_both(100.0 * (damping.value or 0.0), 100.0 * damping.sigma)
-            shape = (format_value(mode.shape[point], mode.shape_sigma[point]) for point in points)
+            shape = (
+                format_value(mode.shape[point], error) for point, error in zip(points, errors, strict=True)
+            )
             rows.append((name, *hz, *percent, *shape, f"up to {format_error(max(errors))}"))
         between = [
             (name, *format_both(entry.value or 0.0, entry.sigma))
@@ -256,6 +258,7 @@ def identify_host(
     measured = ModalMeasurement.of(records, name, masses=masses)
     with one_blas_thread():
         fit, faint = _searched(measured, modes, progress)
+    _check_masses(measured, fit.frequencies[~faint])
     chi_square, samples = _chi_square(measured, fit)
     white = all(is_white(np.concatenate(rows)) for rows in zip(*fit.residuals, strict=True))
     inexact = chi_square > 1.0 + _deviation_by_chance(samples) or not white
@@ -302,6 +305,17 @@ def _searched(measured: ModalMeasurement, modes: int | None, progress: Progress)
         fit = modal_fit(measured, _without(shadow, measured, fit))
         faint = _powers(measured, fit) < _FAINT
     return fit, faint
+
+
+def _check_masses(measured: ModalMeasurement, frequencies: Floats) -> None:
+    """Raise IdentificationError where masses at points are to scale more modes, of `frequencies` in Hz, than they can have."""
+    stated = int(np.count_nonzero(measured.masses))
+    if stated and len(frequencies) > stated:
+        found = ", ".join(f"{hertz:.4g} Hz" for hertz in np.sort(frequencies))
+        raise IdentificationError(
+            f"masses at {stated} points cannot be all that moves in {len(frequencies)} modes ({found}): state the mass at "
+            "every point that moves, with a sensor there; or identify two masses and links instead of a host"
+        )
 
 
 def _in_excited_band(record: Record) -> Record:
@@ -390,7 +404,11 @@ def _host(measured: ModalMeasurement, fit: ModalFit, errors: Floats, faint: Bool
                 Coefficient.unknown(frequency, lower=0.0, sigma=float(own[0])),
                 Coefficient.unknown(damping, lower=0.0, sigma=float(own[1])),
                 dict(zip(measured.points, map(float, shape), strict=True)),
-                dict(zip(measured.points, map(float, own[2:]), strict=True)),
+                {
+                    point: float(sigma)
+                    for point, sigma in zip(measured.points, own[2:], strict=True)
+                    if sigma > 0.0
+                },
             )
         )
     return Host(measured.host, tuple(modes))

@@ -483,7 +483,7 @@ class MaximumLikelihood(AskedFor, Estimator):
             framed(records[0], structure, integrated=True).record, structure
         ):
             return self._from_forces(structure, records, options)
-        theta, spread = starting_values(records, structure, self.starts)
+        theta, spread = starting_values(_about_rest(records, options.errors), structure, self.starts)
         search = partial(likelihood_fit, records, structure)
         fit = search(theta, spread=spread, options=options)
         return lower_of_two(fit, lambda values: search(values, options=options))
@@ -547,6 +547,18 @@ def _refuse_dead(record: Record) -> None:
             f"every sample of {', '.join(dead)} is 0: a dead channel; check sensor and cable, or leave the channel out",
             arguments=("channels",),
         )
+
+
+def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Record]:
+    """The records with what channels of unknown offset show on average taken off, which may dwarf the motion."""
+    unknown = [one.channel for one in of_kind(errors, Offset) if np.isinf(one.deviation)]
+    moved = []
+    for record in records:
+        columns = [record.channels.index(name) for name in unknown]
+        values = record.values.copy()
+        values[:, columns] -= np.nanmean(values[:, columns], axis=0)
+        moved.append(replace(record, values=values))
+    return moved
 
 
 def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Record]) -> LikelihoodFit:

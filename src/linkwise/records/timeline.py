@@ -155,21 +155,27 @@ def _resolution(times: Floats, step: float) -> Floats:
             if 10.0**-digits > COARSEST * step:
                 return double
             decimal = np.maximum(10.0**-digits, double)
-            return np.asarray(np.maximum(_significant_digit(times, COARSEST * step), decimal))
+            return np.asarray(np.maximum(_digit_of_steps(times, COARSEST * step), decimal))
     if np.array_equal(times, times.astype(np.float32)):
         single = float(np.spacing(np.float32(largest)))
         return np.full(len(times), single) if single <= COARSEST * step else double
     return double
 
 
-def _significant_digit(times: Floats, most: float) -> Floats:
-    """The last of the significant digits (N,) in s to which every time is printed; 0 where that would be more than `most`."""
-    decades = np.floor(np.log10(np.maximum(np.abs(times), np.finfo(float).tiny)))
-    for digits in range(4, 9):
-        last = 10.0 ** (decades + 1.0 - digits)
-        if last.max() <= most and np.all(np.abs(times / last - np.rint(times / last)) <= RESOLVED * 1e-3):
-            return np.asarray(last)
-    return np.zeros(len(times))
+def _digit_of_steps(times: Floats, most: float) -> Floats:
+    """The decimal (N,) in s, of at most `most`, of which all later or all earlier steps are multiples; 0 without one.
+
+    Times of six significant digits lose a decimal at 1 s, and steps tell it wherever a script has set the start to zero.
+    """
+    steps, last = np.diff(times), np.zeros(len(times))
+    for digits in range(12, int(np.ceil(-np.log10(most))) - 1, -1):
+        scaled = steps * 10.0**digits
+        finer = np.flatnonzero(np.abs(scaled - np.rint(scaled)) > RESOLVED * 1e-3)
+        later, earlier = (finer[-1] + 1, finer[0]) if len(finer) else (0, len(times))
+        for rows in (slice(later, None), slice(0, earlier)):
+            if len(last[rows]) >= MIN_SAMPLES:  # fewer may be multiples by chance
+                last[rows] = np.maximum(last[rows], 10.0**-digits)
+    return last
 
 
 def _roundest_rate(times: Floats, index: NDArray[np.int64], step: float, resolution: float) -> float:

@@ -75,3 +75,7 @@ def test_a_mass_that_cannot_be_is_refused() -> None:
         lw.modal.identify_host(decay(), masses={"d": 1.0})
     with pytest.raises(lw.IdentificationError, match="must be positive, got -1 kg"):
         lw.modal.identify_host(decay(), masses={"a": -1.0})
+    with pytest.raises(
+        lw.IdentificationError, match=r"masses at 1 points cannot be all that moves in 3 modes \("
+    ):
+        lw.modal.identify_host(decay(), masses={"a": 1.0})
