@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -284,11 +285,15 @@ def _select(
 
 
 def _starting_values(records: Sequence[Record], structure: Structure) -> tuple[Floats, Floats | None]:
-    """Starting values of the parameters of a structure; with signals by the regression for links with memory."""
-    if structure.signals:
-        framed = framed_records(records, structure, integrated=True)
-        return memory_starts(framed, structure, {})[0].values, None
-    return starting_values(records, structure)
+    """Starting values of the parameters of a structure; with signals by the regression for links with memory.
+
+    So are those of terms that the weak form does not tell apart.
+    """
+    if not structure.signals:
+        with suppress(IdentificationError):
+            return starting_values(records, structure)
+    framed = framed_records(records, structure, integrated=True)
+    return memory_starts(framed, structure, {})[0].values, None
 
 
 def _may_remember(selection: Selection, discovery: Discovery) -> bool:
