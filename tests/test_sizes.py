@@ -8,21 +8,25 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_801  # lines of all files of tests
+TESTS = 35_024  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2211),
     "analysis": (4, 522),
     "cli": (20, 1866),
-    "discovery": (18, 3491),
+    "discovery": (18, 3492),
     "estimates": (7, 1438),
     "export": (8, 768),
     "expression": (6, 1084),
     "files": (14, 1943),
     "identification": (14, 2414),
     "inspection": (10, 1858),
-    "likelihood": (63, 13806),
+<<<<<<< HEAD
+    "likelihood": (63, 13810),
+=======
+    "likelihood": (63, 13810),
+>>>>>>> wi
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),

@@ -53,7 +53,11 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
     """
     if before.verdict not in _JUDGED:
         return None
-    change, beside = likeliest_change(of.fit, of.records, of.diagnosis.tested, before.diagnosis), ""
+    jump = of.jump  # which another moment may hold as well
+    others = [cause for cause in before.diagnosis if jump is None or cause is not jump.event]
+    change, beside = likeliest_change(of.fit, of.records, of.diagnosis.tested, others), ""
+    if change is not None and jump is not None and len(others) < len(before.diagnosis):
+        change = change if change.gain > jump.of_one else None
     if change is None and not of.causes and (closer := of.closer) is not None:
         diagnosis, beside = closer.diagnosis, "Held closer to the laws"
         change = likeliest_change(closer.fit, of.records, diagnosis.tested, diagnosis.causes)

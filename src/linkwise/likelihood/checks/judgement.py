@@ -183,7 +183,7 @@ class Examined:
         every = [*self.diagnosis.causes, *noisy, *forces, *lines]
         tells = bool(every) and not (noisy or self.fit.chi_square_off)
         if tells and self.jump is not None and self.jump.is_significant:
-            every += [self.jump.event] * (self.jump.event.gain > max(cause.gain for cause in every))
+            every += [self.jump.event] * (self.jump.of_one > max(cause.gain for cause in every))
         return tuple(sorted(every, key=lambda cause: (cause.kind in SPECTRAL_KINDS, likeliest_first(cause))))
 
     @cached_property

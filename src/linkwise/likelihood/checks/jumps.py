@@ -49,12 +49,14 @@ _HINT = 6.25  # with twice the logarithm of the moments, of one degree of freedo
 class Jump:
     """The likeliest jump of all states, alone, as an `event`, and what it makes of the coefficients (p,).
 
-    Chance gives one fit in 20 000 a jump that `is_significant`, one in 80 others.
+    Chance gives one fit in 20 000 a jump that `is_significant`, one in 80 others. One unknown in place of all states would
+    gain `of_one` where it is as rare.
     """
 
     event: Cause
     moves: Floats
     is_significant: bool
+    of_one: float
 
 
 def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> Jump | None:
@@ -71,17 +73,13 @@ def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[
     except np.linalg.LinAlgError:
         return None
     states = segments.system.dimension
-    if not gain > _of_states(_HINT + 2.0 * float(np.log(max(len(moments), 1))), states):
+    of_one = float(scipy.special.chdtri(1, scipy.special.chdtrc(states, gain)))
+    if not of_one > _HINT + 2.0 * float(np.log(max(len(moments), 1))):
         return None
     apart = int(np.max(np.diff(moments), initial=1))
     first, last = max(segment + 1 - apart, 0), min(segment + 1 + apart, segments.count - 1)
     event = event_between(segments, first, last, records, gain)
-    return Jump(event, moves, gain > _of_states(least_gain(len(moments)), states))
-
-
-def _of_states(gain: float, states: int) -> float:
-    """The gain of so many degrees of freedom that is as rare as one of one."""
-    return float(scipy.special.chdtri(states, scipy.special.chdtrc(1, gain)))
+    return Jump(event, moves, of_one > least_gain(len(moments)), of_one)
 
 
 def _moments(fit: LikelihoodFit) -> Indices:
