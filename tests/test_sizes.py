@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (10, 2223),
     "analysis": (4, 522),
     "cli": (20, 1865),
-    "discovery": (18, 3490),
+    "discovery": (18, 3510),
     "estimates": (7, 1442),
     "export": (8, 769),
     "expression": (6, 1084),
