@@ -14,10 +14,17 @@ TESTS = 35_024  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2211),
     "analysis": (4, 522),
+<<<<<<< HEAD
     "cli": (20, 1866),
-    "discovery": (18, 3492),
+    "discovery": (18, 3511),
     "estimates": (7, 1438),
     "export": (8, 768),
+=======
+    "cli": (20, 1866),
+    "discovery": (18, 3511),
+    "estimates": (7, 1438),
+    "export": (8, 768),
+>>>>>>> wd
     "expression": (6, 1084),
     "files": (14, 1943),
     "identification": (14, 2414),

@@ -25,6 +25,7 @@ from linkwise.discovery.memory import no_memory_remark, select_memory
 from linkwise.discovery.model_average import MemoryEvidence
 from linkwise.discovery.result import Discovery
 from linkwise.discovery.rivals import Rival, rival_frequencies
+from linkwise.discovery.screen import weak_start
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection, TermSearch
 from linkwise.discovery.term_parameters import select_with_parameters
@@ -248,7 +249,7 @@ def _select(
         records,
         screened.candidates,
         screened.tested,
-        start=partial(_starting_values, records),
+        start=partial(_starting_values, records, screened),
         progress=part(progress, _SCREENED, 1.0),
         sensors=sensors,
         restarts=screened.integrated or bool(candidates.hosts),
@@ -284,16 +285,24 @@ def _select(
     return found
 
 
-def _starting_values(records: Sequence[Record], structure: Structure) -> tuple[Floats, Floats | None]:
+def _starting_values(
+    records: Sequence[Record], screened: ScreenedRecords, structure: Structure
+) -> tuple[Floats, Floats | None]:
     """Starting values of the parameters of a structure; with signals by the regression for links with memory.
 
-    So are those of terms that the weak form does not tell apart.
+    Terms that hardly stand above the noise have values from weak equations in which a part of its bias is left.
     """
-    if not structure.signals:
-        with suppress(IdentificationError):
-            return starting_values(records, structure)
-    framed = framed_records(records, structure, integrated=True)
-    return memory_starts(framed, structure, {})[0].values, None
+    if structure.signals:
+        framed = framed_records(records, structure, integrated=True)
+        return memory_starts(framed, structure, {})[0].values, None
+    try:
+        return starting_values(records, structure)
+    except IdentificationError:
+        links = structure.links
+        linear = all(link.coefficients[name].known for link in links for name in link.law.nonlinear)
+        if not (screened.measured and linear):
+            raise
+        return weak_start(screened.measured, screened.candidates, structure)
 
 
 def _may_remember(selection: Selection, discovery: Discovery) -> bool:

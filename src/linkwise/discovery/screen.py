@@ -274,6 +274,20 @@ def screen(
     return significant, tested | candidates.on_links_of(significant)
 
 
+def weak_start(measured: Measured, candidates: Candidates, structure: Structure) -> tuple[Floats, Floats]:
+    """The parameters (p,) of `structure` by the weak form and their standard deviations (p,), with the least noise bias."""
+    regression = WeakRegression.of(measured, candidates, structure)
+    found = regression.least_biased(lambda quadratic: quadratic.solve(range(len(regression.names))))
+    if found is None:
+        raise IdentificationError(
+            "the terms of the structure cannot be separated: their motions are linearly dependent in this record; record a "
+            "motion in which they differ"
+        )
+    solved = dict(zip(regression.names, zip(*found[1], strict=True), strict=True))
+    values, z = np.array([solved[parameter.name] for parameter in structure.parameters]).T
+    return values, np.abs(values / z)
+
+
 def _screen_mass_by_mass(
     measured: Measured, candidates: Candidates, progress: Progress
 ) -> tuple[frozenset[str], frozenset[str]]:
