@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.neighbourhoods import LocalRows, Neighbourhood, as_slice
 from linkwise.likelihood.shooting.normal_equations import Linearization, Sums, empty_model, filled
 
@@ -40,6 +40,9 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
     pairs, p = _pairs(groups), sum(len(group.border) for group in groups)
     reach = [(group.states, group.rows) for group in groups if len(group.states)]
     model = empty_model(segments, rows.misfit, p, blocks, np.float32, reach)
+    estimated = np.ones(p, dtype=bool)
+    if rows.errors is not None:  # what is tested beside these is asked for in no blocks
+        estimated[segments.system.parameters.size : rows.fixed] = False
 
     def work(part: slice, pieces: list[slice]) -> list[Sums]:
         by_group, residuals = rows.part(part)
@@ -57,8 +60,8 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
                 (model.of_data, group.border, by_data),
                 (model.of_defects, group.moving_border, by_ends),
             ):
-                added = [own_sums[piece, a:].sum(axis=0, dtype=float) for piece in pieces]
-                sums.append((corners.gradients, (slice(None), columns), np.stack(added)))
+                slopes = [own_sums[piece, a:].sum(axis=0, dtype=float) for piece in pieces]
+                sums.append((corners.gradients, (slice(None), columns), np.stack(slopes)))
         for pair in pairs:
             shown = _common_rows([by_group[number].data for number in pair.groups], pair.channels)
             moving = _common_rows([ends[number] for number in pair.groups], pair.rows)
@@ -68,15 +71,29 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
             for corners, both in ((model.of_data, shown), (model.of_defects, moving)):
                 corner = _corners_of(both, states, pieces)
                 own_columns, others = first.border[: corner.shape[1]], second.border[: corner.shape[2]]
-                places = (slice(None), own_columns[:, None], others)
-                sums.append((corners.matrices, places, corner))
-                if first is not second:
-                    places = (slice(None), others[:, None], own_columns)
-                    sums.append((corners.matrices, places, corner.transpose(0, 2, 1)))
+                by_blocks = _by_blocks(corner, estimated[own_columns], estimated[others])
+                for at, own_places, other_places, added in by_blocks:
+                    places = (at, own_columns[own_places, None], others[other_places])
+                    sums.append((corners.matrices, places, added))
+                    if first is not second:
+                        places = (at, others[other_places, None], own_columns[own_places])
+                        sums.append((corners.matrices, places, added.transpose(0, 2, 1)))
         return sums
 
     parts = _chunks(groups, segments.count, len(segments.samples))
     return filled(model, parts, work, executor, (segments, rows.misfit, rows.scales))
+
+
+def _by_blocks(
+    corner: Floats, first: Bools, second: Bools
+) -> Iterator[tuple[slice, Indices, Indices, Floats]]:
+    """The blocks to which a corner (b, q, q') adds, the places of its rows and columns, and what: to the first block of a part
+    all that is not estimated, `first` (q,) and `second` (q',), on both sides.
+    """
+    elsewhere = np.where(np.outer(first, second), 0.0, corner[1:].sum(axis=0))
+    yield slice(0, 1), np.arange(len(first)), np.arange(len(second)), corner[:1] + elsewhere
+    rows, columns = np.flatnonzero(first), np.flatnonzero(second)
+    yield slice(1, None), rows, columns, corner[1:, rows[:, None], columns]
 
 
 def _put(
