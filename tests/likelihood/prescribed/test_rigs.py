@@ -14,6 +14,7 @@ from within import assert_within, errors, of
 import linkwise as lw
 from linkwise import Verdict
 from linkwise.likelihood.rigs.estimate import _model_force
+from linkwise.likelihood.starts.memory import MemorySearch
 
 
 @pytest.fixture(scope="module")
@@ -267,3 +268,16 @@ def test_the_model_error_is_that_of_the_residuals_where_the_noise_is_next_to_not
     for residuals in np.random.default_rng(0).standard_normal((20, 1000)):
         expected = np.sqrt(np.sum(residuals**2) / (1000 - 3))
         assert _model_force(residuals, np.full(1000, 1e-11), 3) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_trial_whose_state_is_not_finite_explains_nothing(record: lw.Record) -> None:
+    """Without a slow part of the forces such a trial left nothing of them, and was the best start: at x0 of 0, as here."""
+    part, unknown = record[:400], hysteretic().unknown("damper")
+    d = part.channel("x:base")[:, None]
+    v, shown = np.gradient(d, part.step, axis=0), {"f:damper": part.channel("f:damper")}
+    search = MemorySearch(unknown, part.step, d, v, (), shown, {}, {}, slow=1)
+    values = {"damper.s": BOUC_WEN["s"], "damper.x0": BOUC_WEN["x0"]}
+    true = np.array([values[p.name] for p in search.curved])
+    broken = np.array([values[p.name] * (p.name != "damper.x0") for p in search.curved])
+    (right, wrong) = search.regressed(np.stack([true, broken]))[1]
+    assert np.mean(right**2) < 0.01 and np.mean(wrong**2) > 1.0

@@ -161,6 +161,11 @@ class RigFit:
         """(R,) one over the standard deviations of the residuals."""
         return 1.0 / np.hypot(self.deviations, self.model_force)
 
+    @property
+    def standard_errors(self) -> Floats:
+        """(u,) of the unknowns; 0 at a bound."""
+        return np.asarray(np.sqrt(np.maximum(self.covariance.diagonal(), 0.0)))
+
 
 def rig_fit(
     problem: RigProblem, noise: Mapping[int, float], given: Mapping[str, float], progress: Progress
@@ -175,7 +180,7 @@ def rig_fit(
         unknowns = np.append(values, np.zeros(problem.size - len(values)))
         minima.append(minimise(problem, unknowns, np.full(len(cells), 1.0 / level), steps=_WHOLE_STEPS))
         progress(ProgressReport(number / len(near), "searching from several starts"))
-    minima = [minimum for minimum in minima if _is_finite(problem, minimum)]
+    minima = [own for own in minima if np.isfinite(problem.residuals(own.unknowns, own.paths)).all()]
     if not minima:
         raise IdentificationError(_not_finite(problem))
     problem, best = refined(problem, min(minima, key=lambda minimum: minimum.cost), cells)
@@ -195,11 +200,6 @@ def rig_fit(
     return RigFit(
         problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
     )
-
-
-def _is_finite(problem: RigProblem, minimum: Minimum) -> bool:
-    """Whether the laws are finite along the whole motions."""
-    return bool(np.isfinite(problem.residuals(minimum.unknowns, minimum.paths)).all())
 
 
 def _not_finite(problem: RigProblem) -> str:
@@ -224,20 +224,16 @@ def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigPr
         size = float(np.sqrt(np.mean(residuals**2)))
         level = np.hypot(cells, max(size - float(np.mean(cells)), 0.0))
         minimum = minimise(problem, minimum.unknowns, 1.0 / level)
-        if not any(path.law.states for path in minimum.paths):
+        substeps = 2 * problem.records[0].motion.substeps
+        if substeps > _MOST_SUBSTEPS or not any(path.law.states for path in minimum.paths):
             return problem, minimum
-        finer = problem.with_substeps(2 * problem.records[0].motion.substeps)
-        change = finer.residuals(minimum.unknowns, finer.paths(minimum.unknowns)) - problem.residuals(
-            minimum.unknowns, minimum.paths
-        )
-        if not np.isfinite(change).all():
+        finer = problem.with_substeps(substeps)
+        paths = finer.paths(minimum.unknowns)
+        change = finer.residuals(minimum.unknowns, paths) - problem.residuals(minimum.unknowns, minimum.paths)
+        allowed = _DISCRETISED * size / np.sqrt(len(residuals))
+        if not allowed < np.sqrt(np.mean(change**2)) < np.inf:
             return problem, minimum
-        if not np.sqrt(np.mean(change**2)) > _DISCRETISED * size / np.sqrt(len(residuals)):
-            return problem, minimum
-        if finer.records[0].motion.substeps > _MOST_SUBSTEPS:
-            return problem, minimum
-        problem = finer
-        minimum = replace(minimum, paths=problem.paths(minimum.unknowns))
+        problem, minimum = finer, replace(minimum, paths=paths)
 
 
 def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
@@ -349,7 +345,7 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     curvature, slope = weighted.T @ weighted, weighted.T @ (fit.weights * fit.residuals)
     tests = single_tests(curvature, slope, scatter, f)
     of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
-    deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))[fit.free][of_laws]
+    deviations = fit.standard_errors[fit.free][of_laws]
     determined = deviations > 0.0
     causes = []
     for number, hypothesis in enumerate(hypotheses):
@@ -451,14 +447,10 @@ def rig_estimate(
         problem = RigProblem(structure, forces, cells, BASE_CHANNEL in with_offset)
         fit = rig_fit(problem, noise, starts, progress)
         causes = rig_causes(fit)
-        if (
-            not causes
-            or causes[0].kind not in admitted
-            or causes[0].kind != "offset"
-            or causes[0].where in with_offset
-        ):
+        likeliest = causes[0].where if causes and causes[0].kind == "offset" else None
+        if "offset" not in admitted or likeliest is None or likeliest in with_offset:
             return _estimate(fit, structure, records, noise, causes)
-        with_offset.append(causes[0].where)
+        with_offset.append(likeliest)
 
 
 def _estimate(
@@ -503,14 +495,13 @@ def _estimate(
 def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
     """Offsets of the load cells, and of the displacement of the base."""
     problem, unknowns = fit.problem, fit.minimum.unknowns
-    errors = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
     channels = [cell_name(problem.structure, link) for link in problem.cell_offsets]
     channels += [BASE_CHANNEL] if problem.motion_offset else []
     found = slice(len(problem.parameters), len(problem.parameters) + len(channels))
     return tuple(
         SensorErrorEstimate(channel, "offset", value, error, channel.unit)
         for channel, value, error in zip(
-            channels, unknowns[found].tolist(), errors[found].tolist(), strict=True
+            channels, unknowns[found].tolist(), fit.standard_errors[found].tolist(), strict=True
         )
     )
 

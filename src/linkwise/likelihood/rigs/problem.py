@@ -586,5 +586,5 @@ def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]
     }
     slow = int(bool(problem.cell_offsets) or problem.motion_offset)
     return MemorySearch(
-        problem.structure, motion.step * motion.substeps, d, v, (), shown, given, {}, slow
+        problem.structure, motion.step * motion.substeps, d, v, (), shown, given, {}, slow, sharp=True
     ).minima()

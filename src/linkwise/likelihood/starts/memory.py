@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -47,6 +47,10 @@ from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
 
 _DECADES = 1.5  # above and below the size that units imply
+_SHARP = (
+    -4.0,
+    -1.0,
+)  # decades of friction that yields within a small part of the motion, as that of dampers on rigs
 
 
 def unit_sizes(
@@ -78,8 +82,12 @@ def trial_values(
     rng: np.random.Generator,
     *,
     first: bool,
+    decades: tuple[float, float] = (-_DECADES, _DECADES),
 ) -> Floats:
-    """Values (q,) to start from; the `first` trial takes starts as they are given or stated."""
+    """Values (q,) to start from; the `first` trial takes starts as they are given or stated.
+
+    Others are within so many `decades` of their sizes.
+    """
     values = []
     for parameter in parameters:
         start = given.get(parameter.name, parameter.start)
@@ -89,7 +97,7 @@ def trial_values(
         elif np.isfinite(low) and np.isfinite(high):
             value = low + (high - low) * rng.uniform(0.05, 0.95)
         else:
-            value = sizes[parameter.name] * 10.0 ** rng.uniform(-_DECADES, _DECADES)
+            value = sizes[parameter.name] * 10.0 ** rng.uniform(*decades)
             value *= -1.0 if high <= 0.0 or (low < 0.0 and rng.random() < 0.3) else 1.0
         margin = 1e-9 * (abs(value) + sizes[parameter.name])
         values.append(np.clip(value, low + margin, high - margin))
@@ -161,7 +169,7 @@ class MemorySearch:
 
     The equations are those of the `balances` of masses, and of the forces and states (N,) of links that are `shown`, by
     channel; `signals` (N,) are those that laws name. What forces have of the first `slow` cosines over the record is left
-    out, where elongations are known up to drift.
+    out, where elongations are known up to drift. Laws that are `sharp` change within a small part of the motion.
     """
 
     structure: Structure
@@ -173,6 +181,7 @@ class MemorySearch:
     given: Mapping[str, float]
     signals: Mapping[str, Floats]
     slow: int = 0
+    sharp: bool = False
 
     @classmethod
     def of(cls, record: Record, structure: Structure, given: Mapping[str, float]) -> MemorySearch:
@@ -212,9 +221,10 @@ class MemorySearch:
         if not self.curved:
             return np.zeros((1, 0))
         rng = np.random.default_rng(_SEED)
-        trials = np.stack(
-            [trial_values(self.curved, self.given, self.sizes, rng, first=k == 0) for k in range(count)]
-        )
+        draw = partial(trial_values, self.curved, self.given, self.sizes, rng)
+        trials = np.stack([draw(first=k == 0) for k in range(count)])
+        if self.sharp:
+            trials = np.concatenate([trials, [draw(first=False, decades=_SHARP) for _ in range(count)]])
         costs = np.mean(self.regressed(trials)[1] ** 2, axis=1)
         return np.asarray(trials[np.lexsort(np.stack([costs, ~self._forget_start(trials)]))])
 
@@ -379,7 +389,7 @@ class MemorySearch:
             return projected
         left = projected - self._slow_part @ (self._slow_part.T @ projected)
         rounding = _ROUNDING * np.sum(projected**2, axis=0)
-        return np.asarray(np.where(np.sum(left**2, axis=0) > rounding, left, 0.0))
+        return np.asarray(np.where(np.sum(left**2, axis=0) <= rounding, 0.0, left))
 
     @cached_property
     def _inertia(self) -> list[tuple[Floats, float, float]]:
