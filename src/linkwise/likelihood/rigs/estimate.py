@@ -46,7 +46,7 @@ from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport
 from linkwise.records.record import Record
-from linkwise.verdict import Verdict
+from linkwise.verdict import Grade, Verdict
 
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
 
@@ -296,7 +296,7 @@ def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict,
             ", but the forces do not determine all unknowns: hold some at known values, or record another motion."
         )
     if share > _LARGEST_ERROR:
-        return Verdict.UNEXPLAINED_FORCES, ("; that is too much for intervals: a term or a state is missing.")
+        return Verdict.UNEXPLAINED_FORCES, "; a term or a state is missing."
     if causes and not causes[0].is_instrument:
         return Verdict.SYSTEMATIC_MISFIT, (
             f", but {causes[0].description} is missing: with it a coefficient would differ by {causes[0].shift:.2g} of its "
@@ -466,6 +466,7 @@ def _estimate(
         {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
     )
     verdict, message, share = judged(fit, causes)
+    approximate = verdict.grade is Grade.APPROXIMATE and 0.0 < share < 1.0
     errors = _sensor_errors(fit)
     sigma = {BASE_CHANNEL: fit.problem.records[0].motion.sigma}
     sigma |= {cell_name(structure, link): noise[link] for link in fit.problem.links}
@@ -489,6 +490,7 @@ def _estimate(
         sensor_errors=errors,
         model_error=share,
         diagnosis=causes,
+        approximate=approximate,
     )
 
 
