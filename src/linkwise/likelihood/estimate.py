@@ -626,7 +626,10 @@ def estimate_of(
     examined = Examined(fit, identified, structures, records, searched=offered is not None)
     judgement = judge(examined)
     residuals = fit.misfit.residuals
-    approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
+    found = over_horizons(fit) if offered is None and judgement.may_be_approximate else ""
+    approximate = None if isinstance(found, str) else found
+    if found and approximate is None and judgement.verdict.forbids:
+        judgement = replace(judgement, message=f"{judgement.message} {found}")
     if approximate is not None:
         fit, identified = approximate, with_values(structure, approximate)
         judgement = replace(judgement, added={})  # the scatter of blocks and the path hold all that
