@@ -585,7 +585,7 @@ def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Recor
     unknown = [one.channel for one in of_kind(errors, Offset) if np.isinf(one.deviation)]
     moved = []
     for record in records:
-        columns = [record.channels.index(name) for name in unknown]
+        columns = [record.channels.index(name) for name in unknown if name in record.channels]
         values = record.values.copy()
         values[:, columns] -= np.nanmean(values[:, columns], axis=0)
         moved.append(replace(record, values=values))
