@@ -2,9 +2,9 @@
 
     python benchmarks/bench_measured_sets.py [FOLDER] [--write docs/how-to/measured-sets.md]
 
-prints a table in some minutes, and writes it into the page of the documentation between its markers. The records are not part
-of linkwise: sets whose files are not in the folder ../shared/data are left out, as are those of public repositories that do
-not stand as OWNER/NAME/PATH in FOLDER.
+prints a table in some minutes, and writes it into the page of the documentation between its markers; `--only emps wheel`
+does so with some of its rows. The records are not part of linkwise: sets whose files are not in the folder ../shared/data are
+left out, as are those of public repositories that do not stand as OWNER/NAME/PATH in FOLDER.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ BEGIN, END = "<!-- table of benchmarks/bench_measured_sets.py -->", "<!-- end of
 class MeasuredSet:
     """A record, of which a first `part` identifies, the structure, and what others publish of the rest.
 
-    Where other records of the structure, by name, are `held` back, all of the record identifies; a structure that is
-    identified already, as a host of linear modes, only predicts.
+    Where other records of the structure, by name, are `held` back, all of the record identifies; `unscored` seconds of them
+    determine their states. A structure that is identified already, as a host of linear modes, only predicts.
     """
 
     name: str
@@ -42,6 +42,7 @@ class MeasuredSet:
     part: float = 0.6
     options: Mapping[str, Any] = field(default_factory=dict)
     held: Mapping[str, lw.Record] = field(default_factory=dict)
+    unscored: float | None = None
 
 
 def emps() -> MeasuredSet:
@@ -145,7 +146,7 @@ def aircraft_linear() -> MeasuredSet:
     host = lw.modal.identify_host(level(5)).host
     structure = lw.Structure("F-16", (), (), hosts=(host,))
     structure = structure.with_values({p.name: p.start for p in structure.parameters if p.start is not None})
-    return MeasuredSet("F-16, linear", level(5), structure, "", held=predicted_levels())
+    return MeasuredSet("F-16, linear", level(5), structure, "", held=predicted_levels(), unscored=UNSCORED)
 
 
 def aircraft() -> MeasuredSet:
@@ -166,6 +167,7 @@ def aircraft() -> MeasuredSet:
         "none for hosts with one joint",
         options={"as_stated": True},
         held=predicted_levels(),
+        unscored=UNSCORED,
     )
 
 
@@ -186,6 +188,82 @@ def harvester() -> MeasuredSet:
     return MeasuredSet("BistableX", record, beam, "none for a free run")
 
 
+STUDENTS = {"x:frame[mm]": "sensor2", "x:damper[mm]": "sensor1"}
+
+
+def decay(example: str, number: int, channel: str, unit: float = 1.0) -> lw.Record:
+    """One of the free decays of one channel that an example of spectral submanifolds learns from."""
+    time, motion, *_ = loadmat(PUBLIC / "haller-group/SSMLearn/examples" / example)["xData"][number]
+    rate = 1.0 / round(float(np.diff(time.ravel()).mean()), 9)
+    return lw.Record(0.0, rate, (channel,), unit * motion.T)
+
+
+def sloshing() -> MeasuredSet:
+    """Water in a tank, whose motor lets go: the centre of its mass hardens less the higher it sloshes."""
+    law = "k*d + k3*d**3 + k5*d**5 + c*v + c2*v*d**2"
+    first, second = (decay("sloshing/data/xData.mat", number, "x:water", 1e-3) for number in (0, 1))
+    held = {"another decay": second}
+    tank = lw.rig({"water": 1.0}, {"surface": f"water - ground: {law}"})
+    return MeasuredSet("sloshing tank", first, tank, "none for a free run", held=held)
+
+
+def double_beam() -> MeasuredSet:
+    """A beam in a frame, hit by a hammer, its two modes an octave apart: by the velocity of its tip alone."""
+    law = "k*d + k3*d**3 + c*v + c2*v*d**2"
+    first, second = (
+        decay("resonantdoublebeam/data.mat", number, "v:tip").between(0.0, 0.5) for number in (0, 1)
+    )
+    starts = {
+        "frame.k": 3.2e6,
+        "frame.c": 10.0,
+        "joint.k": 1.7e6,
+        "joint.c": 5.0,
+        "joint.k3": 0.0,
+        "joint.c2": 0.0,
+    }
+    beams = lw.rig(
+        {"tip": 1.0, "frame": 4.0},
+        {"frame": "frame - ground: k*d + c*v", "joint": f"tip - frame: {law}"},
+        known={name: {"start": start} for name, start in starts.items()},
+    )
+    return MeasuredSet("double beam", first, beams, "none for a free run", held={"another hit": second})
+
+
+def pendulum() -> MeasuredSet:
+    """A pendulum of a remote laboratory, let go by its coil: degrees of an encoder, and friction that ends it."""
+    swing = lw.rig({"bob": "1 kg m^2"}, {"pivot": "bob - ground: k*sin(d) + c*v + F*tanh(v/0.05)"})
+    path = PUBLIC / "timdrysdale/pendulum-data/data/pend00-run05.csv"
+    record = lw.read_record(path, channels={"time": "Time/s", "x:bob[rad]": "Angle/rad"}, resample=20.0)
+    return MeasuredSet("pendulum", record.between(6.5, 24.0), swing, "none")
+
+
+def students_damper() -> MeasuredSet:
+    """A tuned mass damper on a frame, by two distance sensors of whole millimetres that are read one after the other."""
+    frame = lw.rig(
+        {"frame": 1.0, "damper": "unknown"},
+        {"frame": "frame - ground: k*d + c*v", "damper": "damper - frame: k*d + c*v"},
+    )
+    path = PUBLIC / "joshniemela/TunedMassDamper/dataCollection/resultingData.csv"
+    record = lw.read_record(path, channels={"time": "Time", **STUDENTS}, resample=32.0)
+    options = {"offsets": ["x:frame", "x:damper"], "delays": ["x:frame"]}
+    return MeasuredSet("tuned mass damper", record.between(10.2, 17.3), frame, "none", options=options)
+
+
+def wheel() -> MeasuredSet:
+    """A bicycle wheel that turns on a steel rod of known stiffness, by a gyroscope: its moment of inertia."""
+    stiffness = 77e9 * np.pi * 6.35e-3**4 / 32.0 / 1.05  # N m/rad: a rod of 6.35 mm and 1.05 m
+    rod = lw.Link(
+        "rod",
+        ("wheel", "ground"),
+        lw.Law.parse("k*d + c*v"),
+        {"k": lw.Coefficient.number(stiffness), "c": lw.Coefficient.unknown()},
+    )
+    structure = lw.Structure("", (lw.Mass("wheel", lw.Coefficient.unknown(), "rad"),), (rod,))
+    path = PUBLIC / "moorepants/resonance/notebooks/03/bicycle-wheel-radial-inertia-rate-gyro-measurement.csv"
+    record = lw.read_record(path, channels={"v:wheel[rad/s]": "angular_velocity"})
+    return MeasuredSet("bicycle wheel", record, structure, "none", options={"offsets": ["v:wheel"]})
+
+
 SETS: tuple[Callable[[], MeasuredSet], ...] = (
     emps,
     silverbox,
@@ -195,6 +273,11 @@ SETS: tuple[Callable[[], MeasuredSet], ...] = (
     mr_damper,
     friction_damper,
     harvester,
+    sloshing,
+    double_beam,
+    pendulum,
+    students_damper,
+    wheel,
     aircraft_linear,
     aircraft,
 )
@@ -225,7 +308,7 @@ def row(measured: MeasuredSet) -> tuple[str, ...]:
         or "linear modes"
     )
     model, grade = (structure, "") if found is None else (found, found.grade.value)
-    held = {name: left_of(rest, model, UNSCORED) for name, rest in measured.held.items()}
+    held = {name: left_of(rest, model, measured.unscored) for name, rest in measured.held.items()}
     left = "; ".join(f"{name}: {told}" for name, told in held.items()) or left_of(record[split:], model)
     return measured.name, f"`{law}`", grade, f"{seconds:.0f}", left, measured.published
 
@@ -258,9 +341,16 @@ def main() -> None:
         lines += [f"| {' | '.join(cells)} |", *["|---" * len(cells) + "|"] * (number == 0)]
         print(lines[-1] if number else "\n".join(lines), flush=True)
         if asked.write:
-            before, _, rest = asked.write.read_text().partition(BEGIN)
-            behind = rest.partition(END)[2]
-            asked.write.write_text("\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{behind}"]))
+            write(asked.write, lines, keep=bool(asked.only))
+
+
+def write(page: Path, lines: Sequence[str], *, keep: bool) -> None:
+    """Write the lines of a table between the markers of a page, in place of its rows of the same sets, or of all."""
+    before, _, rest = page.read_text().partition(BEGIN)
+    there, _, behind = rest.partition(END)
+    kept = [line for line in there.splitlines() if line.startswith("|")] if keep else []
+    of_sets = {line.split(" | ")[0]: line for line in (*kept, *lines)}
+    page.write_text("\n".join([f"{before}{BEGIN}", "", *of_sets.values(), "", f"{END}{behind}"]))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Answers that fit well and are wrong: what must take trust away, and what must not."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -196,6 +197,20 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
     assert present(fits[0].coefficient("link.c").interval)[0] > 0.0
     assert fits[1].verdicts == (lw.Verdict.MODEL_ERROR_NEEDED,)
     assert "With it, link.c would change by" in fits[1].message
+
+
+def test_a_record_that_is_too_short_for_an_approximate_answer_says_how_much_longer_would_do() -> None:
+    law = "k*d + c*v"
+    whole = oscillator(f"{law} + q*d**3", k=987.0, c=6.0, q=4e6)
+    force = random_force(np.random.default_rng(5), 1.5, 200.0)
+    clean = lw.simulate(whole, forces={"m1": force}, duration=1.5, rate=200.0)
+    fit = lw.identify(
+        clean.with_noise(40.0, seed=5), oscillator(law, k=987.0, c=6.0).unknown("all"), as_stated=True
+    )
+    assert fit.grade is lw.Grade.REFUSED
+    assert re.search(
+        r"too short to compare parts of it: take [\d.]+ times as much of such motion\.", fit.message
+    )
 
 
 @pytest.mark.slow

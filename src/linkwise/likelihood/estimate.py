@@ -24,7 +24,7 @@ from linkwise.estimates.causes import (
 from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.inspection.inspect import EstimatedError
 from linkwise.likelihood.checks.horizons import over_horizons
-from linkwise.likelihood.checks.judgement import Examined
+from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.checks.unstated_forces import with_limits
 from linkwise.likelihood.checks.usual_terms import unseen_terms
@@ -554,7 +554,7 @@ def _about_rest(records: Sequence[Record], errors: Sequence[Term]) -> list[Recor
     unknown = [one.channel for one in of_kind(errors, Offset) if np.isinf(one.deviation)]
     moved = []
     for record in records:
-        columns = [record.channels.index(name) for name in unknown]
+        columns = [record.channels.index(name) for name in unknown if name in record.channels]
         values = record.values.copy()
         values[:, columns] -= np.nanmean(values[:, columns], axis=0)
         moved.append(replace(record, values=values))
@@ -575,6 +575,17 @@ def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Recor
     return tightest_smooth_fit(fit, refit)
 
 
+def _approximated(fit: LikelihoodFit, judgement: Judgement) -> tuple[LikelihoodFit | None, Judgement]:
+    """The approximate answer of laws that leave more than noise, and the judgement, which says why there is none."""
+    if not judgement.may_be_approximate:
+        return None, judgement
+    found = over_horizons(fit)
+    if not isinstance(found, str):
+        return found, replace(judgement, added={})  # the scatter of blocks and the path hold all that
+    message = f"{judgement.message} {found}" if found and judgement.verdict.forbids else judgement.message
+    return None, replace(judgement, message=message)
+
+
 def estimate_of(
     structure: Structure,
     fit: LikelihoodFit,
@@ -593,10 +604,9 @@ def estimate_of(
     examined = Examined(fit, identified, structures, records, searched=offered is not None)
     judgement = judge(examined)
     residuals = fit.misfit.residuals
-    approximate = over_horizons(fit) if offered is None and judgement.may_be_approximate else None
+    approximate, judgement = _approximated(fit, judgement) if offered is None else (None, judgement)
     if approximate is not None:
         fit, identified = approximate, with_values(structure, approximate)
-        judgement = replace(judgement, added={})  # the scatter of blocks and the path hold all that
     covariance, faint = with_faint_modes(fit, identified)
     of_harmonics, frequencies, amplitudes = estimated_harmonics(fit, records)
     covariance = sum(judgement.added.values(), covariance) + of_harmonics

@@ -23,12 +23,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from linkwise.display import format_both
 from linkwise.estimates.causes import Cause
 from linkwise.expression import symbols
 from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.search import BLOCKS, BlockScores, Optimum, blocks_of_scatter
+from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
@@ -48,7 +49,7 @@ _LOOSE = 1.0  # the loosest relaxation of laws that were fitted as exact: near i
 _STEPS = 60  # of a search, which starts at the optimum of the looser horizon
 
 
-def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
+def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     """The approximate answer of laws that leave more than noise.
 
     Parameters
@@ -58,21 +59,42 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | None:
 
     Returns
     -------
-    LikelihoodFit or None
+    LikelihoodFit or str
         With the values, the motion and the covariance of the loosest horizon from which on the path is flat, or of that which
-        the next one moves least. None where the path is flat nowhere, where the records are too short for blocks, and beside
-        random forces, which let the motion forget as a relaxation does.
+        the next one moves least. A sentence on why there is none where the path is flat nowhere or the records are too short
+        for blocks; an empty one beside random forces, which let the motion forget as a relaxation does.
     """
     if fit.optimum.segments.random is not None:
-        return None
-    path = _from_exact(fit)[::-1] if fit.of_misfit else _path(fit)
+        return ""
+    if blocks_of_scatter(fit.optimum.segments) == 1:
+        longer = FEWEST * BLOCKS[0] / fit.optimum.segments.count
+        return f"The record is too short to compare parts of it: take {max(longer, 1.1):.2g} times as much of such motion."
+    path = list(_from_exact(fit))[::-1] if fit.of_misfit else list(_path(fit))
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
-    if not moves or min(moves) > _LARGEST:
-        return None
+    if not moves:
+        return (
+            "No search over longer horizons ends: take a shorter part of the record, or state what is left."
+        )
+    if min(moves) > _LARGEST:
+        return _turning(fit, path)
     chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), int(np.argmin(moves)))
     moved = [later.values - path[chosen].values for later in path[chosen + 1 :]]
     return replace(
         path[chosen], covariance=path[chosen].covariance + np.diag(np.max(np.square(moved), axis=0))
+    )
+
+
+def _turning(fit: LikelihoodFit, path: Sequence[LikelihoodFit]) -> str:
+    """What the horizon changes most, of which no interval can be given."""
+    deviations = np.sqrt(np.maximum(path[0].covariance.diagonal(), 1e-300))
+    most = int(np.argmax(np.abs(path[-1].values - path[0].values) / deviations * fit.free))
+    first, last = (
+        format_both(values[most], deviations[most])[0] for values in (path[0].values, path[-1].values)
+    )
+    name = fit.segments.system.parameters.names[most]
+    return (
+        f"{name} is {first} over short horizons and {last} over long ones, which no interval holds: hold it at a known value, "
+        "or take a part of the record over which it is the same."
     )
 
 
