@@ -91,7 +91,7 @@ AT_REST: dict[tuple[str, str], Fault] = {
 
 
 @pytest.mark.parametrize(("kind", "channel"), AT_REST)
-@pytest.mark.parametrize("snr_db", [40.0, 60.0])  # louder white noise would hide the correlated one
+@pytest.mark.parametrize("snr_db", [40.0, 60.0])  # noisier white noise would hide the correlated one
 def test_what_a_single_channel_says_at_rest(snr_db: float, kind: str, channel: str) -> None:
     alone = ring_down(snr_db).select([channel])
     assert kinds(alone) == set()

@@ -471,5 +471,5 @@ def test_laws_that_leave_much_more_than_the_noise_of_quiet_sensors_are_fitted_be
     for mode, frequency in enumerate((3.5, 5.2, 7.3, 9.2), start=1):
         found = fit.coefficient(f"ac.mode{mode}.frequency")
         assert abs(present(found.value) - frequency) < 4.0 * present(found.standard_error) < 0.03 * frequency
-    monkeypatch.setattr("linkwise.likelihood.search.with_noise_of_misfit", lambda *_: None)
+    monkeypatch.setattr("linkwise.likelihood.search.with_noise_from_misfit", lambda *_: None)
     assert lw.identify(record, asked, as_stated=True).grade is lw.Grade.REFUSED

@@ -318,11 +318,11 @@ def test_a_small_error_beside_a_missing_term_is_borne(
     assert all(cause.shift <= 3.0 for cause in some(cause for cause in fit.diagnosis if cause.is_instrument))
 
 
-def louder(record: lw.Record) -> np.ndarray:
+def noisier(record: lw.Record) -> np.ndarray:
     return 1.02 * record.channel("x:m1")
 
 
-@pytest.mark.parametrize(("change", "structure"), [(late(2e-3), PLAY), (louder, MORE_DRAG)])
+@pytest.mark.parametrize(("change", "structure"), [(late(2e-3), PLAY), (noisier, MORE_DRAG)])
 def test_an_error_that_moves_a_coefficient_far_takes_trust(change: Change, structure: lw.Structure) -> None:
     """Where drag explains more than a gain of 2 %, k3 was 15 standard errors off and trusted."""
     fit = lw.identify(recorded(change, structure), TRUE.unknown("all"))

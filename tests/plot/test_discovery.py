@@ -93,7 +93,6 @@ def test_folder_is_that_of_identify_and_more(discovery_folder: Path, discovered:
         "path",
         "evidence",
         "fit",
-        "histories",
         "residuals",
         "force_m1-ground",
         "force_m2-m1",

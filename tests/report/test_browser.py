@@ -31,7 +31,7 @@ def test_identify_page(width: int, tmp_path: Path) -> None:
     chain = lw.bnes_chain(2)
     record = chain_record(2, duration=2.0).with_noise(30.0, seed=1)
     folder = lw.report.write_result(lw.identify(record, chain.unknown("all")), tmp_path / "answer")
-    shown(folder, tmp_path / "browser", figures=5, width=width)
+    shown(folder, tmp_path / "browser", figures=4, width=width)
 
 
 PLANE = {"x:m2": (-0.02, 0.02), "v:m2": (-0.2, 0.2)}
@@ -89,7 +89,7 @@ def test_absorption_pages(chain: lw.Structure, tmp_path: Path) -> None:
 
 def test_discovery_page(discovered: lw.Discovery, chain: lw.Structure, tmp_path: Path) -> None:
     folder = lw.report.write_result(discovered, tmp_path / "answer", truth=chain)
-    shown(folder, tmp_path / "browser", figures=8)
+    shown(folder, tmp_path / "browser", figures=7)
 
 
 FAULTS = {  # what is told of each

@@ -465,10 +465,10 @@ class MaximumLikelihood(AskedFor, Estimator):
     ) -> LikelihoodFit:
         """A fit; noise adds up in what high passes take off, so that it is repeated with what the one before shows of them."""
         fit = self._searched(structure, records, options)
-        if fit.status in _ENDED_EARLY and (louder := _with_noise_of_filtered(records)) is not None:
-            fit = self._searched(structure, louder, options)
-            louder = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
-            fit = self._searched(structure, louder, options)
+        if fit.status in _ENDED_EARLY and (noisier := _with_noise_of_filtered(records)) is not None:
+            fit = self._searched(structure, noisier, options)
+            noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
+            fit = self._searched(structure, noisier, options)
         for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
             errors = with_denoised(fit, records, options.errors)
             fit = self._searched(structure, records, replace(options, errors=errors))
@@ -541,7 +541,10 @@ def _with_noise_of_filtered(records: Sequence[Record]) -> list[Record] | None:
 
 def _refuse_dead(record: Record) -> None:
     """Refuse a record with a sensor that shows zero throughout, which sets no scale of the motion."""
-    dead = [name for name in record.responses if not np.nan_to_num(record.channel(name)).any()]
+    shown = {name: record.channel(name) for name in record.responses}
+    dead = [
+        name for name, values in shown.items() if (values == 0.0).any() and not np.nan_to_num(values).any()
+    ]
     if dead:
         raise IdentificationError(
             f"every sample of {', '.join(dead)} is 0: a dead channel; check sensor and cable, or leave the channel out",

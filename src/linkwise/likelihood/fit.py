@@ -50,7 +50,7 @@ _COLLINEAR = 1e5
 """Variance of a gain over that with all other unknowns known; the sensitivities, in single precision, resolve some 1e7."""
 
 
-def _untold_gains(found: Sequence[Found], covariance: Floats, parameters: int) -> tuple[str, ...]:
+def _undetermined_gains(found: Sequence[Found], covariance: Floats, parameters: int) -> tuple[str, ...]:
     """The channels of gains of which nothing is known, and that others of all unknowns stand for.
 
     `covariance` (P, P) has the `parameters` first, and zero in rows of those at a bound.
@@ -87,10 +87,11 @@ def require_told(fit: LikelihoodFit) -> None:
     """
     converged = fit.converged
     explained = fit.has_errors and not fit.chi_square_off and not fit.interrupted
-    if fit.untold and (converged or explained):
+    gains = fit.undetermined_gains
+    if gains and (converged or explained):
         raise IdentificationError(
-            f"the records do not tell the gain of {', '.join(fit.untold)}: another scale of forces, masses or motion explains "
-            f"them as well. Leave {'it' if len(fit.untold) == 1 else 'one of them'} out, or state how well it is "
+            f"the records do not tell the gain of {', '.join(gains)}: another scale of forces, masses or motion explains "
+            f"them as well. Leave {'it' if len(gains) == 1 else 'one of them'} out, or state how well it is "
             "known, by a calibration",
             arguments=("calibration",),
         )
@@ -125,7 +126,7 @@ class LikelihoodFit:
         The standard deviations of the noise in the first record, by channel.
     chi_square, chi_square_off : float, bool
         Chi-square per degree of freedom with the noise stated or estimated beforehand, and whether it is far from 1.
-    of_misfit : bool
+    noise_from_misfit : bool
         Whether the noise is what the laws leave: beside that which was stated or found no search ended.
     model_error : float
         The relaxation q of the flow where the laws leave residuals that are not noise, else 0.
@@ -146,7 +147,7 @@ class LikelihoodFit:
         The reduction of -2 log likelihood without the prior of each parameter, offset or gain.
     shape : CostShape
         What is known of the cost around the optimum.
-    untold : tuple of str
+    undetermined_gains : tuple of str
         Channels whose gains, of which nothing is known beforehand, the records do not tell.
     options : LikelihoodOptions
         What it was asked for with.
@@ -169,8 +170,8 @@ class LikelihoodFit:
     others: tuple[Floats, ...] = ()
     random_forces: tuple[RandomForceEstimate, ...] = ()
     shape: CostShape = CostShape.UNKNOWN
-    untold: tuple[str, ...] = ()
-    of_misfit: bool = False
+    undetermined_gains: tuple[str, ...] = ()
+    noise_from_misfit: bool = False
     options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
 
     @property
@@ -407,7 +408,7 @@ def _fitted(
         noise=_found_noise(segments, fit, tuple(sensing.frames[0].names)),
         chi_square=explained.chi_square,
         chi_square_off=explained.chi_square_off,
-        of_misfit=explained.of_misfit,
+        noise_from_misfit=explained.noise_from_misfit,
         model_error=explained.model_error,
         force_error=_force_error(fit, segments.system, segments),
         error_ratios=None if ratios is None else ratios[:p],
@@ -425,7 +426,7 @@ def _fitted(
             None if explained.coloured is None else fit.covariance[:p, :p],
         ),
         prior_conflicts=_prior_conflicts(segments, explained),
-        untold=_untold_gains(found, explained.covariance, p),
+        undetermined_gains=_undetermined_gains(found, explained.covariance, p),
         random_forces=_random_forces(segments, sensing, records[0].rate),
     )
 

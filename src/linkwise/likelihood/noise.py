@@ -283,7 +283,7 @@ _ROUNDS = 4  # of a search with the noise that the one before left
 _EVEN = 0.05  # by which that differs at most where it has settled
 
 
-def with_noise_of_misfit(
+def with_noise_from_misfit(
     segments: Segments, start: Iterate, fit: AnnealingFit, annealer: Annealer
 ) -> AnnealingFit | None:
     """The fit of exact laws from a `start`, with what a `fit` that did not converge left of each channel as its noise.

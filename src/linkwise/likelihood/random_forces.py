@@ -164,8 +164,9 @@ def with_noise_of_signals(
 
     What is not stated is that which the records show. Raises IdentificationError for a deviation that is not positive.
     """
-    signals = [f"signal:{name}" for name in structure.signals]
-    stated = _by_name(input_noise, [*records[0].forces, *signals]) if signals else {}
+    signals, base = [f"signal:{name}" for name in structure.signals], exciting_base(records[0], structure)
+    inputs = [*records[0].forces, *(() if base is None else (base,)), *signals]
+    stated = _by_name(input_noise, inputs) if signals else {}
     noise = {
         name: _positive(size, f"the noise of {name}", unit_in(structure, name))
         for name, size in stated.items()

@@ -33,7 +33,7 @@ from linkwise.likelihood.noise import (
     lag_one_autocorrelation,
     with_coloured_noise,
     with_model_error,
-    with_noise_of_misfit,
+    with_noise_from_misfit,
     with_noise_of_residuals,
 )
 from linkwise.likelihood.options import LikelihoodOptions
@@ -370,7 +370,7 @@ class ExplainedFit:
         With a model error, the factor on the standard errors over those of white model error; None for too short records.
     coloured : ColouredNoise or None
         The noise where it is coloured.
-    of_misfit : bool
+    noise_from_misfit : bool
         Whether the noise is what the laws leave: beside that which was stated or found no search ended.
     """
 
@@ -382,7 +382,7 @@ class ExplainedFit:
     noise: float = 1.0
     error_ratios: Floats | None = None
     coloured: ColouredNoise | None = None
-    of_misfit: bool = False
+    noise_from_misfit: bool = False
 
 
 def explained_fit(
@@ -440,10 +440,14 @@ def explained_fit(
         off = _is_off(segments, fit, annealer.loss, limit, lowest)
     elif candidate is not None:
         return _with_model_error(segments, candidate, annealer, limit, any_stated)
-    elif unlimited and unreached and (louder := with_noise_of_misfit(segments, start, fit, annealer)):
-        power = np.square(louder.misfit.residuals).sum(axis=2) * (louder.scales.sigma / fit.scales.sigma) ** 2
+    elif unlimited and unreached and (noisier := with_noise_from_misfit(segments, start, fit, annealer)):
+        power = (
+            np.square(noisier.misfit.residuals).sum(axis=2) * (noisier.scales.sigma / fit.scales.sigma) ** 2
+        )
         chi_square = float(power.sum()) / freedom(segments)
-        return ExplainedFit(louder, louder.covariance, chi_square, chi_square_off=True, of_misfit=True)
+        return ExplainedFit(
+            noisier, noisier.covariance, chi_square, chi_square_off=True, noise_from_misfit=True
+        )
     return ExplainedFit(fit, fit.covariance, fit.chi_square, off)
 
 

@@ -125,9 +125,9 @@ def test_equals_the_dense_fisher_matrix(chain: lw.Structure, tangents: list[np.n
     # tangents of order 4 that turn 1/4 at most a step, over 25 samples
     assert scaled_difference(limit, dense, scale) < 2e-3
     if kind == "x":  # and what must be refused: a tenth more noise
-        louder = lw.limit(chain, sensors=("x",), noise=19.0, **SHORT)
+        noisier = lw.limit(chain, sensors=("x",), noise=19.0, **SHORT)
         # 10^0.1 - 1 = 0.26 in variance; measured 0.259
-        assert scaled_difference(louder, dense, scale) > 0.1
+        assert scaled_difference(noisier, dense, scale) > 0.1
 
 
 def test_of_a_link_with_memory_equals_the_dense_fisher_matrix() -> None:
@@ -175,8 +175,8 @@ def test_of_one_segment_is_what_identify_reaches_with_memory() -> None:
 def test_scales_with_the_noise_and_with_the_samples(chain: lw.Structure) -> None:
     plan: dict[str, Any] = {"duration": 1.0, "release": RELEASE, "segment": 0.25}
     bound = lw.limit(chain, rate=1000.0, noise={"x:m1": 1e-4, "x:m2": 1e-3}, **plan)
-    louder = lw.limit(chain, rate=1000.0, noise={"x:m1": 2e-4, "x:m2": 2e-3}, **plan)
-    np.testing.assert_allclose(louder.covariance, 4.0 * bound.covariance, rtol=1e-8)  # same numerics
+    noisier = lw.limit(chain, rate=1000.0, noise={"x:m1": 2e-4, "x:m2": 2e-3}, **plan)
+    np.testing.assert_allclose(noisier.covariance, 4.0 * bound.covariance, rtol=1e-8)  # same numerics
     denser = lw.limit(chain, rate=4000.0, noise=dict(bound.noise), **plan)
     # four times the samples of the same motion; the ends of 250 samples shift by less than one of them
     np.testing.assert_allclose(4.0 * np.diag(denser.covariance), np.diag(bound.covariance), rtol=4.0 / 250.0)

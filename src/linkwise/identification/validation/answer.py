@@ -153,7 +153,7 @@ def without_found_errors(
     are `corrected`, by channel, stay: the record is without them. Raises IdentificationError for another kind or channel.
     """
     _require_kinds(corrected, record)
-    taken_out, remarks = [], []
+    taken_out, remarks, given = [], [], record
     undone = [error for error in errors if error.kind in _ORDER and error.channel in record.channels]
     for error in sorted(undone, key=lambda error: _ORDER.index(error.kind)):
         name = f"{error.kind} of {error.channel}"
@@ -165,7 +165,7 @@ def without_found_errors(
             )
             continue
         try:
-            record = _without(record, error)
+            record = _without(record, error, given)
         except RecordError as refusal:
             remarks.append(f"The {name} that the answer found was not removed: {refusal}")
         else:
@@ -206,13 +206,13 @@ def _require_kinds(corrected: Mapping[str, Sequence[str]], record: Record) -> No
             )
 
 
-def _without(record: Record, error: SensorErrorEstimate) -> Record:
-    """The record without one error; RecordError where it cannot be taken out."""
+def _without(record: Record, error: SensorErrorEstimate, given: Record) -> Record:
+    """The record without one error, as it was `given` with all; RecordError where it cannot be taken out."""
     column, values = record.channels.index(error.channel), record.values.copy()
     if error.kind == "clock":
         return without_delays(record, {}, clocks={error.channel: error.value})
     if error.kind == CROSSTALK:
-        values[:, column] -= error.value * record.channel(error.source)
+        values[:, column] -= error.value * given.channel(error.source)
         return replace(record, values=values)
     if error.kind == "delay":
         record = without_delays(record, {error.channel: error.value})

@@ -69,7 +69,7 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     if blocks_of_scatter(fit.optimum.segments) == 1:
         longer = FEWEST * BLOCKS[0] / fit.optimum.segments.count
         return f"The record is too short to compare parts of it: take {max(longer, 1.1):.2g} times as much of such motion."
-    path = list(_from_exact(fit))[::-1] if fit.of_misfit else list(_path(fit))
+    path = list(_from_exact(fit))[::-1] if fit.noise_from_misfit else list(_path(fit))
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves:
         return (

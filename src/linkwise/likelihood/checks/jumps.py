@@ -38,7 +38,7 @@ from linkwise.runtime import one_blas_thread
 
 _LONGEST = 20_000  # segments in which they are looked for
 _COLUMNS = 64  # jumps of single states that are tested
-_FEWEST = 8  # moments
+_FEWEST = 4  # moments
 _ENDS = 0.05  # of a record: nearer to an end a jump is another start of its motion
 _RANK = 1e-9  # of the largest information on a jump: a direction with less is not seen
 _PULSE = 30.0  # times the mean power of an input: of a hit, whose impulse few samples hardly tell
@@ -62,10 +62,11 @@ class Jump:
 def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> Jump | None:
     """The jump at one moment that explains most of what exact laws leave; None where chance may well give it."""
     exact = fit.model_error == 0.0 and isinstance(fit.optimum.loss, Gaussian) and fit.has_errors
-    moments, segments = _moments(fit), fit.optimum.segments
+    segments = fit.optimum.segments
     large = identified.hosts or identified.size >= MANY or segments.count > _LONGEST
     if not exact or large or fit.random_forces:
         return None
+    moments = _moments(fit)
     try:
         with one_blas_thread():
             none = 0.0, 0, np.empty(0)
@@ -76,8 +77,12 @@ def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[
     of_one = float(scipy.special.chdtri(1, scipy.special.chdtrc(states, gain)))
     if not of_one > _HINT + 2.0 * float(np.log(max(len(moments), 1))):
         return None
-    apart = int(np.max(np.diff(moments), initial=1))
-    first, last = max(segment + 1 - apart, 0), min(segment + 1 + apart, segments.count - 1)
+    ends = np.flatnonzero(~segments.linked) + 1  # of records
+    begin = int(np.max(ends[ends <= segment], initial=0))
+    end = int(np.min(ends[ends > segment], initial=segments.count))
+    others = np.clip(moments[moments != segment] + 1, begin, end - 1)
+    first = int(np.max(others[others <= segment], initial=begin))
+    last = int(np.min(others[others > segment + 1], initial=end - 1))
     event = event_between(segments, first, last, records, gain)
     return Jump(event, moves, of_one > least_gain(len(moments)), of_one)
 
@@ -106,7 +111,7 @@ def _moments(fit: LikelihoodFit) -> Indices:
 
 def _jumps(fit: LikelihoodFit, moments: Indices) -> Iterator[tuple[float, int, Floats]]:
     """Jumps of all states at the ends of some segments, each alone: what each takes off -2 log likelihood, the segment, and
-    what it makes of the parameters (p,). None where the equations are singular.
+    what it makes of the parameters (p,). Nothing where the equations are singular.
     """
     optimum = fit.optimum
     equations = DrawnEquations.of(fit, optimum, RELAXED) if len(moments) else None

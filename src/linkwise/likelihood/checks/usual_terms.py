@@ -273,14 +273,15 @@ def _bounded(
         move = np.where(fit.free, tests.changes[:, number] * optimum.scales.theta[:p] / size, 0.0)
         if not (size > 0.0 and whole > 0.0 and np.isfinite(move).all()):
             continue
-        farthest = int(np.argmax(np.abs(move) / deviations))
-        relative = np.abs(move[farthest] / fit.values[farthest])
+        shifts = np.divide(np.abs(move), deviations, out=np.zeros(p), where=fit.free & (deviations > 0.0))
+        relative = np.abs(np.divide(move, fit.values))
         is_told = tests.gains[number] > 0.0  # else the coefficients leave nothing of it, whatever its size
         seen = size + beyond_noise * float(tests.deviations[number]) if is_told else np.inf
-        limit = min(seen, largest * whole, most / relative)
-        shift = limit * np.abs(move[farthest]) / deviations[farthest]
-        if not (np.isfinite(shift) and shift > LARGEST_SHIFT and limit * relative > _NEGLIGIBLE):
+        limit = min(seen, largest * whole, most / float(relative[np.argmax(shifts)]))
+        beyond = (limit * shifts > LARGEST_SHIFT) & (limit * relative > _NEGLIGIBLE)
+        if not (np.isfinite(limit) and beyond.any()):
             continue
+        farthest = int(np.argmax(np.where(beyond, shifts, 0.0)))
         yield (
             UnseenTerm(
                 link=hypothesis.where,
@@ -288,8 +289,8 @@ def _bounded(
                 share=float(limit / whole),
                 coefficient=fit.segments.system.parameters.names[farthest],
                 change=float(limit * move[farthest]),
-                standard_errors=float(shift),
-                relative_change=float(limit * relative),
+                standard_errors=float(limit * shifts[farthest]),
+                relative_change=float(limit * relative[farthest]),
             ),
             limit * move,
         )

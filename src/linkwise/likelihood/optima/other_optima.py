@@ -478,7 +478,7 @@ def is_loosened(fit: LikelihoodFit) -> bool:
     bool
         Whether they do.
     """
-    exact = fit.converged and fit.model_error == 0.0 and not (fit.random_forces or fit.of_misfit)
+    exact = fit.converged and fit.model_error == 0.0 and not (fit.random_forces or fit.noise_from_misfit)
     return exact and fit.optimum.q > AnnealingSchedule.final_q
 
 
