@@ -20,7 +20,6 @@ from linkwise.arrays import Floats, Indices
 from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.diagnosis import least_gain
 from linkwise.likelihood.tests.variances import (
@@ -38,7 +37,7 @@ from linkwise.runtime import one_blas_thread
 
 _LONGEST = 20_000  # segments in which they are looked for
 _COLUMNS = 64  # jumps of single states that are tested
-_FEWEST = 4  # moments
+_FEWEST = 8  # moments; with more states than let them be as many, looking for them takes a fifth of a fit
 _ENDS = 0.05  # of a record: nearer to an end a jump is another start of its motion
 _RANK = 1e-9  # of the largest information on a jump: a direction with less is not seen
 _PULSE = 30.0  # times the mean power of an input: of a hit, whose impulse few samples hardly tell
@@ -63,7 +62,7 @@ def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[
     """The jump at one moment that explains most of what exact laws leave; None where chance may well give it."""
     exact = fit.model_error == 0.0 and isinstance(fit.optimum.loss, Gaussian) and fit.has_errors
     segments = fit.optimum.segments
-    large = identified.hosts or identified.size >= MANY or segments.count > _LONGEST
+    large = identified.hosts or segments.system.dimension * _FEWEST > _COLUMNS or segments.count > _LONGEST
     if not exact or large or fit.random_forces:
         return None
     moments = _moments(fit)
