@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,7 +170,7 @@ def test_a_stiffness_with_a_kink_that_no_test_sees_is_told() -> None:
 
 
 WELL = "alpha*d + beta*d**3 + c*v"
-SINK = {"alpha": -100.0, "beta": 1e6, "c": 0.3}  # wells at 10 mm
+SINK: dict[str, Any] = {"alpha": -100.0, "beta": 1e6, "c": 0.3}  # wells at 10 mm
 
 
 @pytest.mark.parametrize("q", [0.0, 300.0, 1000.0])  # 3 and 10 % of either force at a well

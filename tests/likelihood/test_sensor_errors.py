@@ -252,8 +252,10 @@ def test_an_offset_that_dwarfs_the_motion_leaves_the_search_where_it_would_end_w
     )
     decay = decay.with_noise(40.0, seed=3)
     far = replace(decay, values=decay.values + 1.0, simulated=None)
-    unknown = {"offsets": ["x:m1", "x:m2"]}
-    near, moved = (lw.identify(record, lw.bnes_chain(2).unknown("all"), **unknown) for record in (decay, far))
+    near, moved = (
+        lw.identify(record, lw.bnes_chain(2).unknown("all"), offsets=["x:m1", "x:m2"])
+        for record in (decay, far)
+    )
     np.testing.assert_allclose(moved.values, near.values, rtol=1e-3)
 
 
