@@ -14,10 +14,7 @@ import linkwise as lw
 PATIENCE = 120.0
 PAUSE = 0.03  # s between two looks at what others do, each of which reads all rows
 LOOKS = 12_000  # after which nothing happens any more; a busy machine looks less often
-AT_START = (
-    0,
-    5,
-)  # these kills come while workers are starting, the first of them maybe before there is a folder
+AT_START = 0, 5  # kills while workers are starting, the first of them maybe before there is a folder
 
 
 def start(study: Path, folder: Path, slots: int = 2) -> subprocess.Popen[str]:
@@ -50,10 +47,10 @@ def alive(process: int) -> bool:
         return False
 
 
-def strike(process: int) -> int:
-    """Kill a process; 1 where it was there."""
+def strike(process: int, by: signal.Signals = signal.SIGKILL) -> int:
+    """End a process by a signal; 1 where it was there."""
     try:
-        os.kill(process, signal.SIGKILL)
+        os.kill(process, by)
     except ProcessLookupError:
         return 0
     return 1

@@ -1,13 +1,12 @@
 """Studies that are interrupted leave what can be gone on with; the benchmark kills one thirty times."""
 
-import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from coordinator import PATIENCE, alive, rows, start, wait_for_rows, workers
+from coordinator import PATIENCE, alive, rows, start, strike, wait_for_rows, workers
 from small_study import small
 
 pytestmark = [
@@ -22,7 +21,7 @@ def test_ctrl_c_leaves_what_can_be_gone_on_with(tmp_path: Path) -> None:
     wait_for_rows(coordinator, folder, 1)
     team = workers(coordinator.pid)
     for process in (coordinator.pid, *team):  # as a terminal does
-        os.kill(process, signal.SIGINT)
+        strike(process, signal.SIGINT)
     out, err = coordinator.communicate(timeout=PATIENCE)
     assert coordinator.returncode == 130 and out == ""
     lines = [line for line in err.splitlines() if line]
