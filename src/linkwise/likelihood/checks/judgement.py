@@ -189,7 +189,7 @@ class Examined:
     @cached_property
     def jump(self) -> Jump | None:
         """The likeliest moment at which the motion of exact laws begins anew; None where chance gives as much."""
-        return likeliest_jump(self.fit, self.identified, self.records)
+        return likeliest_jump(self.fit, self.identified, self.records, self.diagnosis.tested)
 
     @cached_property
     def closer(self) -> CloserFit | None:
