@@ -26,8 +26,9 @@ from linkwise.likelihood.shooting.residuals import SensorErrors
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.terms import Hum, of_kind
-from linkwise.likelihood.tests.diagnosis import in_longer_segments
-from linkwise.likelihood.tests.score_test import augmented_quadratic
+from linkwise.likelihood.tests.columns import Added
+from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
+from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic, augmented_quadratic, in_turn
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -127,46 +128,88 @@ def estimated_harmonics(
     return unknowns.covariance, tuple(errors), tuple(sentences)
 
 
-def line_causes(fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Iterator[Cause]:
-    """What would explain lines in what a fit leaves: each a harmonic force on the mass on which it explains most, or a hum.
-
-    A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929), and tested by its score. That of a
-    sensor is in its channel alone.
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines in what a fit to `records` leaves, of as many frequencies as `looked_at`, and what may be one of them: `forces` on
+    masses, and behind these `hums`, a frequency in Hz in a channel each.
     """
-    if structure.hosts or not fit.has_errors:
-        return
-    lines, count = _lines(fit, records)
-    known = [force.frequency for force in fit.options.harmonics]
-    known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
-    lines = [
-        line for line in lines if all(abs(line.frequency - one) * records[0].duration > 1.0 for one in known)
-    ]
-    if not lines:
-        return
-    limit = _CHANCE + 2.0 * np.log(count * structure.size)
-    forces = [
-        HarmonicForce(structure.mass_names[mass], mass, line.frequency)
-        for line in lines
-        for mass in line.masses
-    ]
-    hums = [(line.frequency, channel) for line in lines for channel in line.channels]
-    gains, sizes = _gains(fit, records, forces, hums)
-    width = 1.0 / max(record.duration for record in records)
-    for line in lines:
-        of_forces = [k for k, force in enumerate(forces) if force.frequency == line.frequency]
-        of_hums = [len(forces) + k for k, hum in enumerate(hums) if hum[0] == line.frequency]
-        best = max(of_forces + of_hums, key=lambda k: gains[k])
-        if gains[best] <= limit:
-            continue
-        gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
-        if best < len(forces):
-            source = f"{sizes[best]:.3g} N"
-            yield Cause(HARMONIC, forces[best].mass, line.frequency, "Hz", gain, error, source=source)
-            continue
-        channel = hums[best - len(forces)][1]
-        frequency, alone = _refined_hum(fit, records, line.frequency, channel)
-        if alone:
-            yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
+
+    records: Sequence[Record]
+    lines: Sequence[_Line]
+    looked_at: int
+    forces: Sequence[HarmonicForce]
+    hums: Sequence[tuple[float, int]]
+
+    @classmethod
+    def of(cls, fit: LikelihoodFit, structure: Structure, records: Sequence[Record]) -> Lines | None:
+        """Those that no force or hum of the fit is; None without any, and beside hosts.
+
+        A line is compared with the level of its neighbours (Fisher, Proc. R. Soc. A 125, 1929). That of a sensor is in its
+        channel alone.
+        """
+        if structure.hosts or not fit.has_errors:
+            return None
+        found, looked_at = _lines(fit, records)
+        known = [force.frequency for force in fit.options.harmonics]
+        known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
+        width = 1.0 / records[0].duration
+        lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
+        forces = [
+            HarmonicForce(structure.mass_names[mass], mass, line.frequency)
+            for line in lines
+            for mass in line.masses
+        ]
+        hums = [(line.frequency, channel) for line in lines for channel in line.channels]
+        return cls(records, lines, looked_at, forces, hums) if lines else None
+
+    def columns(self, optimum: Optimum) -> Iterator[Added]:
+        """A cosine and a sine in each record of each; none where the segments of an optimum do not tell their time."""
+        segments = optimum.segments
+        if not _tells_time(segments, self.records):
+            return
+        forces, units = _columns(optimum, self.records, self.forces)
+        along = in_turn(forces.starts, forces.middles)
+        for number, mass in enumerate(forces.second.tolist()):
+            error = Hypothesis(HARMONIC, self.forces[0].mass)
+            yield Added(error, [(-1, mass, along[:, number])], unit=float(units[number]))
+        hums = _hums(segments, self.records, self.hums)
+        for number, channel in enumerate([] if hums is None else hums.channel.tolist()):
+            assert hums is not None
+            yield Added(Hypothesis(HUM, ""), samples=[(channel, hums.values[:, number])], unit=1.0)
+
+    def causes(self, fit: LikelihoodFit, tested: TestedCauses | None) -> Iterator[Cause]:
+        """What would explain each line by its score: the harmonic force on the mass on which it explains most, or a hum.
+
+        By the equations in which causes were `tested`, where the `columns` were among them.
+        """
+        records = self.records
+        if tested is None or tested.beside is None:
+            optimum = _in_longer_segments(fit, records)
+            unknowns = _Unknowns.of(
+                fit, optimum, records, self.forces, _hums(optimum.segments, records, self.hums)
+            )
+        else:
+            unknowns = _Unknowns.by(fit, tested.longer, *tested.beside, self.forces, 2 * len(records))
+        gains, sizes = unknowns.each_alone(2 * len(records))
+        limit = _CHANCE + 2.0 * np.log(self.looked_at * len(fit.segments.system.incidence))
+        width = 1.0 / max(record.duration for record in records)
+        for line in self.lines:
+            of_forces = [k for k, force in enumerate(self.forces) if force.frequency == line.frequency]
+            of_hums = [len(self.forces) + k for k, hum in enumerate(self.hums) if hum[0] == line.frequency]
+            best = max(of_forces + of_hums, key=lambda k: gains[k])
+            if gains[best] <= limit:
+                continue
+            gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
+            if best < len(self.forces):
+                source = f"{sizes[best]:.3g} N"
+                yield Cause(
+                    HARMONIC, self.forces[best].mass, line.frequency, "Hz", gain, error, source=source
+                )
+                continue
+            channel = self.hums[best - len(self.forces)][1]
+            frequency, alone = _refined_hum(fit, records, line.frequency, channel)
+            if alone:
+                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
 def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
@@ -259,30 +302,15 @@ def _above_level(power: Floats) -> tuple[Indices, Indices, Floats]:
     return rows, at, power[rows, at] / np.maximum(level, np.finfo(float).tiny)
 
 
-def _gains(
-    fit: LikelihoodFit,
-    records: Sequence[Record],
-    forces: Sequence[HarmonicForce],
-    hums: Sequence[tuple[float, int]] = (),
-) -> tuple[Floats, Floats]:
-    """What each of the forces, and behind them each hum at a frequency in Hz of a channel, would alone take off
-    -2 log likelihood, and their amplitudes.
-    """
-    optimum = _in_longer_segments(fit, records)
-    unknowns = _Unknowns.of(fit, optimum, records, forces, _hums(optimum.segments, records, hums))
-    gains, sizes = [], []
-    for own in np.arange(len(unknowns.score)).reshape(-1, 2 * len(records)):
-        block, slope = unknowns.information[np.ix_(own, own)], unknowns.score[own]
-        size = np.linalg.lstsq(block, slope, rcond=1e-9)[0]
-        gains.append(float(slope @ size))
-        sizes.append(float(np.hypot(*size[:2])))
-    return np.array(gains), np.array(sizes)
-
-
 def _in_longer_segments(fit: LikelihoodFit, records: Sequence[Record]) -> Optimum:
     """The optimum of a fit, in longer segments where those of each record follow each other without a break."""
     longer = in_longer_segments(fit)
-    return longer if len(_times(longer.segments, records)[1]) == longer.segments.count else fit.optimum
+    return longer if _tells_time(longer.segments, records) else fit.optimum
+
+
+def _tells_time(segments: Segments, records: Sequence[Record]) -> bool:
+    """Whether the segments of each record follow each other without a break."""
+    return segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
 
 
 def _times(segments: Segments, records: Sequence[Record]) -> tuple[Floats, Indices]:
@@ -329,7 +357,8 @@ def _at_line(fit: LikelihoodFit, records: Sequence[Record], force: HarmonicForce
     spacing = _STEP / max(record.duration for record in records)
     frequencies = force.frequency + spacing * np.arange(-_AROUND, _AROUND + 1)
     tried = [replace(force, frequency=float(one)) for one in frequencies if one > 4.0 * spacing]
-    best = tried[int(np.argmax(_gains(fit, records, tried)[0]))]
+    unknowns = _Unknowns.of(fit, _in_longer_segments(fit, records), records, tried)
+    best = tried[int(np.argmax(unknowns.each_alone(2 * len(records))[0]))]
     return replace(best, amplitudes=((0.0, 0.0),) * len(records))
 
 
@@ -361,6 +390,20 @@ class _Unknowns:
             columns, units = _columns(optimum, records, forces)
             augmented = augmented_quadratic(optimum, columns, hums)
         units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
+        each = 2 * len(records) + bool(forces[0].amplitudes)
+        return cls.by(fit, optimum, augmented, units, forces, each)
+
+    @classmethod
+    def by(
+        cls,
+        fit: LikelihoodFit,
+        optimum: Optimum,
+        augmented: Quadratic,
+        units: Floats,
+        forces: Sequence[HarmonicForce],
+        each: int,
+    ) -> _Unknowns:
+        """Those by the cost in the parameters and, after them, in the unknowns, which have these `units` (h,)."""
         p = len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)
         curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2
@@ -370,8 +413,17 @@ class _Unknowns:
         information = curvature[own, own] - curvature[own, :p] @ follow
         score = slope[own] - follow.T @ slope[:p]
         scale = optimum.scales.theta[:p, None]
-        each = 2 * len(records) + bool(forces[0].amplitudes)
         return cls(forces, each, information / np.outer(units, units), score / units, follow * scale / units)
+
+    def each_alone(self, each: int) -> tuple[Floats, Floats]:
+        """What each force or hum of so many unknowns alone would take off -2 log likelihood, and its amplitude."""
+        gains, sizes = [], []
+        for own in np.arange(len(self.score)).reshape(-1, each):
+            slope = self.score[own]
+            size = np.linalg.lstsq(self.information[np.ix_(own, own)], slope, rcond=1e-9)[0]
+            gains.append(float(slope @ size))
+            sizes.append(float(np.hypot(*size[:2])))
+        return np.array(gains), np.array(sizes)
 
     @property
     def places(self) -> Indices:

@@ -17,7 +17,7 @@ from linkwise.likelihood.checks.horizons import CloserFit, held_closer
 from linkwise.likelihood.checks.jumps import Jump, likeliest_jump
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.harmonics import line_causes
+from linkwise.likelihood.harmonics import Lines
 from linkwise.likelihood.noise import lag_one_autocorrelation
 from linkwise.likelihood.random_forces import noise_of_channels
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule
@@ -149,7 +149,15 @@ class Examined:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What is significant in the residuals, and all that was tested."""
-        return diagnose(self.fit, self.identified, self.channels, terms=self._may_lack_any_term)
+        beside = self.lines.columns if self.lines else None
+        return diagnose(
+            self.fit, self.identified, self.channels, terms=self._may_lack_any_term, beside=beside
+        )
+
+    @cached_property
+    def lines(self) -> Lines | None:
+        """Lines in what the fit leaves; None without any."""
+        return Lines.of(self.fit, self.identified, self.records)
 
     @cached_property
     def inputs(self) -> tuple[InputNoise, ...]:
@@ -178,7 +186,7 @@ class Examined:
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
         least = max(_LINE * random, AS_NOISE * first)
-        found = line_causes(self.fit, self.identified, self.records)
+        found = self.lines.causes(self.fit, self.diagnosis.tested) if self.lines else ()
         lines = (cause for cause in found if cause.gain > least)
         every = [*self.diagnosis.causes, *noisy, *forces, *lines]
         tells = bool(every) and not (noisy or self.fit.chi_square_off)
@@ -189,7 +197,7 @@ class Examined:
     @cached_property
     def jump(self) -> Jump | None:
         """The likeliest moment at which the motion of exact laws begins anew; None where chance gives as much."""
-        return likeliest_jump(self.fit, self.identified, self.records)
+        return likeliest_jump(self.fit, self.identified, self.records, self.diagnosis.tested)
 
     @cached_property
     def closer(self) -> CloserFit | None:

@@ -21,7 +21,7 @@ from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.tests.diagnosis import least_gain
+from linkwise.likelihood.tests.diagnosis import TestedCauses, least_gain
 from linkwise.likelihood.tests.variances import (
     DRAWS,
     RELAXED,
@@ -38,6 +38,7 @@ from linkwise.runtime import one_blas_thread
 _LONGEST = 20_000  # segments in which they are looked for
 _COLUMNS = 64  # jumps of single states that are tested
 _FEWEST = 8  # moments; with more states than let them be as many, looking for them takes a fifth of a fit
+_BETWEEN = 4  # longer segments from one moment to the next, so that their ends hardly move it
 _ENDS = 0.05  # of a record: nearer to an end a jump is another start of its motion
 _RANK = 1e-9  # of the largest information on a jump: a direction with less is not seen
 _PULSE = 30.0  # times the mean power of an input: of a hit, whose impulse few samples hardly tell
@@ -58,21 +59,31 @@ class Jump:
     of_one: float
 
 
-def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[Record]) -> Jump | None:
-    """The jump at one moment that explains most of what exact laws leave; None where chance may well give it."""
+def likeliest_jump(
+    fit: LikelihoodFit, identified: Structure, records: Sequence[Record], tested: TestedCauses | None
+) -> Jump | None:
+    """The jump at one moment that explains most of what exact laws leave; None where chance may well give it.
+
+    It is looked for in the segments, and by the linearised equations, in which causes were `tested`.
+    """
     exact = fit.model_error == 0.0 and isinstance(fit.optimum.loss, Gaussian) and fit.has_errors
-    segments = fit.optimum.segments
-    large = identified.hosts or segments.system.dimension * _FEWEST > _COLUMNS or segments.count > _LONGEST
+    states, model = fit.segments.system.dimension, tested and tested.quadratic.model
+    large = identified.hosts or states * _FEWEST > _COLUMNS or fit.segments.count > _LONGEST
     if not exact or large or fit.random_forces:
         return None
-    moments = _moments(fit)
+    optimum, linear = fit.optimum, None
+    if tested and model and _tells_moments(tested.longer.segments, records):
+        optimum, linear = tested.longer, model.linear
+    segments = optimum.segments
+    moments = _moments(segments)
     try:
         with one_blas_thread():
             none = 0.0, 0, np.empty(0)
-            gain, segment, moves = max(_jumps(fit, moments), default=none, key=lambda jump: jump[0])
+            equations = DrawnEquations.of(fit, optimum, RELAXED, linear) if len(moments) else None
+            jumps = () if equations is None else _jumps(fit, equations, moments)
+            gain, segment, moves = max(jumps, default=none, key=lambda jump: jump[0])
     except np.linalg.LinAlgError:
         return None
-    states = segments.system.dimension
     of_one = float(scipy.special.chdtri(1, scipy.special.chdtrc(states, gain)))
     if not of_one > _HINT + 2.0 * float(np.log(max(len(moments), 1))):
         return None
@@ -86,10 +97,20 @@ def likeliest_jump(fit: LikelihoodFit, identified: Structure, records: Sequence[
     return Jump(event, moves, of_one > least_gain(len(moments)), of_one)
 
 
-def _moments(fit: LikelihoodFit) -> Indices:
+def _tells_moments(segments: Segments, records: Sequence[Record]) -> bool:
+    """Whether longer segments of each record follow each other without a break, several from one moment to the next."""
+    unbroken = segments.count == sum(-(-len(record) // len(segments.samples)) for record in records)
+    return unbroken and segments.count >= _BETWEEN * _count(segments)
+
+
+def _count(segments: Segments) -> int:
+    """The number of moments that are tested."""
+    return max(_FEWEST, _COLUMNS // segments.system.dimension)
+
+
+def _moments(segments: Segments) -> Indices:
     """Numbers of segments at whose ends a jump is tested, evenly along each record, and not at a hit."""
-    segments = fit.optimum.segments
-    count = max(_FEWEST, _COLUMNS // segments.system.dimension)
+    count = _count(segments)
     starts = np.concatenate([[0], np.flatnonzero(~segments.linked) + 1, [segments.count]])
     found = []
     for start, stop in pairwise(starts.tolist()):
@@ -108,14 +129,13 @@ def _moments(fit: LikelihoodFit) -> Indices:
     return np.asarray(moments[~around[moments]])
 
 
-def _jumps(fit: LikelihoodFit, moments: Indices) -> Iterator[tuple[float, int, Floats]]:
+def _jumps(
+    fit: LikelihoodFit, equations: DrawnEquations, moments: Indices
+) -> Iterator[tuple[float, int, Floats]]:
     """Jumps of all states at the ends of some segments, each alone: what each takes off -2 log likelihood, the segment, and
-    what it makes of the parameters (p,). Nothing where the equations are singular.
+    what it makes of the parameters (p,).
     """
-    optimum = fit.optimum
-    equations = DrawnEquations.of(fit, optimum, RELAXED) if len(moments) else None
-    if equations is None:
-        return
+    optimum = equations.optimum
     m, scale = optimum.segments.system.dimension, optimum.scales.theta[: len(fit.values)]
     pulls = _pulls(equations)
     for part in at_once(len(moments), optimum.segments.count * m * m):
@@ -150,10 +170,13 @@ def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floa
 
 def _pulls(equations: DrawnEquations) -> Floats:
     """(K - 1, m, 1 + d) slopes of half the cost by jumps, of the residuals and, where noise is coloured, of draws of it."""
-    optimum, draws = equations.optimum, 0 if equations.optimum.coloured is None else DRAWS
-    noise = partial(with_draws, optimum.segments, noise_draws(optimum, draws, np.random.default_rng(SEED)))
-    steps = equations.solved(*equations.pulls(1 + draws, noise))
-    return equations.defects(*steps) / RELAXED**2
+    optimum, linear = equations.optimum, equations.linear
+    if optimum.coloured is None:
+        pulls = linear.right[..., -1:].astype(float), linear.of_data.gradient[:, None]
+    else:
+        draws = noise_draws(optimum, DRAWS, np.random.default_rng(SEED))
+        pulls = equations.pulls(1 + DRAWS, partial(with_draws, optimum.segments, draws))
+    return equations.defects(*equations.solved(*pulls)) / RELAXED**2
 
 
 def moment(segments: Segments, segment: int, records: Sequence[Record]) -> str:

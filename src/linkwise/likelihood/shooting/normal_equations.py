@@ -12,7 +12,7 @@ segments, they are small from the start, and nothing else changes (`with_common_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -336,29 +336,70 @@ def linearise(
     """Gauss-Newton model at a point, chunk by chunk: a chunk's tangents stay in the processor's cache.
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
-    `blocks` of segments. Rows are multiplied segment by segment in single precision, and the products summed in double
-    precision, in which the ends are.
+    `blocks` of segments, but for the errors: these are multiplied in their channel alone, and asked for in no blocks. Rows
+    are multiplied segment by segment in single precision, and the products summed in double precision, in which the ends are.
     """
     m, p = segments.system.dimension, segments.parameters + _extra_columns(candidates, errors)
     model = empty_model(segments, misfit, p, blocks, np.float64)
+    last = p - segments.sensors.unknowns
+    first = last - _extra_columns(None, errors)
+    others = np.r_[:first, last:p]  # than the errors
+    own = as_slice(others)
+    corner = (..., own, own) if isinstance(own, slice) else (..., others[:, None], others)
 
     def work(part: slice, pieces: list[slice]) -> list[Sums]:
-        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates, errors)
+        rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
         product = rows.transpose(0, 2, 1) @ rows
-        model.state[part], model.right[part] = product[:, :m, :m], product[:, :m, m:]
+        right, right_ends = model.right[part], model.right_ends[part]
+        model.state[part], right[..., own], right[..., p] = (
+            product[:, :m, :m],
+            product[:, :m, m:-1],
+            product[:, :m, -1],
+        )
         ends *= model.joined[part, :, None]
-        model.state_ends[part], model.right_ends[part, :, :p] = ends[:, :, :m], ends[:, :, m:]
-        borders = (model.right_ends[part][piece].reshape(-1, p + 1) for piece in pieces)
+        model.state_ends[part], right_ends[..., own] = ends[..., :m], ends[..., m:]
+        ends = np.concatenate([ends[..., m:], right_ends[..., p:]], axis=2)
+        borders = (ends[piece].reshape(-1, ends.shape[2]) for piece in pieces)
         of_data = np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
         of_defects = np.stack([border.T @ border for border in borders])
-        return [
-            (of_both, (...,), products[:, row, :-1])
-            for corners, products in ((model.of_data, of_data), (model.of_defects, of_defects))
-            for of_both, row in ((corners.matrices, slice(-1)), (corners.gradients, -1))
-        ]
+        sums = list[Sums]()
+        for corners, products in ((model.of_data, of_data), (model.of_defects, of_defects)):
+            sums.append((corners.matrices, corner, products[:, :-1, :-1]))
+            sums.append((corners.gradients, (..., own), products[:, -1, :-1]))
+        shown = rows.reshape(len(rows), *segments.samples.shape[:2], -1)
+        for channel, numbers, columns in _errors(segments, misfit, scales, loss, part, errors):
+            product, at = columns @ shown[:, :, channel], first + numbers
+            right[..., at] = product[..., :m].transpose(0, 2, 1)
+            total = product[..., m:].sum(axis=0, dtype=float)
+            squares = (columns @ columns.transpose(0, 2, 1)).sum(axis=0, dtype=float)
+            sums.append((model.of_data.matrices, (0, at[:, None], others), total[:, :-1]))
+            sums.append((model.of_data.matrices, (0, others[:, None], at), total[:, :-1].T))
+            sums.append((model.of_data.matrices, (0, at[:, None], at), squares))
+            sums.append((model.of_data.gradients, (0, at), total[:, -1]))
+        return sums
 
     parts = chunks(segments, segments.parameters + _extra_columns(candidates, None))
     return filled(model, parts, work, executor, (segments, misfit, scales))
+
+
+def _errors(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    loss: Loss,
+    part: slice,
+    errors: SensorErrors | None,
+) -> Iterator[tuple[int, Indices, Single]]:
+    """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, c, M)."""
+    if errors is None:
+        return
+    _, whiten = _weights(segments, misfit, scales, loss, part)
+    factors = segments.sensors.factors(misfit.point.gains)
+    for channel in np.unique(errors.channel).tolist():
+        numbers = np.flatnonzero(errors.channel == channel)
+        factor = factors[channel] if channel in segments.sensors.scaled else 1.0
+        columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
+        yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 1, 0), np.float32)
 
 
 def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
@@ -415,10 +456,9 @@ def whitened_jacobian(
     ends = _put_marched(jacobian, segments, misfit, scales, part, whiten, candidates, columns)
     if segments.random is not None and segments.random.shown is not None:
         add_shown_forces(jacobian, segments.random, scales, whiten)
-    if errors is not None:
-        for number, channel in enumerate(errors.channel):
-            jacobian[:, :, channel, moving + number] = (whiten[:, channel] * errors.values[:, number, part]).T
     add_errors_of_sensors(jacobian, segments, misfit, scales, root, part)
+    for channel, numbers, own in _errors(segments, misfit, scales, loss, part, errors):
+        jacobian[:, :, channel, moving + numbers] = own.transpose(0, 2, 1)
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
 

@@ -17,7 +17,7 @@ their information says.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -36,6 +36,7 @@ from linkwise.likelihood.shooting.residuals import (
 )
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.tests.columns import (
+    Added,
     FittedMotion,
     TestedColumns,
     base_errors,
@@ -76,7 +77,8 @@ class TestedCauses:
 
     `quadratic` is in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of which `units` (h,) are in
     their own; `attenuation` is what a filter of unit size takes off the gain of a channel. Its model is in the segments of
-    `longer`, by which blocks of the records scatter; `structure` has the values there.
+    `longer`, by which blocks of the records scatter; `structure` has the values there. `beside` is the cost in the parameters
+    and in sizes of what else was asked for, with the units of these, if anything was.
     """
 
     __test__ = False  # no test of pytest
@@ -87,6 +89,7 @@ class TestedCauses:
     attenuation: float
     longer: Optimum
     structure: Structure
+    beside: tuple[Quadratic, Floats] | None = None
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
@@ -332,8 +335,17 @@ PRICES = {**dict.fromkeys(MEMORY_TERMS, PRICE_OF_REACH), "d*abs(d)": 9.0}
 _CONTRADICTED = 16.0  # square of the standard errors by which records may differ from a stated value by chance: 1 in 16 000
 
 
+Beside = Callable[[Optimum], Iterable[Added]]
+"""What is asked of the equations in which causes are tested beside these, at an optimum in longer segments."""
+
+
 def diagnose(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
+    fit: LikelihoodFit,
+    identified: Structure,
+    channels: Sequence[Channel],
+    *,
+    terms: bool,
+    beside: Beside | None = None,
 ) -> Diagnosis:
     """The causes that are significant, that with the largest gain first; `channels` are those of the record.
 
@@ -347,10 +359,10 @@ def diagnose(
             if any(force.ambient for force in fit.random_forces):
                 causes = _significant(_beside_ambient_forces(fit, identified), fit)
             else:
-                tested = tested_causes(fit, identified, channels, terms=terms)
+                tested = tested_causes(fit, identified, channels, terms=terms, beside=beside)
                 causes = _significant(tested, fit)
                 if causes and not terms:
-                    tested = tested_causes(fit, identified, channels, terms=True)
+                    tested = tested_causes(fit, identified, channels, terms=True, beside=beside)
                     causes = _significant(tested, fit)
                 remark = _not_tested(tested)
     except np.linalg.LinAlgError:
@@ -426,8 +438,14 @@ def _not_tested(tested: TestedCauses) -> str:
     return f" Not tested, since the motion makes them infinite: {listed}." if names else ""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a candidate may be infinite somewhere
 def tested_causes(
-    fit: LikelihoodFit, identified: Structure, channels: Sequence[Channel], *, terms: bool
+    fit: LikelihoodFit,
+    identified: Structure,
+    channels: Sequence[Channel],
+    *,
+    terms: bool,
+    beside: Beside | None = None,
 ) -> TestedCauses:
     """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts; all terms, and missing links, only
     where `terms` is true.
@@ -441,13 +459,17 @@ def tested_causes(
         lacking = [each for each in lacking if each[0].term not in _NO_SLOPE]
     of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
     errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
-    with np.errstate(over="ignore", invalid="ignore"):  # a candidate may be infinite somewhere
-        columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors))
-        quadratic = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
-        if fit.random_forces:
-            quadratic = _with_determinants(quadratic, fit, identified, lacking)
-        named = columns.hypotheses, columns.units
-        return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified)
+    others = list(beside(optimum)) if beside else []
+    columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors, others))
+    whole = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
+    unknowns, h = np.arange(len(whole.slope)), len(columns.hypotheses) - len(others)
+    p = len(unknowns) - len(columns.hypotheses)
+    quadratic = replace(whole.within(unknowns[: p + h]), model=whole.model) if others else whole
+    if fit.random_forces:
+        quadratic = _with_determinants(quadratic, fit, identified, lacking)
+    named = columns.hypotheses[:h], columns.units[:h]
+    asked = whole.within(np.r_[:p, p + h : len(unknowns)]), columns.units[h:]
+    return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified, asked if others else None)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`

@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS
 from linkwise.expression import to_text
 from linkwise.expression.program import cached_program
@@ -247,7 +247,7 @@ class Quadratic:
     scatter: Floats | None = None
     model: FactoredModel | None = None
 
-    def within(self, order: Sequence[int]) -> Quadratic:
+    def within(self, order: Sequence[int] | Indices) -> Quadratic:
         """That of some unknowns alone, in an order."""
         chosen = np.array(order)
         block = np.ix_(chosen, chosen)
@@ -362,7 +362,7 @@ def forces_along(
     return both, units
 
 
-def in_turn(ends: Floats, middles: Floats) -> Floats:
+def in_turn(ends: Floats | Single, middles: Floats | Single) -> Floats:
     """(2 J + 1, ...) of values at the ends (J + 1, ...) of steps and in their middles (J, ...)."""
     both = np.empty((len(ends) + len(middles), *ends.shape[1:]))
     both[::2], both[1::2] = ends, middles

@@ -486,9 +486,14 @@ class DrawnEquations:
     q: float
 
     @classmethod
-    def of(cls, fit: LikelihoodFit, optimum: Optimum, q: float) -> DrawnEquations | None:
-        """Those of a fit, in all of its segments or their beginning; None where they are singular."""
-        linear = linearise(optimum.segments, optimum.misfit, optimum.scales, optimum.loss)
+    def of(
+        cls, fit: LikelihoodFit, optimum: Optimum, q: float, linear: Linearization | None = None
+    ) -> DrawnEquations | None:
+        """Those of a fit, in all of its segments, their beginning or longer ones, of which the `linear` model may be known;
+        None where they are singular.
+        """
+        if linear is None:
+            linear = linearise(optimum.segments, optimum.misfit, optimum.scales, optimum.loss)
         factor = linear.equations(q).factor()
         return None if factor is None else cls(optimum, linear, factor, free_of_bounds(fit), q)
 
