@@ -190,10 +190,9 @@ class PatchContext:
                 deviation = np.where(noise > 0.0, passed * np.sqrt(noise), 1.0)
                 rate_slopes = law.rate_slopes(d, v, noise, deviation, inside)
             functions = law.evaluate(d, v, noise, inside)
-            for h, factors, slope in zip(functions, law.factors, rate_slopes, strict=False):
+            for h, slope in zip(functions, rate_slopes, strict=False):
                 part, terms = next(parts)
-                signed = tuple(part.sign * factor for factor in factors)
-                evaluated.append(LawTerms(part, links, terms, tuple(h), signed, slope))
+                evaluated.append(LawTerms(part, links, terms, tuple(h), slope))
         return evaluated, _constant_slopes(layout, evaluated)
 
     def _require_starts(self, group: WeakLawGroup, inside: Mapping[str, Floats]) -> None:
@@ -217,7 +216,7 @@ class PatchContext:
         """(q, R): the terms under their kernels."""
         rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
-            kernel, sign, first = terms.part.kernel, terms.factors[0], terms.derivatives[0]
+            kernel, sign, first = terms.part.kernel, terms.part.sign, terms.derivatives[0]
             if terms.part.plain:
                 rows[terms.terms] = self.structure_layout.elongations(self.filtered[kernel], terms.links)
                 rows[terms.terms] *= sign
@@ -239,7 +238,7 @@ class PatchContext:
         slopes = np.repeat(constant[:, None], len(centres), axis=1)
         for terms in evaluated:
             if not isinstance(terms.slope, float):
-                slopes[terms.terms] = terms.factors[1] * terms.slope[:, centres]
+                slopes[terms.terms] = terms.part.sign * terms.slope[:, centres]
         return slopes
 
 
@@ -302,7 +301,7 @@ def noise_bias(
         under, rows, samples = first.part.kernel, first.terms, np.shape(first.slope)[-1]
         if under not in coverage:
             coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
-        linear = covariance[rows] * (first.factors[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
+        linear = covariance[rows] * (first.part.sign * (first.slope @ coverage[under].T))[:, kernel] * slope
         bias[rows] += linear
         bias[:, rows] += linear.T
         weighted: dict[int, list[Floats]] = {}
@@ -322,15 +321,13 @@ def _product_bias(
 ) -> Floats:
     """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
 
-    `weighted` are the derivatives of the first, without their factors, times the weights of the samples.
+    `weighted` are the derivatives of the first times the weights of the samples.
     """
-    total, factor = np.zeros(covariance.shape), -1.0
-    pairs = zip(weighted, second.derivatives[1:], strict=False)
-    factors = zip(first.factors[1:], second.factors[1:], strict=False)
-    for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
+    total, factor = np.zeros(covariance.shape), -first.part.sign * second.part.sign
+    for order, (h, g) in enumerate(zip(weighted, second.derivatives[1:], strict=False), start=1):
         factor /= -order
         products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
-        total += factor * of_h * of_g * covariance**order * products
+        total += factor * covariance**order * products
     return total
 
 
@@ -395,7 +392,7 @@ def rate_bias(
                 continue
             columns = second.terms
             weighted = by_rate * displaced[second.part.kernel]
-            mixed = second.factors[1] * covariance[rows, columns] * (weighted @ second.slope.T)
+            mixed = second.part.sign * covariance[rows, columns] * (weighted @ second.slope.T)
             bias[rows, columns] += mixed
             bias[columns, rows] += mixed.T
         for second, by_second in rated[number:]:
