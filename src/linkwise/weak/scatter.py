@@ -137,23 +137,17 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
     covariance : array of shape (s, s)
         Their block.
     """
-    count = len(noisy[0].system.motion.floored_variance)
-    of_patches = [np.bincount(own.paths.source, minlength=count) for own in noisy]
-    pending = np.count_nonzero(of_patches, axis=0)
-    across = pending > 1
+    of_patches = [np.unique(own.paths.source) for own in noisy]
+    pending = np.bincount(np.concatenate(of_patches))
     shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
     for own, weight, present in zip(noisy, weights, of_patches, strict=True):
         patch, system = own.patch, own.system
         parameters = patch.layout.free_parameters
         sums = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
-        total = _quadratic_noise(own, weight)
-        for channel, terms, of_noise in _channel_sums(own, weight, sums, np.flatnonzero(present)):
-            if across[channel]:
-                shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
-            else:
-                total[terms[:, None], terms] += of_noise @ of_noise.T
-        yield parameters, total
-        pending -= present > 0
+        yield parameters, _quadratic_noise(own, weight)
+        for channel, terms, of_noise in _channel_sums(own, weight, sums, present):
+            shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
+        pending[present] -= 1
         for channel in [channel for channel in shared_sums if not pending[channel]]:
             which, of_noise = (np.concatenate(parts) for parts in zip(*shared_sums.pop(channel), strict=True))
             yield which, of_noise @ of_noise.T
