@@ -221,32 +221,26 @@ class LinkTangents:
 
     def by_unknowns(self) -> Floats:
         """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
-        count, rows = self.count, self.rows
-        ends = slice(2 + count, None)
-        direct = np.concatenate([rows[:, 0, ends], np.zeros((len(rows), count)), rows[:, 0, :1]], axis=1)
-        if self.equations is None:
-            return direct
-        half = 0.5 * self.step
-        moved = np.concatenate([rows[:, 1:, ends], rows[:, 1:, :1]], axis=2)
-        right = half * (moved[1:] + moved[:-1])
-        start = np.zeros((len(right), count, count))
-        start[0] = np.eye(count) + half * rows[0, 1:, 2 : 2 + count]
-        width = rows.shape[2] - 2 - count
-        right = np.concatenate([right[..., :width], start, right[..., width:]], axis=2)
-        first = np.concatenate([np.zeros((count, width)), np.eye(count), np.zeros((count, 1))], axis=1)
-        states = np.concatenate([first[None], self.equations.solve(right)])
-        return np.asarray(direct + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+        count, own = self.count, self.rows[:, :, 2 + self.count :]
+        of_states = np.zeros((*self.rows.shape[:2], count))
+        pushed = np.concatenate([own, of_states, self.rows[:, :, :1]], axis=2)
+        return self._followed(pushed, np.eye(count, pushed.shape[2], k=own.shape[2]))
 
     def by_motion(self, change_d: Floats, change_v: Floats) -> Floats:
         """Changes (J, q) of the force with changes (J, q) of d and v along the motion."""
-        count, rows = self.count, self.rows
-        force = change_d * rows[:, 0, 0, None] + change_v * rows[:, 0, 1, None]
+        of_d, of_v = self.rows[:, :, 0, None], self.rows[:, :, 1, None]
+        pushed = of_d * change_d[:, None] + of_v * change_v[:, None]
+        return self._followed(pushed, np.zeros((self.count, change_d.shape[1])))
+
+    def _followed(self, pushed: Floats, first: Floats) -> Floats:
+        """Changes (J, q) of the force where it and the rates are `pushed` (J, 1 + S, q), and the states at first (S, q)."""
         if self.equations is None:
-            return force
-        pushed = rows[:, 1:, 0, None] * change_d[:, None] + rows[:, 1:, 1, None] * change_v[:, None]
-        states = np.zeros((len(rows), count, change_d.shape[1]))
-        states[1:] = self.equations.solve(0.5 * self.step * (pushed[1:] + pushed[:-1]))
-        return np.asarray(force + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+            return pushed[:, 0]
+        half, by_state = 0.5 * self.step, self.rows[:, :, 2 : 2 + self.count]
+        right = half * (pushed[1:, 1:] + pushed[:-1, 1:])
+        right[0] += first + half * by_state[0, 1:] @ first
+        states = np.concatenate([first[None], self.equations.solve(right)])
+        return np.asarray(pushed[:, 0] + np.einsum("js,jsq->jq", by_state[:, 0], states))
 
     def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
         """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
