@@ -169,34 +169,14 @@ class Window:
         array of shape (K, S, P)
             The sums for each of the K kernels, multiplied by the root of the number of samples that a point represents.
         """
-        taps = _taps(self, thinning)
-        sums = self._around_windows(rows, taps, 2 * thinning)
-        count, inside = len(taps) // 2, -(-rows.shape[1] // thinning)
-        split = sums.shape[2]
-        result = np.empty((count, len(rows), inside + 2 * self.half))
-        result[:, :, :split] = sums[:count]
-        result[:, :, split:inside] = sums[count:, :, : inside - split]
-        result[:, :, inside:] = self._edges(rows)
-        return result
-
-    def _around_windows(self, rows: Floats, taps: Floats, spacing: int) -> Floats:
-        """(Q, S, P) sums of `taps` (Q, width) over the windows around every `spacing`-th one."""
-        reach, width = self.neighbours + 1, taps.shape[1]
-        points = -(-rows.shape[1] // spacing)
-        padded = np.zeros((len(rows), (points - 1) * spacing + width))
-        inside = min(rows.shape[1], padded.shape[1] - reach)
-        padded[:, reach : reach + inside] = rows[:, :inside]
-        return _strided_filter(padded, taps, spacing)
-
-    def _edges(self, rows: Floats) -> Floats:
-        """(K, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
-        count = min(self.neighbours + 1, rows.shape[1])
-        taps = np.zeros((2, len(self.kernels), count, self.half))
-        for lag in range(count):
-            shift = lag * self.stride
-            taps[0, :, lag, shift:] = self.kernels[:, : self.half - shift]
-            taps[1, :, -1 - lag, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
-        return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
+        centres = self.half + self.stride * np.arange(0, rows.shape[1], thinning)
+        centres[1::2] += self.stride // 2
+        last, ends = self.half + self.stride * (rows.shape[1] - 1), np.arange(self.half)
+        points = np.concatenate([centres[::2], centres[1::2], ends, last + 1 + ends])
+        roots = np.sqrt(np.repeat([float(thinning * self.stride), 1.0], [len(centres), 2 * len(ends)]))
+        samples = last + self.half + 1
+        sums = [self.coverage(self.kernels, row, samples)[:, points] * roots for row in rows]
+        return np.stack(sums, axis=1) if sums else np.empty((len(self.kernels), 0, len(points)))
 
 
 @lru_cache(maxsize=64)
@@ -211,18 +191,6 @@ def _exact(kernel: Floats, phi: Floats, powers: Sequence[int], moments: Floats) 
     functions = u ** np.array(powers)[:, None]
     added = np.linalg.solve((functions * phi) @ functions.T, moments - functions @ kernel)
     return np.asarray(kernel + phi * (added @ functions))
-
-
-@lru_cache(maxsize=64)
-def _taps(window: Window, thinning: int) -> Floats:
-    """(2 K, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
-    reach = window.neighbours + 1
-    windows = np.arange(thinning + 2 * reach + 1) - reach
-    centres = window.half + np.array([[0], [thinning * window.stride + window.stride // 2]])
-    at = centres - window.stride * windows
-    inside = (at >= 0) & (at < window.length)
-    taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
-    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(2 * len(taps), -1))
 
 
 def _strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:

@@ -335,10 +335,10 @@ class RigProblem:
         return known
 
     def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
-        """The links along the motions; states are sought near those `before`."""
+        """The links along the motions; states are sought near those `before`, or from rest where that fails."""
         p = len(self.parameters)
         shift = unknowns[p + len(self.cell_offsets)] if self.motion_offset else 0.0
-        return tuple(
+        paths = tuple(
             LinkPath.of(
                 self.structure.links[cell.link].law, self.values(cell.link, unknowns),
                 cell.sign * (cell.motion.d - shift), cell.sign * cell.motion.v, cell.motion.step, unknowns[cell.places],
@@ -346,6 +346,8 @@ class RigProblem:
             )
             for number, cell in enumerate(self.cells)
         )  # fmt: skip
+        settled = before is None or all(path.converged for path in paths)
+        return paths if settled else self.paths(unknowns)
 
     def free(self, link: int) -> tuple[str, ...]:
         """Coefficients of a link that are unknown."""
@@ -484,13 +486,9 @@ def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
 
 def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, float]:
     """Noise of load cells in N by the number of their link: of several records the largest."""
-    noise_by_record = [channel_noise(record) for record in records]
-    names = {number: cell_name(structure, number) for number in range(len(structure.links))}
-    return {
-        number: max(noise[name] for noise in noise_by_record)
-        for number, name in names.items()
-        if name in noise_by_record[0]
-    }
+    by_record = [channel_noise(record) for record in records]
+    names = ((number, cell_name(structure, number)) for number in range(len(structure.links)))
+    return {number: max(noise[name] for noise in by_record) for number, name in names if name in by_record[0]}
 
 
 _SEARCHED = 4096  # samples of a record in which starts are searched for
@@ -512,27 +510,21 @@ class Minimum:
 def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
     """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
     low, high = problem.bounds
-    at = np.full(problem.size, np.nan)
     last: tuple[LinkPath, ...] | None = None
     prior = np.array([p.start or 0.0 for p in problem.parameters])
     certainty = problem.certainty[: len(prior)]
 
-    def paths_at(unknowns: Floats) -> tuple[LinkPath, ...]:
+    @lru_cache(maxsize=1)
+    def paths_at(*unknowns: float) -> tuple[LinkPath, ...]:
         """The links along the motions, sought near those asked for before."""
-        nonlocal at, last
-        if last is None or not np.array_equal(unknowns, at):
-            paths = problem.paths(unknowns, last)
-            if not all(path.converged for path in paths):
-                paths = problem.paths(unknowns)
-            at, last = unknowns.copy(), paths
+        nonlocal last
+        last = problem.paths(np.array(unknowns), last)
         return last
 
     def residuals(unknowns: Floats) -> Floats:
-        paths = paths_at(unknowns)
-        if not all(path.converged for path in paths):
-            return np.full(len(weights) + len(prior), _RUNAWAY)
+        paths = paths_at(*unknowns)
         left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
-        if not np.isfinite(left).all():
+        if not (all(path.converged for path in paths) and np.isfinite(left).all()):
             return np.full(len(weights) + len(prior), _RUNAWAY)
         rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
         return np.concatenate([rows, certainty * (prior - unknowns[: len(prior)])])
@@ -540,7 +532,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
     def jacobian(unknowns: Floats) -> Floats:
         own = np.zeros((len(prior), problem.size))
         own[:, : len(prior)] = -np.diag(certainty)
-        slopes = -weights[:, None] * problem.jacobian(paths_at(unknowns))
+        slopes = -weights[:, None] * problem.jacobian(paths_at(*unknowns))
         return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), own])
 
     inside = np.clip(start, low, high)
@@ -556,7 +548,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
             ftol=1e-9,
         )
         unknowns = np.asarray(optimum.x)
-        end = paths_at(unknowns)
+        end = paths_at(*unknowns)
     return Minimum(
         unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
     )
