@@ -429,8 +429,8 @@ def _columns(
             waves = _waves(force.frequency, time, owner, len(records))
             columns += waves
             if force.amplitudes:
-                every = zip(force.amplitudes, waves[::2], waves[1::2], strict=True)
-                turned = sum(b * cosine - a * sine for (a, b), cosine, sine in every)
+                pairs = zip(force.amplitudes, waves[::2], waves[1::2], strict=True)
+                turned = sum(b * cosine - a * sine for (a, b), cosine, sine in pairs)
                 columns.append(2.0 * np.pi * time * turned)
         halves.append(np.stack(columns, axis=1))
     power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
