@@ -208,20 +208,6 @@ def test_two_unknown_gains_are_found_with_the_laws() -> None:
     assert not any(cause.kind == "force gain" for cause in fit.diagnosis)
 
 
-@pytest.mark.parametrize(
-    ("kind", "size", "said"),
-    [
-        ("force gain", -0.0476, "a force 4.76 % smaller than force:m1 shows"),
-        ("force gain", 0.03, "a force 3 % larger than force:m1 shows"),
-        ("force delay", 5e-4, "a force 0.5 ms later than force:m1 shows"),
-        ("force delay", -5e-4, "a force 0.5 ms earlier than force:m1 shows"),
-    ],
-)
-def test_the_diagnosis_says_what_acts_beside_what_a_channel_shows(kind: str, size: float, said: str) -> None:
-    unit = "1" if kind == "force gain" else "s"
-    assert lw.estimates.Cause(kind, "force:m1", size, unit, 90.0, 1e-4).description == said
-
-
 def test_an_unknown_gain_widens_every_interval_that_it_moves() -> None:
     record = driven({"m2": SECOND})
     known, unknown = lw.identify(record, ASKED), lw.identify(record, ASKED, gains=["force:m2"])

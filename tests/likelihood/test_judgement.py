@@ -14,7 +14,6 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
-from linkwise.likelihood.checks.judgement import Judgement
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 
@@ -150,34 +149,6 @@ def test_a_record_too_short_for_blocks_is_not_trusted_with_a_missing_term(chain:
     assert 0.0 < fit.diagnosis[0].share < 0.05  # a longer record would be trusted with such a term
     assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
     assert "but what is left follows the motion: a force like d**5 in nes1" in fit.message
-
-
-def test_laws_that_explain_nothing_of_a_mass_are_refused() -> None:
-    """What they leave is as large as all forces: an approximate answer would be one of no law at all."""
-    wrong = lw.Verdict.UNEXPLAINED_FORCES
-    assert Judgement(wrong, "", 0.9).may_be_approximate and not Judgement(wrong, "", 1.1).may_be_approximate
-
-
-def with_link(chain: lw.Structure, law: str, **values: float) -> lw.Structure:
-    """The chain and a link from its sink to the ground."""
-    return with_links(chain, link("extra", "m2-ground", law, **values))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("law", "values", "term"),
-    [("c*v", {"c": 0.02}, "v"), ("k*d", {"k": 20.0}, "d")],
-    ids=["damper", "spring"],
-)
-def test_a_missing_link_is_named(law: str, values: dict[str, float], term: str, chain: lw.Structure) -> None:
-    """A damper of the size of the sink's own, and a weak spring: a small model error makes up for either."""
-    noisy = record(with_link(chain, law, **values)).with_noise(40.0, seed=4101)
-    fit = lw.identify(noisy, chain.unknown("all"), as_stated=True)
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
-    cause = fit.diagnosis[0]
-    assert (cause.kind, cause.where, cause.term) == ("link", "m2-ground", term)
-    assert cause.shift > 3.0 and not cause.is_instrument
-    assert f"a link m2-ground with a force like {term} of" in fit.message
 
 
 @pytest.mark.slow

@@ -102,12 +102,6 @@ def test_a_term_that_hardly_raises_chi_square_is_told() -> None:
     assert fit.grade is lw.Grade.APPROXIMATE
 
 
-def test_a_relaxation_is_named_in_place_of_a_gain() -> None:
-    stiffer = named("extra", "m1-ground", "maxwell", k=13.0, c=0.4)
-    fit = lw.identify(record(with_links(DAMPED, stiffer), 1), DAMPED.unknown("all"))
-    assert fit.diagnosis[0].term == "relaxation"
-
-
 K, C, K3 = 987.0, 6.0, 4e5
 NOISE = 0.00012  # m, 40 dB
 SEED = 41  # of the noise; that of the force is another

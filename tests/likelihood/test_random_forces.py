@@ -121,17 +121,6 @@ def test_the_estimates_are_at_the_maximum_of_the_likelihood_by_a_kalman_filter(c
             assert curvature == pytest.approx(2.0, rel=0.2)
 
 
-def test_noise_of_a_load_cell_is_counted_in() -> None:
-    unknown = chain(2, "k*d + c*v + k3*d**3").unknown("all")
-    fit = lw.identify(with_load_cell(3), unknown, input_noise={"force:m1": None})
-    assert_within(fit, chain(2, "k*d + c*v + k3*d**3"), ERRORS)
-    [force] = fit.random_forces
-    assert force.where == "force:m1"
-    assert force.found
-    # of 2000 samples the record determines a hundred: scatter below 1 / sqrt(2 * 100), five times that
-    assert force.deviation == pytest.approx(0.1, rel=0.35)
-
-
 def test_a_missing_spring_is_told_beside_an_ambient_force() -> None:
     """Half the force in the spring at the largest elongation of 7 mm."""
     record = ambient((1.0,), 20.0, seed=4, cubic=2e7)
@@ -290,14 +279,6 @@ def accelerations(corner: float, seconds: float, seed: int) -> lw.Record:
     return lw.Record(0.0, RATE, ("a:m1", "a:m2"), shown + noise)
 
 
-def test_a_white_force_on_one_mass_is_not_taken_for_one_on_its_neighbour() -> None:
-    fit = lw.identify(velocities((1.0, 0.0), 40.0, 5799001), chain(2).unknown("all"), ambient=["m1"])
-    assert fit.trusted, fit.message
-    [force] = some(fit.random_forces)
-    # of some 1200 forces that the record determines: four times 1 / sqrt(2400)
-    assert force.spectral_density == pytest.approx(DENSITY, rel=0.08)
-
-
 def test_accelerations_are_told_where_they_are_flat_up_to_half_the_rate_and_refused_behind_a_filter() -> None:
     fit = lw.identify(accelerations(50.0, 6.0, 5799004), chain(2).unknown("all"), ambient="all")
     assert_within(fit, chain(2))
@@ -346,16 +327,6 @@ def test_a_stated_ambient_force_may_be_too_small_and_not_right() -> None:
     assert cause.size == pytest.approx(DENSITY, rel=0.2)
     assert cause.description.endswith("(0.0424 was stated)")
     assert lw.identify(record, unknown, ambient={"m1": DENSITY, "m2": DENSITY}).trusted
-
-
-def test_noise_of_an_input_that_is_stated_too_small_is_told() -> None:
-    record, unknown = with_load_cell(55, 1500), chain(2).unknown("all")
-    fit = lw.identify(record, unknown, input_noise={"force:m1": 0.07})
-    assert not fit.trusted
-    assert (fit.diagnosis[0].kind, fit.diagnosis[0].where) == ("input noise", "force:m1")
-    assert fit.diagnosis[0].size == pytest.approx(0.1, rel=0.2)
-    assert "(0.07 was stated)" in fit.message
-    assert lw.identify(record, unknown, input_noise={"force:m1": 0.1}).trusted
 
 
 def test_a_force_that_may_be_chance_is_told_with_a_limit() -> None:

@@ -1,11 +1,9 @@
 """Damping that a record leaves open is named with what it would do, beside what is known beforehand too."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import chain_record
 from structures import oscillator
 
 import linkwise as lw
@@ -37,21 +35,6 @@ def test_damping_that_the_record_leaves_open_takes_trust_away(truth: lw.Structur
         assert lw.identify(decay, asked, method="weak").trusted
 
 
-def test_friction_in_the_law_is_not_missed() -> None:
-    measured = record(rubbing(0.1), 40.0, seed=841)
-    fit = lw.identify(measured, rubbing(0.1).unknown("link.k", "link.c", "link.F"), method="weak")
-    assert fit.trusted, fit.message
-
-
-def test_small_friction_is_not_trusted() -> None:
-    """The damping is some 30 of its standard errors off."""
-    fit = lw.identify(record(rubbing(0.02), 30.0, seed=811), LINEAR.unknown("all"), method="weak")
-    assert abs(fit.values[1] - 1.5) > 15.0 * np.sqrt(fit.covariance[1, 1])
-    assert fit.verdicts == (lw.Verdict.SYSTEMATIC_MISFIT,)
-    assert "a force like sign(v) in link" in fit.message or "a force like v*abs(v) in link" in fit.message
-    assert fit.coefficient("link.c").interval is None
-
-
 def moved(asked: lw.Structure, seed: int, exact: Callable[[float], lw.Record], snr_db: float) -> float:
     """How far friction of half its limit moves the damping, in parts of half of what is told, where it is not seen."""
     plain = lw.identify(exact(0.0).with_noise(snr_db, seed=seed), asked, method="weak")
@@ -77,19 +60,6 @@ def test_terms_move_coefficients_as_far_as_told() -> None:
     assert abs(moved(asked, 831, exact, 30.0)) == pytest.approx(1.0, abs=0.3)
     fit = lw.identify(exact(0.0).with_noise(30.0, seed=831), asked, method="weak")
     assert fit.trusted and any("do not rule out" in finding for finding in fit.findings)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [1.0, 1.1])
-def test_a_stated_mass_that_is_wrong_is_named(factor: float) -> None:
-    """The lightest of six masses, a tenth too heavy, at 20 dB."""
-    asked = lw.bnes_chain(6).unknown("all")
-    masses = (*asked.masses[:-1], replace(asked.masses[-1], mass=lw.Coefficient.number(0.01 * factor)))
-    fit = lw.identify(
-        chain_record(6).with_noise(20.0, seed=851), replace(asked, masses=masses), method="weak"
-    )
-    assert fit.trusted is (factor == 1.0)
-    assert ("a mass of m6" in fit.message) is (factor != 1.0)
 
 
 def linear(relative: float) -> lw.Structure:
@@ -122,20 +92,6 @@ def test_what_is_known_of_a_damper_bounds_friction(relative: float) -> None:
         assert fit.trusted, fit.message
         squares.append(np.mean((fit.values - [400.0, 2.0]) ** 2 / fit.covariance.diagonal()))
     assert np.mean(squares) < 2.0
-
-
-def test_friction_that_a_prior_leaves_open_takes_trust_away() -> None:
-    """A damper known to 10 % tells less of friction of 0.03 N than it would have to."""
-    for seed in range(891, 894):
-        fit = lw.identify(steady(seed, friction=0.03), linear(0.1), method="weak")
-        assert undecided(fit), fit.message
-
-
-def test_a_prior_that_is_wrong_is_not_told_as_a_term() -> None:
-    wrong = oscillator("k*d + c*v", k=lw.Coefficient.unknown(), c=lw.Coefficient.unknown(2.2, sigma=0.02))
-    for seed in range(901, 904):
-        fit = lw.identify(steady(seed), wrong, method="weak")
-        assert fit.verdicts == (lw.Verdict.MEASUREMENT_ERROR,) and "contradicts" in fit.message
 
 
 @pytest.mark.slow

@@ -19,13 +19,7 @@ def chains(weak: WeakLaw, d: np.ndarray, variance: float, **values: float) -> li
     """h, h', h'', ... of every part at `d` (N,)."""
     given = {name: np.array([[values.get(name, np.nan)]]) for name in weak.law.coefficients}
     evaluated = weak.evaluate(d[None], 0.0, np.array([[variance]]), given)
-    return [
-        [
-            factor * np.broadcast_to(array, (1, len(d)))[0]
-            for factor, array in zip(factors, chain, strict=True)
-        ]
-        for factors, chain in zip(weak.factors, evaluated, strict=True)
-    ]
+    return [[np.broadcast_to(array, (1, len(d)))[0] for array in chain] for chain in evaluated]
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.kalman import log_likelihood, tuned_modes
+from linkwise.likelihood.starts.kalman import filtered, tuned_modes
 from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
 from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.link import BASE, GROUND
@@ -247,7 +247,7 @@ def _evidence(record: Record, linear: LinearPart, noise: Mapping[str, float], li
         process[rows, rows] += (_ALLOWED * v**2 / x * record.step) ** 2
         bounds = model.noise[len(model.noise) - len(links) :]  # of elongations, which are no samples
         with np.errstate(all="ignore"):
-            likelihood = log_likelihood(replace(model, process=process), samples, inputs)
+            likelihood = filtered(replace(model, process=process), samples, inputs).log_likelihood
             evidence = likelihood + 0.5 * len(samples) * float(np.log(bounds).sum())
         best = max(best, evidence) if np.isfinite(evidence) else best
     return best

@@ -328,15 +328,16 @@ def _hums(
     if not hums:
         return None
     time, owner = _times(segments, records)
-    time = time.reshape(len(owner), -1)
-    waves = [
-        wave(2.0 * np.pi * line * time.T) * (owner == number)
-        for line, _ in hums
-        for number in range(len(records))
-        for wave in (np.cos, np.sin)
-    ]
+    time = time.reshape(len(owner), -1).T
+    waves = [wave for line, _ in hums for wave in _waves(line, time, owner, len(records))]
     channel = np.repeat([channel for _, channel in hums], 2 * len(records))
     return SensorErrors(channel, np.stack(waves, axis=1))
+
+
+def _waves(frequency: float, time: Floats, owner: Indices, records: int) -> list[Floats]:
+    """A cosine and a sine of a frequency in Hz at times (..., K) in s in each record, of those that `owner` (K,) says."""
+    phase = 2.0 * np.pi * frequency * time
+    return [wave(phase) * (owner == number) for number in range(records) for wave in (np.cos, np.sin)]
 
 
 def _refined_hum(
@@ -477,16 +478,12 @@ def _columns(
     ):
         columns = []
         for force in forces:
-            phase = 2.0 * np.pi * force.frequency * time
-            of_frequency = np.zeros_like(time)
-            for number in range(len(records)):
-                inside = owner == number
-                columns += [np.cos(phase) * inside, np.sin(phase) * inside]
-                if force.amplitudes:
-                    a, b = force.amplitudes[number]
-                    of_frequency += 2.0 * np.pi * time * (b * np.cos(phase) - a * np.sin(phase)) * inside
+            waves = _waves(force.frequency, time, owner, len(records))
+            columns += waves
             if force.amplitudes:
-                columns.append(of_frequency)
+                pairs = zip(force.amplitudes, waves[::2], waves[1::2], strict=True)
+                turned = sum(b * cosine - a * sine for (a, b), cosine, sine in pairs)
+                columns.append(2.0 * np.pi * time * turned)
         halves.append(np.stack(columns, axis=1))
     power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
     scale = np.where(power > 0.0, power, 1.0)[:, None]

@@ -514,13 +514,11 @@ def _autocovariances(series: Floats, highest: int) -> Floats:
 
 
 def _of_order(covariances: Floats, samples: int) -> Floats:
-    """The autoregression of the order that Schwarz's criterion chooses, by the recursion of Levinson and Durbin."""
-    coefficients, variance = np.zeros(0), float(covariances[0])
-    best, lowest = coefficients, samples * np.log(variance)
+    """The autoregression of the order that Schwarz's criterion chooses."""
+    best, lowest = np.zeros(0), samples * np.log(covariances[0])
     for order in range(1, len(covariances)):
-        reflection = (covariances[order] - coefficients @ covariances[order - 1 : 0 : -1]) / variance
-        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
-        variance *= 1.0 - reflection**2
+        coefficients = scipy.linalg.solve_toeplitz(covariances[:order], covariances[1 : order + 1])
+        variance = covariances[0] - coefficients @ covariances[1 : order + 1]
         if not variance > 0.0:
             break
         criterion = samples * np.log(variance) + order * np.log(samples)

@@ -259,6 +259,20 @@ def _require_known_shapes(structure: Structure) -> None:
                 )
 
 
+def motion_without_drift(record: Record, channel: Channel, sigma: float) -> tuple[Floats, Floats]:
+    """Displacement in m and velocity in m/s (N,) from one channel of a motion with noise `sigma`, smoothed; integrals of an
+    acceleration are filtered, as its drift grows.
+    """
+    value, slope, _ = smoothed(record, channel, sigma)
+    if channel.kind == "x":
+        return value, slope
+    if channel.kind == "v":
+        return integral(value, record.step), value
+    cutoff = drift_frequency(value, record.rate)
+    velocity = highpass(integral(value, record.step), record.rate, cutoff)
+    return highpass(integral(velocity, record.step), record.rate, cutoff), velocity
+
+
 def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
     """`record` itself if it has the displacement of every mass, else with displacements integrated from what it has.
 
@@ -272,12 +286,7 @@ def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
     names, columns, noise = list(record.channels), [record.values], dict(record.noise)
     for name in missing:
         channel = record.motions_of(name)[0]
-        value = smoothed(record, channel, sigma[channel])[0]
-        x = integral(value, record.step)
-        if channel.kind == "a":
-            cutoff = drift_frequency(value, record.rate)
-            velocity = highpass(x, record.rate, cutoff)
-            x = highpass(integral(velocity, record.step), record.rate, cutoff)
+        x, _ = motion_without_drift(record, channel, sigma[channel])
         names.append(Channel("x", name))
         columns.append(x[:, None])
         shown = float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))

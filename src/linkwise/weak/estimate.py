@@ -317,16 +317,10 @@ def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floa
         return None
     forces = np.full((equations.windows, len(identified.links)), np.nan)
     for number in beside:
-        forces[:, number] = _link_force(identified, number, equations)
+        every = zip(identified.topology.states, equations.states, strict=True)
+        inside = {name: state for (owner, name), state in every if owner == number} | dict(equations.signals)
+        forces[:, number] = identified.links[number].force(equations.d[number], equations.v[number], inside)
     return forces
-
-
-def _link_force(identified: Structure, number: int, equations: WeakEquations) -> Floats:
-    """(R,) the force in N of a link along the smoothed motion."""
-    link, d, v = identified.links[number], equations.d[number], equations.v[number]
-    every = enumerate(identified.topology.states)
-    states = {name: equations.states[row] for row, (owner, name) in every if owner == number}
-    return np.asarray(link.force(d, v, {**states, **equations.signals}))
 
 
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:

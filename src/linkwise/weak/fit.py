@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
@@ -312,9 +311,8 @@ def with_priors(fit: WeakFit, parameters: Sequence[Parameter]) -> tuple[WeakFit,
     given = np.isin(np.arange(len(parameters)), known)
     innovation = covariance[np.ix_(known, known)] + np.diag(variance)
     unit = np.sqrt(innovation.diagonal())
-    scaled = cho_factor(innovation / np.outer(unit, unit))
     missed = mean - fit.values[known]
-    gain = cho_solve(scaled, (covariance[known] / unit[:, None])).T / unit
+    gain = np.linalg.solve(innovation / np.outer(unit, unit), covariance[known] / unit[:, None]).T / unit
     contradicted = tuple(parameters[i].name for i in known[np.abs(missed) > _CONTRADICTED * unit].tolist())
     lower = np.array([p.lower for p in parameters])
     upper = np.array([p.upper for p in parameters])

@@ -153,11 +153,6 @@ class StructureLayout:
         return self.structure.size + len(self.structure.topology.states)
 
     @cached_property
-    def between_masses(self) -> bool:
-        """Whether every element acts on the masses that it reads, with the weights by which it reads them."""
-        return not self.structure.hosts and not self.structure.topology.states
-
-    @cached_property
     def elements_at(self) -> tuple[tuple[int, ...], ...]:
         """The elements that act in each equation."""
         elements: list[list[int]] = [[] for _ in range(self.equations)]
@@ -354,9 +349,7 @@ class LawTerms:
     terms : slice
         The terms in the layout.
     derivatives : tuple
-        h, h', h'', ... without their factors: arrays of shape (m, N) over all samples, numbers where constant.
-    factors : tuple of float
-        What these are to be multiplied by, with the sign of the part.
+        h, h', h'', ...: arrays of shape (m, N) over all samples, numbers where constant.
     rate_slope : array of shape (m, N) or None
         The mean slope of h with respect to a noisy v; None for parts that need no rate.
     """
@@ -365,10 +358,9 @@ class LawTerms:
     links: Indices
     terms: slice
     derivatives: tuple[Floats | float, ...]
-    factors: tuple[float, ...]
     rate_slope: Floats | None = None
 
     @property
     def slope(self) -> Floats | float:
-        """First derivative h' without its factor."""
+        """First derivative h'."""
         return self.derivatives[1] if len(self.derivatives) > 1 else 0.0

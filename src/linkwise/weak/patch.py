@@ -162,10 +162,7 @@ class PatchContext:
     ) -> Floats:
         """(q, q) bias of the products of all terms due to noise, `slopes` (q,) those that are constant, 0 for others."""
         noise = self.motion.covariance(layout.nodes)
-        curved = [of_law for of_law in terms if not isinstance(of_law.slope, float)]
-        bias = noise_bias(layout, curved, slopes, noise, self.window, valid)
-        bias += rate_bias(layout, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
-        return bias
+        return noise_bias(layout, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
 
     def _evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
         """The terms of laws at every sample, and the slopes (q,) of all terms where they are constant, 0 for others."""
@@ -190,10 +187,9 @@ class PatchContext:
                 deviation = np.where(noise > 0.0, passed * np.sqrt(noise), 1.0)
                 rate_slopes = law.rate_slopes(d, v, noise, deviation, inside)
             functions = law.evaluate(d, v, noise, inside)
-            for h, factors, slope in zip(functions, law.factors, rate_slopes, strict=False):
+            for h, slope in zip(functions, rate_slopes, strict=False):
                 part, terms = next(parts)
-                signed = tuple(part.sign * factor for factor in factors)
-                evaluated.append(LawTerms(part, links, terms, tuple(h), signed, slope))
+                evaluated.append(LawTerms(part, links, terms, tuple(h), slope))
         return evaluated, _constant_slopes(layout, evaluated)
 
     def _require_starts(self, group: WeakLawGroup, inside: Mapping[str, Floats]) -> None:
@@ -217,7 +213,7 @@ class PatchContext:
         """(q, R): the terms under their kernels."""
         rows = np.zeros((len(layout.kernel), self.filtered.shape[2]))
         for terms in evaluated:
-            kernel, sign, first = terms.part.kernel, terms.factors[0], terms.derivatives[0]
+            kernel, sign, first = terms.part.kernel, terms.part.sign, terms.derivatives[0]
             if terms.part.plain:
                 rows[terms.terms] = self.structure_layout.elongations(self.filtered[kernel], terms.links)
                 rows[terms.terms] *= sign
@@ -239,7 +235,7 @@ class PatchContext:
         slopes = np.repeat(constant[:, None], len(centres), axis=1)
         for terms in evaluated:
             if not isinstance(terms.slope, float):
-                slopes[terms.terms] = terms.factors[1] * terms.slope[:, centres]
+                slopes[terms.terms] = terms.part.sign * terms.slope[:, centres]
         return slopes
 
 
@@ -256,11 +252,12 @@ def _constant_slopes(layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floa
 
 def noise_bias(
     layout: PatchLayout,
-    curved: Sequence[LawTerms],
+    evaluated: Sequence[LawTerms],
     slope: Floats,
     noise: Floats,
     window: Window,
     valid: Floats,
+    rate_filter: Floats,
 ) -> Floats:
     """Bias of the products of all terms of a layout, summed over windows.
 
@@ -272,78 +269,6 @@ def noise_bias(
 
     and in a window it is the sum of that over its samples, weighted by the product of both kernels. Summed over all windows it
     is the product of two signals, weighted by the sum of the windows at each sample (`Window.coverage`).
-
-    Parameters
-    ----------
-    layout : PatchLayout
-        The q terms.
-    curved : sequence of LawTerms
-        The terms that are nonlinear in d.
-    slope : array of shape (q,)
-        Slopes of the terms where they are constant; 0 for nonlinear terms.
-    noise : array of shape (c, c)
-        Covariance in m^2 of the displacements of the nodes.
-    window : Window
-        The test functions.
-    valid : array of shape (R,)
-        Weights of the windows.
-
-    Returns
-    -------
-    array of shape (q, q)
-        The bias.
-    """
-    kernel = layout.kernel
-    covariance = layout.incidence @ noise @ layout.incidence.T
-    gram = window.kernels @ window.kernels.T
-    bias = valid.sum() * covariance * np.outer(slope, slope) * gram[kernel[:, None], kernel]
-    coverage: dict[int, Floats] = {}
-    for number, first in enumerate(curved):
-        under, rows, samples = first.part.kernel, first.terms, np.shape(first.slope)[-1]
-        if under not in coverage:
-            coverage[under] = window.coverage(window.kernels[under] * window.kernels, valid, samples)
-        linear = covariance[rows] * (first.factors[1] * (first.slope @ coverage[under].T))[:, kernel] * slope
-        bias[rows] += linear
-        bias[:, rows] += linear.T
-        weighted: dict[int, list[Floats]] = {}
-        for second in curved[number:]:
-            under_second = second.part.kernel
-            if under_second not in weighted:
-                weighted[under_second] = [h * coverage[under][under_second] for h in first.derivatives[1:]]
-            mixed = _product_bias(first, second, covariance[rows, second.terms], weighted[under_second])
-            bias[rows, second.terms] += mixed
-            if second is not first:
-                bias[second.terms, rows] += mixed.T
-    return np.asarray(bias)
-
-
-def _product_bias(
-    first: LawTerms, second: LawTerms, covariance: Floats, weighted: Sequence[Floats]
-) -> Floats:
-    """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
-
-    `weighted` are the derivatives of the first, without their factors, times the weights of the samples.
-    """
-    total, factor = np.zeros(covariance.shape), -1.0
-    pairs = zip(weighted, second.derivatives[1:], strict=False)
-    factors = zip(first.factors[1:], second.factors[1:], strict=False)
-    for order, ((h, g), (of_h, of_g)) in enumerate(zip(pairs, factors, strict=True), start=1):
-        factor /= -order
-        products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
-        total += factor * of_h * of_g * covariance**order * products
-    return total
-
-
-def rate_bias(
-    layout: PatchLayout,
-    evaluated: Sequence[LawTerms],
-    slope: Floats,
-    noise: Floats,
-    window: Window,
-    valid: Floats,
-    rate_filter: Floats,
-) -> Floats | float:
-    """Bias of the products of all terms with those that act by a smoothed rate, summed over windows.
 
     A smoothed rate contains the noise of its elongation under the odd filter that gives the rate. It is in common with that of
     a linear damper in the same window and with that of functions of the same rate, and hardly with terms under even test
@@ -357,7 +282,7 @@ def rate_bias(
     evaluated : sequence of LawTerms
         The terms of laws.
     slope : array of shape (q,)
-        Slopes of the terms by d where they are constant; 0 for others.
+        Slopes of the terms by d where they are constant; 0 for nonlinear terms.
     noise : array of shape (c, c)
         Covariance in m^2 of the displacements of the nodes.
     window : Window
@@ -369,42 +294,54 @@ def rate_bias(
 
     Returns
     -------
-    array of shape (q, q) or float
-        The bias; 0 where no term acts by a rate.
+    array of shape (q, q)
+        The bias.
     """
-    rated = [(terms, terms.rate_slope) for terms in evaluated if terms.rate_slope is not None]
-    if not rated:
-        return 0.0
+    kernel, kernels = layout.kernel, window.kernels
     covariance = layout.incidence @ noise @ layout.incidence.T
-    bias = np.zeros_like(covariance)
-    samples, kernels = rated[0][1].shape[1], window.kernels
-    with_rate = np.stack([_correlated(kernel, rate_filter) for kernel in kernels])
-    with_both = np.stack([_correlated(kernel, -rate_filter) for kernel in with_rate])
-    under = sorted({terms.part.kernel for terms, _ in rated})
-    filters = np.concatenate([with_rate, with_both[under]])
-    coverage = {kernel: window.coverage(kernels[kernel] * filters, valid, samples) for kernel in under}
-    for number, (first, by_rate) in enumerate(rated):
-        rows = first.terms
-        displaced = coverage[first.part.kernel][: len(kernels)]
-        rates = dict(zip(under, coverage[first.part.kernel][len(kernels) :], strict=True))
-        linear = covariance[rows] * (by_rate @ displaced.T)[:, layout.kernel] * slope
+    bias = valid.sum() * covariance * np.outer(slope, slope) * (kernels @ kernels.T)[kernel[:, None], kernel]
+    by_rate = [(terms, (terms.rate_slope,), 1) for terms in evaluated if terms.rate_slope is not None]
+    curved = [(terms, terms.derivatives[1:], 0) for terms in evaluated if not isinstance(terms.slope, float)]
+    every: list[tuple[LawTerms, Sequence[Floats | float], int]] = [*by_rate, *curved]
+    filtered = [kernels]  # by how many of two terms act by a rate
+    for taps in (rate_filter, -rate_filter) if by_rate else ():
+        filtered.append(np.stack([_correlated(under, taps) for under in filtered[-1]]))
+    coverage: dict[tuple[int, int], Floats] = {}
+    for number, (first, slopes, rates) in enumerate(every):
+        rows, under, samples = first.terms, first.part.kernel, np.shape(slopes[0])[-1]
+        for several in (rates, 2 * rates):
+            if (under, several) not in coverage:
+                coverage[under, several] = window.coverage(kernels[under] * filtered[several], valid, samples)
+        along = (first.part.sign * (slopes[0] @ coverage[under, rates].T))[:, kernel]
+        linear = covariance[rows] * along * slope
         bias[rows] += linear
         bias[:, rows] += linear.T
-        for second in evaluated:
-            if isinstance(second.slope, float):
-                continue
-            columns = second.terms
-            weighted = by_rate * displaced[second.part.kernel]
-            mixed = second.factors[1] * covariance[rows, columns] * (weighted @ second.slope.T)
-            bias[rows, columns] += mixed
-            bias[columns, rows] += mixed.T
-        for second, by_second in rated[number:]:
-            both = by_rate * rates[second.part.kernel]
-            mixed = covariance[rows, second.terms] * (both @ by_second.T)
+        weighted: dict[tuple[int, int], list[Floats]] = {}
+        for other, (second, of_second, also) in enumerate(every[number:]):
+            place = rates + also, second.part.kernel
+            if place not in weighted:
+                weighted[place] = [h * coverage[under, place[0]][place[1]] for h in slopes]
+            mixed = _product_bias(weighted[place], of_second, covariance[rows, second.terms])
+            mixed *= first.part.sign * second.part.sign
             bias[rows, second.terms] += mixed
-            if second is not first:
+            if other > 0:
                 bias[second.terms, rows] += mixed.T
-    return bias
+    return np.asarray(bias)
+
+
+def _product_bias(
+    weighted: Sequence[Floats], derivatives: Sequence[Floats | float], covariance: Floats
+) -> Floats:
+    """(m, m'): the bias of the products of two sets of curved functions, summed over samples.
+
+    `weighted` are the derivatives of the first times the weights of the samples.
+    """
+    total, factor = np.zeros(covariance.shape), -1.0
+    for order, (h, g) in enumerate(zip(weighted, derivatives, strict=False), start=1):
+        factor /= -order
+        products = g * h.sum(axis=-1, keepdims=True) if isinstance(g, float) else h @ g.T
+        total += factor * covariance**order * products
+    return total
 
 
 def _correlated(kernel: Floats, taps: Floats) -> Floats:

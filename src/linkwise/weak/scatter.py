@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -30,7 +29,6 @@ from linkwise.weak.patch import Patch
 from linkwise.weak.weak_form import PHI, PHI_1, PHI_2, NoisePaths
 
 FLOOR = 1e-24  # of the power of the terms: residuals below are rounding
-_AT_ONCE = 2**17  # numbers in the weights of channels that are in memory together
 _CORRELATED = ((PHI, PHI), (PHI_1, PHI_1), (PHI_2, PHI_2), (PHI, PHI_2), (PHI_2, PHI))
 _COLUMNS = 64  # of an inverse, that are in memory together
 
@@ -82,8 +80,7 @@ class NoisyPatch:
     @cached_property
     def paths(self) -> NoisePaths:
         """The ways by which noise of channels enters the equations."""
-        layout, weights = self.patch.layout, self.system.motion.source_weights
-        return layout.paths_of_nodes if weights is None else layout.noise_paths(weights)
+        return self.patch.layout.noise_paths(self.system.motion.source_weights)
 
     def under_kernels(self, passed: Floats, inertia: Floats, slopes: Floats) -> list[Floats]:
         """What noise is weighted by under each kernel, (w, P) each.
@@ -140,23 +137,17 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
     covariance : array of shape (s, s)
         Their block.
     """
-    count = len(noisy[0].system.motion.floored_variance)
-    of_patches = [np.bincount(own.paths.source, minlength=count) for own in noisy]
-    pending = np.count_nonzero(of_patches, axis=0)
-    across = pending > 1
+    of_patches = [np.unique(own.paths.source) for own in noisy]
+    pending = np.bincount(np.concatenate(of_patches))
     shared_sums: dict[int, list[tuple[Indices, Floats]]] = {}
     for own, weight, present in zip(noisy, weights, of_patches, strict=True):
         patch, system = own.patch, own.system
         parameters = patch.layout.free_parameters
         sums = system.window.adjoint(patch.rows[patch.layout.free_terms], system.thinning)
-        total = _quadratic_noise(own, weight)
-        for channel, terms, of_noise in _channel_sums(own, weight, sums, np.flatnonzero(present)):
-            if across[channel]:
-                shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
-            else:
-                total[terms[:, None], terms] += of_noise @ of_noise.T
-        yield parameters, total
-        pending -= present > 0
+        yield parameters, _quadratic_noise(own, weight)
+        for channel, terms, of_noise in _channel_sums(own, weight, sums, present):
+            shared_sums.setdefault(channel, []).append((parameters[terms], of_noise))
+        pending[present] -= 1
         for channel in [channel for channel in shared_sums if not pending[channel]]:
             which, of_noise = (np.concatenate(parts) for parts in zip(*shared_sums.pop(channel), strict=True))
             yield which, of_noise @ of_noise.T
@@ -165,42 +156,24 @@ def score_blocks(noisy: Sequence[NoisyPatch], weights: Sequence[Floats]) -> Iter
 def _channel_sums(
     noisy: NoisyPatch, weight: Floats, sums: Floats, channels: Indices
 ) -> Iterator[tuple[int, Indices, Floats]]:
-    """For each of the channels with noise in an equation: its number, the terms (s,) in these equations, and sums (s, P)."""
-    acting, kind_of_term = noisy.patch.layout.free_kinds
-    acting = acting * weight
-    at_once = max(1, _AT_ONCE // max(len(acting) * noisy.mean.shape[2], 1))
-    for start in range(0, len(channels), at_once):
-        some = channels[start : start + at_once]
-        weights, kind, channel = _channel_weights(noisy, acting, some)
-        pairs, terms = np.nonzero(kind[:, None] == kind_of_term)
-        ends = np.flatnonzero(np.diff(channel[pairs], append=-1)) + 1
-        for first, last in pairwise([0, *ends.tolist()]):
-            own, of_term = pairs[first:last], terms[first:last]
-            of_noise = weights[PHI][own] * sums[PHI, of_term]
-            of_noise += weights[PHI_1][own] * sums[PHI_1, of_term]
-            if weights[PHI_2][own, 0].any():  # most channels are not in inertia
-                of_noise += weights[PHI_2][own] * sums[PHI_2, of_term]
-            yield int(channel[own[0]]), of_term, of_noise
+    """For each of the channels with noise in an equation: its number, the terms (s,) in these equations, and sums (s, P).
 
-
-def _channel_weights(
-    noisy: NoisyPatch, acting: Floats, channels: Indices
-) -> tuple[list[Floats], Indices, Indices]:
-    """What noise of channels, of variance 1, is weighted by in sums over windows, for all terms of one kind at once.
-
-    Terms of a kind act in the same equations with the same signs: `acting` (k, m), times the weights of these. Returns those
-    of pairs of a kind and a channel with noise in it, under each kernel, (c, P); and kind and channel (c,) of the pairs, those
-    of a channel one after the other.
+    Terms that act in the same equations with the same signs weight noise alike.
     """
-    paths = noisy.paths.chosen(np.isin(noisy.paths.source, channels))
-    variance = noisy.system.motion.floored_variance
-    by_path = acting[:, paths.equation] * np.sqrt(variance[paths.source])
-    by_channel = np.zeros((len(channels), len(acting), len(paths.source)))
-    by_channel[np.searchsorted(channels, paths.source), :, np.arange(len(paths.source))] = by_path.T
-    place, kind = np.nonzero(by_channel.any(axis=2))
-    through = by_channel[place, kind]
-    inertia = through @ (paths.inertia * noisy.masses[paths.equation])
-    return noisy.under_kernels(through @ paths.passed, inertia, noisy.mean), kind, channels[place]
+    layout, deviations = noisy.patch.layout, np.sqrt(noisy.system.motion.floored_variance)
+    acting, kind = np.unique(layout.signs[:, layout.free_terms].T, axis=0, return_inverse=True)
+    for channel in channels.tolist():
+        paths = noisy.paths.chosen(noisy.paths.source == channel)
+        through = (acting * weight)[:, paths.equation] * deviations[channel]
+        inertia = through @ (paths.inertia * noisy.masses[paths.equation])
+        weights = noisy.under_kernels(through @ paths.passed, inertia, noisy.mean)
+        terms = np.flatnonzero(through.any(axis=1)[kind])
+        own = kind[terms]
+        yield (
+            channel,
+            terms,
+            sum(weights[kernel][own] * sums[kernel, terms] for kernel in (PHI, PHI_1, PHI_2)),
+        )
 
 
 def _quadratic_noise(noisy: NoisyPatch, weight: Floats) -> Floats:
@@ -239,11 +212,10 @@ def _own_noise(patch: Patch, system: WeakEquations, signs: Floats, incidence: Fl
     `signs` (m, k) are those of the terms in the equations, `incidence` (k, c) the weights of the nodes in what they read. 1
     for each term in the equation of a mass.
     """
-    if system.structure_layout.between_masses:
-        return np.abs(signs)
     own = np.searchsorted(patch.layout.nodes, patch.masses)
     covariance = system.motion.covariance(patch.layout.nodes, floored=True)
-    return np.asarray(signs * (incidence @ covariance[:, own] / covariance[own, own]).T)
+    variance = np.maximum(covariance[own, own], np.finfo(float).tiny)
+    return np.asarray(signs * (incidence @ covariance[:, own] / variance).T)
 
 
 def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Floats:

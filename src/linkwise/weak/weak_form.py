@@ -30,7 +30,6 @@ from linkwise.expression.tree import (
     Symbol,
     add,
     multiply,
-    power,
     substitute,
     symbols,
 )
@@ -111,14 +110,9 @@ class WeakLaw:
         return any(part.curved for part in self.parts)
 
     @cached_property
-    def _derivatives(self) -> tuple[tuple[tuple[float, Expression], ...], ...]:
-        """For each part its unbiased function and the derivatives of that by d which are not zero: factors and functions."""
+    def _derivatives(self) -> tuple[tuple[Expression, ...], ...]:
+        """For each part its unbiased function and the derivatives of that by d which are not zero."""
         return tuple(tuple(_chain(part.function)) for part in self.parts)
-
-    @cached_property
-    def factors(self) -> tuple[tuple[float, ...], ...]:
-        """For each part what the functions that `evaluate` gives are to be multiplied by."""
-        return tuple(tuple(factor for factor, _ in chain) for chain in self._derivatives)
 
     @cached_property
     def inside(self) -> tuple[str, ...]:
@@ -128,7 +122,7 @@ class WeakLaw:
 
     @cached_property
     def _program(self) -> Program:
-        every = (function for chain in self._derivatives for _, function in chain)
+        every = (function for chain in self._derivatives for function in chain)
         varying = [function for function in every if not isinstance(function, Number)]
         return self._compiled(varying)
 
@@ -156,19 +150,19 @@ class WeakLaw:
         Returns
         -------
         list of list of array or float
-            For each part h, h', h'', ... without their `factors`: arrays of the shape of d, or numbers where constant.
+            For each part h, h', h'', ...: arrays of the shape of d, or numbers where constant.
         """
         arguments = [d, v, variance, *(values[name] for name in self.inside)]
         arrays = iter(self._program(*arguments))
         return [
-            [function.value if isinstance(function, Number) else next(arrays) for _, function in chain]
+            [function.value if isinstance(function, Number) else next(arrays) for function in chain]
             for chain in self._derivatives
         ]
 
     @cached_property
     def _rate_program(self) -> Program:
         chains = zip(self.parts, self._derivatives, strict=True)
-        rated = [chain[0][1] for part, chain in chains if part.needs_rate]
+        rated = [chain[0] for part, chain in chains if part.needs_rate]
         return self._compiled(rated)
 
     def rate_slopes(
@@ -239,22 +233,11 @@ def _parts(
     return parts
 
 
-def _chain(function: Expression) -> Iterator[tuple[float, Expression]]:
-    """The unbiased function and the derivatives of that by d which are not zero, as factors and functions."""
-    terms = polynomial(function, ("d",))
-    if terms is not None and len(terms) == 1:
-        (((degree,), factor),) = terms.items()
-        if degree > 1 and isinstance(factor, Number):
-            number = factor.value
-            for lower in range(degree, max(degree - _HIGHEST, 1) - 1, -1):
-                yield number, _without_bias(power(_ELONGATION, lower))
-                number *= lower
-            if degree <= _HIGHEST:
-                yield 1.0, Number(number)
-            return
+def _chain(function: Expression) -> Iterator[Expression]:
+    """The unbiased function and the derivatives of that by d which are not zero."""
     current = _without_bias(function)
     for _ in range(_HIGHEST + 1):
-        yield 1.0, current
+        yield current
         current = differentiate(current, "d")
         if current == ZERO:
             return
@@ -412,18 +395,12 @@ class PatchLayout:
         return self.coefficients.parameter[self.free_terms]
 
     @cached_property
-    def free_kinds(self) -> tuple[Floats, Indices]:
-        """Kinds of terms with a parameter: their signs (k, m) in the equations, and the kind of each term."""
-        signs, kind = np.unique(self.signs[:, self.free_terms].T, axis=0, return_inverse=True)
-        return signs, kind.ravel()
-
-    @cached_property
     def free_terms_by_kernel(self) -> tuple[Indices, ...]:
         """The terms with a parameter under each of the kernels."""
         kernels = self.kernel[self.free_terms]
         return tuple(self.free_terms[kernels == kernel] for kernel in (PHI, PHI_1, PHI_2))
 
-    def noise_paths(self, weights: Floats | None = None) -> NoisePaths:
+    def noise_paths(self, weights: Floats | None) -> NoisePaths:
         """The paths of noise of nodes, or of channels with these weights (n + 2, C) in the displacements of nodes."""
         inertia = (self.nodes == self.masses[:, None]).astype(float)
         passed = self.link_incidence[:, None] * self.readings.T
@@ -433,8 +410,3 @@ class PatchLayout:
             inertia, passed, present = inertia @ own, own.T @ passed, present @ (own != 0.0)
         equation, column = np.nonzero(present)
         return NoisePaths(equation, sources[column], inertia[present], passed[present])
-
-    @cached_property
-    def paths_of_nodes(self) -> NoisePaths:
-        """Those of nodes with channels of their own."""
-        return self.noise_paths()

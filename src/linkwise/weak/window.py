@@ -22,8 +22,6 @@ _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower ph
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _DISTANCE = 1.6  # standard deviations from one window to the next
-_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
-_BLOCK = 8  # outputs in one row of the blocked product
 
 
 @dataclass(frozen=True)
@@ -171,34 +169,14 @@ class Window:
         array of shape (K, S, P)
             The sums for each of the K kernels, multiplied by the root of the number of samples that a point represents.
         """
-        taps = _taps(self, thinning)
-        sums = self._around_windows(rows, taps, 2 * thinning)
-        count, inside = len(taps) // 2, -(-rows.shape[1] // thinning)
-        split = sums.shape[2]
-        result = np.empty((count, len(rows), inside + 2 * self.half))
-        result[:, :, :split] = sums[:count]
-        result[:, :, split:inside] = sums[count:, :, : inside - split]
-        result[:, :, inside:] = self._edges(rows)
-        return result
-
-    def _around_windows(self, rows: Floats, taps: Floats, spacing: int) -> Floats:
-        """(Q, S, P) sums of `taps` (Q, width) over the windows around every `spacing`-th one."""
-        reach, width = self.neighbours + 1, taps.shape[1]
-        points = -(-rows.shape[1] // spacing)
-        padded = np.zeros((len(rows), (points - 1) * spacing + width))
-        inside = min(rows.shape[1], padded.shape[1] - reach)
-        padded[:, reach : reach + inside] = rows[:, :inside]
-        return _strided_filter(padded, taps, spacing)
-
-    def _edges(self, rows: Floats) -> Floats:
-        """(K, S, 2 half) the sums of `adjoint` at every sample before the first and after the last centre."""
-        count = min(self.neighbours + 1, rows.shape[1])
-        taps = np.zeros((2, len(self.kernels), count, self.half))
-        for lag in range(count):
-            shift = lag * self.stride
-            taps[0, :, lag, shift:] = self.kernels[:, : self.half - shift]
-            taps[1, :, -1 - lag, : self.half - shift] = self.kernels[:, self.half + 1 + shift :]
-        return np.concatenate([rows[:, :count] @ taps[0], rows[:, -count:] @ taps[1]], axis=2)
+        centres = self.half + self.stride * np.arange(0, rows.shape[1], thinning)
+        centres[1::2] += self.stride // 2
+        last, ends = self.half + self.stride * (rows.shape[1] - 1), np.arange(self.half)
+        points = np.concatenate([centres[::2], centres[1::2], ends, last + 1 + ends])
+        roots = np.sqrt(np.repeat([float(thinning * self.stride), 1.0], [len(centres), 2 * len(ends)]))
+        samples = last + self.half + 1
+        sums = [self.coverage(self.kernels, row, samples)[:, points] * roots for row in rows]
+        return np.stack(sums, axis=1) if sums else np.empty((len(self.kernels), 0, len(points)))
 
 
 @lru_cache(maxsize=64)
@@ -215,47 +193,10 @@ def _exact(kernel: Floats, phi: Floats, powers: Sequence[int], moments: Floats) 
     return np.asarray(kernel + phi * (added @ functions))
 
 
-@lru_cache(maxsize=64)
-def _taps(window: Window, thinning: int) -> Floats:
-    """(2 K, width): kernels at the windows around two points of `adjoint`, times the root of the samples per point."""
-    reach = window.neighbours + 1
-    windows = np.arange(thinning + 2 * reach + 1) - reach
-    centres = window.half + np.array([[0], [thinning * window.stride + window.stride // 2]])
-    at = centres - window.stride * windows
-    inside = (at >= 0) & (at < window.length)
-    taps = np.where(inside, window.kernels[:, np.where(inside, at, 0)], 0.0)
-    return np.asarray(np.sqrt(thinning * window.stride) * taps.transpose(1, 0, 2).reshape(2 * len(taps), -1))
-
-
 def _strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
-    """(Q, S, (N - T) // stride + 1) correlations of signals (S, N) with kernels (Q, T) at every stride-th sample.
-
-    Each block of outputs is one product with a banded Toeplitz matrix.
-    """
-    (count, samples), (filters, length) = signals.shape, kernels.shape
-    rows = (samples - length) // stride + 1
-    per_block = max(1, min(rows, _BLOCK))
-    blocks, span = rows // per_block, (per_block - 1) * stride + length
-    toeplitz = np.zeros((filters, span, per_block))
-    for row in range(per_block):
-        toeplitz[:, row * stride : row * stride + length, row] = kernels
-    pieces = _windows(signals, blocks, span, per_block * stride)
-    result, last = np.empty((filters, count, rows)), blocks * per_block
-    group = max(1, _AT_ONCE // (blocks * span))
-    for first in range(0, count, group):
-        part = np.ascontiguousarray(pieces[first : first + group])
-        for kernel in range(filters):
-            target = result[kernel, first : first + group, :last]
-            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
-    if last < rows:  # fewer than a block
-        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
-        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
+    """(Q, S, (N - T) // stride + 1) correlations of signals (S, N) with kernels (Q, T) at every stride-th sample."""
+    every = np.lib.stride_tricks.sliding_window_view(signals, kernels.shape[1], axis=1)[:, ::stride]
+    result = np.empty((len(kernels), *every.shape[:2]))
+    for row, windows in enumerate(every):
+        result[:, row] = kernels @ windows.T
     return result
-
-
-def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
-    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
-    # as `sliding_window_view`, whose checks cost as much as a short filter
-    by_signal, by_sample = signals.strides
-    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
-    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)

@@ -13,8 +13,6 @@ from within import assert_within, errors, of
 
 import linkwise as lw
 from linkwise import Verdict
-from linkwise.likelihood.rigs.estimate import _model_force
-from linkwise.likelihood.starts.memory import MemorySearch
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +32,6 @@ def test_a_hysteretic_link_is_found_without_starts_within_its_intervals() -> Non
     assert np.sum(np.abs(scores) < 1.96) >= scipy.stats.binom.ppf(0.002, count, 0.95)
     low, high = scipy.stats.chi2.ppf([0.002, 0.998], count)
     assert low < np.sum(np.square(scores)) < high
-
-
-@pytest.mark.slow
-def test_sliders_are_identified_by_their_corners() -> None:
-    """The rate of a slider jumps where it begins to slide, and no derivative of it tells at which force."""
-    values = {"k": 8e4, "Fs": 100.0}
-    true = structure({}, named("damper", "base-ground", "jenkins", **values), name="rig")
-    fit = lw.identify(measured(run(true, duration=4.0), 1), true.unknown("damper"))
-    assert_within(fit, of("damper", values))
 
 
 @pytest.mark.slow
@@ -93,17 +82,6 @@ def test_friction_of_bristles_is_found_without_starts() -> None:
     unknown = structure({}, named("damper", "base-ground", "lugre"))
     fit = lw.identify(measured(run(true), 1, displacement=1e-7), unknown)
     assert_within(fit, of("damper", values))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["jenkins", "k*d + c*v"])
-def test_a_missing_state_is_told(law: str, record: lw.Record) -> None:
-    """And a slider does not stand for smooth hysteresis."""
-    named_law = law.isalpha()
-    joint = named("damper", "base-ground", law) if named_law else link("damper", "base-ground", law)
-    fit = lw.identify(measured(record, 1), structure({}, joint, name="rig"), as_stated=True)
-    assert fit.grade is lw.Grade.APPROXIMATE
-    assert named_law or fit.verdicts[0] is Verdict.UNEXPLAINED_FORCES
 
 
 @pytest.mark.slow
@@ -261,23 +239,3 @@ def test_a_late_load_cell_takes_trust(record: lw.Record) -> None:
     fit = lw.identify(delayed, hysteretic().unknown("damper"))
     assert not fit.trusted
     assert any(cause.kind == "delay" and cause.where == "f:damper" for cause in fit.diagnosis)
-
-
-def test_the_model_error_is_that_of_the_residuals_where_the_noise_is_next_to_nothing() -> None:
-    """What rounding leaves of the sum of squares then has either sign."""
-    for residuals in np.random.default_rng(0).standard_normal((20, 1000)):
-        expected = np.sqrt(np.sum(residuals**2) / (1000 - 3))
-        assert _model_force(residuals, np.full(1000, 1e-11), 3) == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_trial_whose_state_is_not_finite_explains_nothing(record: lw.Record) -> None:
-    """Without a slow part of the forces such a trial left nothing of them, and was the best start: at x0 of 0, as here."""
-    part, unknown = record[:400], hysteretic().unknown("damper")
-    d = part.channel("x:base")[:, None]
-    v, shown = np.gradient(d, part.step, axis=0), {"f:damper": part.channel("f:damper")}
-    search = MemorySearch(unknown, part.step, d, v, (), shown, {}, {}, slow=1)
-    values = {"damper.s": BOUC_WEN["s"], "damper.x0": BOUC_WEN["x0"]}
-    true = np.array([values[p.name] for p in search.curved])
-    broken = np.array([values[p.name] * (p.name != "damper.x0") for p in search.curved])
-    (right, wrong) = search.regressed(np.stack([true, broken]))[1]
-    assert np.mean(right**2) < 0.01 and np.mean(wrong**2) > 1.0

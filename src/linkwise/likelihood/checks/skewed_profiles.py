@@ -27,8 +27,9 @@ from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.optima.other_optima import (
+    along_profile,
     is_loosened,
-    rise_of_profile,
+    rise,
     rises_by,
     with_faint_modes,
 )
@@ -113,10 +114,9 @@ def _is_wall(fit: LikelihoodFit, number: int, *, side: float) -> bool:
     """
     if not is_loosened(fit):
         return True
-    is_fixed = np.arange(len(fit.values)) == number
-    step = side * fit.covariance[:, number] / np.sqrt(fit.covariance[number, number])
     return all(
-        rises_by(_TOO_LITTLE, fit, fit.values + distance * step, is_fixed, distance) for distance in _BEYOND
+        rises_by(_TOO_LITTLE, fit, *along_profile(fit, number, side * distance), distance)
+        for distance in _BEYOND
     )
 
 
@@ -145,10 +145,10 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
     inside, outside = (0.0, 0.0), (np.inf, np.inf)  # distances and roots of the rise
     distance = min(_FIRST, edge)
     for _ in range(_TRIALS):
-        rise, converged = rise_of_profile(fit, number, side * distance * error, distance)
-        if rise * distance**2 < _LOWER:
+        risen, converged = rise(fit, *along_profile(fit, number, side * distance), distance)
+        if risen * distance**2 < _LOWER:
             return None
-        root = float(np.sqrt(max(rise, 0.0))) * distance
+        root = float(np.sqrt(max(risen, 0.0))) * distance
         if root < NORMAL_95:  # the rise itself is no larger where the others were not found
             inside = distance, root
         elif converged:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -179,7 +179,9 @@ def level_of_noise(of: Examined) -> Judgement | None:
 
 def noise_found_of_inputs(of: Examined) -> Judgement | None:
     """Whether inputs have more noise, as it was found, than measured inputs have."""
-    noisy = list(_noisy_inputs(of))
+    rms = {name: size for name, size, _ in input_kicks(of.fit.optimum, of.identified, of.channels)}
+    found = (force for force in of.fit.random_forces if force.found and not force.ambient)
+    noisy = [force.where for force in found if force.deviation > _NOISIEST_INPUT * rms[force.where]]
     if not noisy:
         return None
     return _found(
@@ -188,13 +190,6 @@ def noise_found_of_inputs(of: Examined) -> Judgement | None:
         f"{of.explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _NOISIEST_INPUT:.0f} % of it: "
         f"it stands for errors of the laws, which intervals would take for noise.{likeliest(of.causes)}",
     )
-
-
-def _noisy_inputs(of: Examined) -> Iterator[str]:
-    rms = {name: size for name, size, _ in input_kicks(of.fit.optimum, of.identified, of.channels)}
-    for force in of.fit.random_forces:
-        if force.found and not force.ambient and force.deviation > _NOISIEST_INPUT * rms[force.where]:
-            yield force.where
 
 
 def error_of_measurement(of: Examined) -> Judgement | None:

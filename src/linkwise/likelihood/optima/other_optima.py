@@ -231,12 +231,12 @@ def profiles_rise(fit: LikelihoodFit, least: float = _TOO_LITTLE) -> bool:
 
 def _profile_rises(fit: LikelihoodFit, column: int, distance: float, least: float) -> bool:
     """Whether -2 log likelihood rises by a part of what is expected where a parameter is moved within its bounds and held."""
-    covariance, bounds = _covariance(fit), fit.segments.system.parameters
-    step = distance * covariance[column] / np.sqrt(covariance[column, column])
-    for theta in (fit.optimum.point.theta + step, fit.optimum.point.theta - step):
+    bounds = fit.segments.system.parameters
+    for side in _BOTH:
+        theta, is_fixed = along_profile(fit, column, side * distance)
         if bounds.lower[column] < theta[column] < bounds.upper[column]:
             try:
-                if not rises_by(least, fit, theta, np.arange(len(step)) == column, distance):
+                if not rises_by(least, fit, theta, is_fixed, distance):
                     return False
             except IdentificationError:  # the motion runs to infinity
                 continue
@@ -267,11 +267,11 @@ def rises_by(least: float, fit: LikelihoodFit, theta: Floats, is_fixed: Bools, d
     return rise(fit, theta, is_fixed, distance, enough=least)[0] > least
 
 
-def rise_of_profile(fit: LikelihoodFit, number: int, step: float, distance: float) -> tuple[float, bool]:
-    """The `rise` where a parameter is moved by a step, of a `distance` in standard errors, and all others fitted again."""
+def along_profile(fit: LikelihoodFit, column: int, distance: float) -> tuple[Floats, Bools]:
+    """All parameters, one moved by a `distance` in standard errors and the others as they follow it, and which is held."""
     covariance = _covariance(fit)
-    theta = fit.optimum.point.theta + covariance[:, number] / covariance[number, number] * step
-    return rise(fit, theta, np.arange(len(theta)) == number, distance)
+    step = distance * covariance[column] / np.sqrt(covariance[column, column])
+    return fit.optimum.point.theta + step, np.arange(len(step)) == column
 
 
 def _held(fit: LikelihoodFit, moved: Indices, step: Floats) -> tuple[Floats, Bools]:

@@ -221,32 +221,26 @@ class LinkTangents:
 
     def by_unknowns(self) -> Floats:
         """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
-        count, rows = self.count, self.rows
-        ends = slice(2 + count, None)
-        direct = np.concatenate([rows[:, 0, ends], np.zeros((len(rows), count)), rows[:, 0, :1]], axis=1)
-        if self.equations is None:
-            return direct
-        half = 0.5 * self.step
-        moved = np.concatenate([rows[:, 1:, ends], rows[:, 1:, :1]], axis=2)
-        right = half * (moved[1:] + moved[:-1])
-        start = np.zeros((len(right), count, count))
-        start[0] = np.eye(count) + half * rows[0, 1:, 2 : 2 + count]
-        width = rows.shape[2] - 2 - count
-        right = np.concatenate([right[..., :width], start, right[..., width:]], axis=2)
-        first = np.concatenate([np.zeros((count, width)), np.eye(count), np.zeros((count, 1))], axis=1)
-        states = np.concatenate([first[None], self.equations.solve(right)])
-        return np.asarray(direct + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+        count, own = self.count, self.rows[:, :, 2 + self.count :]
+        of_states = np.zeros((*self.rows.shape[:2], count))
+        pushed = np.concatenate([own, of_states, self.rows[:, :, :1]], axis=2)
+        return self._followed(pushed, np.eye(count, pushed.shape[2], k=own.shape[2]))
 
     def by_motion(self, change_d: Floats, change_v: Floats) -> Floats:
         """Changes (J, q) of the force with changes (J, q) of d and v along the motion."""
-        count, rows = self.count, self.rows
-        force = change_d * rows[:, 0, 0, None] + change_v * rows[:, 0, 1, None]
+        of_d, of_v = self.rows[:, :, 0, None], self.rows[:, :, 1, None]
+        pushed = of_d * change_d[:, None] + of_v * change_v[:, None]
+        return self._followed(pushed, np.zeros((self.count, change_d.shape[1])))
+
+    def _followed(self, pushed: Floats, first: Floats) -> Floats:
+        """Changes (J, q) of the force where it and the rates are `pushed` (J, 1 + S, q), and the states at first (S, q)."""
         if self.equations is None:
-            return force
-        pushed = rows[:, 1:, 0, None] * change_d[:, None] + rows[:, 1:, 1, None] * change_v[:, None]
-        states = np.zeros((len(rows), count, change_d.shape[1]))
-        states[1:] = self.equations.solve(0.5 * self.step * (pushed[1:] + pushed[:-1]))
-        return np.asarray(force + np.einsum("js,jsq->jq", rows[:, 0, 2 : 2 + count], states))
+            return pushed[:, 0]
+        half, by_state = 0.5 * self.step, self.rows[:, :, 2 : 2 + self.count]
+        right = half * (pushed[1:, 1:] + pushed[:-1, 1:])
+        right[0] += first + half * by_state[0, 1:] @ first
+        states = np.concatenate([first[None], self.equations.solve(right)])
+        return np.asarray(pushed[:, 0] + np.einsum("js,jsq->jq", by_state[:, 0], states))
 
     def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
         """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
@@ -341,10 +335,10 @@ class RigProblem:
         return known
 
     def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
-        """The links along the motions; states are sought near those `before`."""
+        """The links along the motions; states are sought near those `before`, or from rest where that fails."""
         p = len(self.parameters)
         shift = unknowns[p + len(self.cell_offsets)] if self.motion_offset else 0.0
-        return tuple(
+        paths = tuple(
             LinkPath.of(
                 self.structure.links[cell.link].law, self.values(cell.link, unknowns),
                 cell.sign * (cell.motion.d - shift), cell.sign * cell.motion.v, cell.motion.step, unknowns[cell.places],
@@ -352,6 +346,8 @@ class RigProblem:
             )
             for number, cell in enumerate(self.cells)
         )  # fmt: skip
+        settled = before is None or all(path.converged for path in paths)
+        return paths if settled else self.paths(unknowns)
 
     def free(self, link: int) -> tuple[str, ...]:
         """Coefficients of a link that are unknown."""
@@ -490,13 +486,9 @@ def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
 
 def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, float]:
     """Noise of load cells in N by the number of their link: of several records the largest."""
-    noise_by_record = [channel_noise(record) for record in records]
-    names = {number: cell_name(structure, number) for number in range(len(structure.links))}
-    return {
-        number: max(noise[name] for noise in noise_by_record)
-        for number, name in names.items()
-        if name in noise_by_record[0]
-    }
+    by_record = [channel_noise(record) for record in records]
+    names = ((number, cell_name(structure, number)) for number in range(len(structure.links)))
+    return {number: max(noise[name] for noise in by_record) for number, name in names if name in by_record[0]}
 
 
 _SEARCHED = 4096  # samples of a record in which starts are searched for
@@ -518,27 +510,21 @@ class Minimum:
 def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int = _LAST_STEPS) -> Minimum:
     """The minimum of the squares of weighted residuals near `start`, within bounds; priors count."""
     low, high = problem.bounds
-    at = np.full(problem.size, np.nan)
     last: tuple[LinkPath, ...] | None = None
     prior = np.array([p.start or 0.0 for p in problem.parameters])
     certainty = problem.certainty[: len(prior)]
 
-    def paths_at(unknowns: Floats) -> tuple[LinkPath, ...]:
+    @lru_cache(maxsize=1)
+    def paths_at(*unknowns: float) -> tuple[LinkPath, ...]:
         """The links along the motions, sought near those asked for before."""
-        nonlocal at, last
-        if last is None or not np.array_equal(unknowns, at):
-            paths = problem.paths(unknowns, last)
-            if not all(path.converged for path in paths):
-                paths = problem.paths(unknowns)
-            at, last = unknowns.copy(), paths
+        nonlocal last
+        last = problem.paths(np.array(unknowns), last)
         return last
 
     def residuals(unknowns: Floats) -> Floats:
-        paths = paths_at(unknowns)
-        if not all(path.converged for path in paths):
-            return np.full(len(weights) + len(prior), _RUNAWAY)
+        paths = paths_at(*unknowns)
         left = np.where(weights > 0.0, problem.residuals(unknowns, paths), 0.0)
-        if not np.isfinite(left).all():
+        if not (all(path.converged for path in paths) and np.isfinite(left).all()):
             return np.full(len(weights) + len(prior), _RUNAWAY)
         rows = np.clip(weights * left, -_RUNAWAY, _RUNAWAY)
         return np.concatenate([rows, certainty * (prior - unknowns[: len(prior)])])
@@ -546,7 +532,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
     def jacobian(unknowns: Floats) -> Floats:
         own = np.zeros((len(prior), problem.size))
         own[:, : len(prior)] = -np.diag(certainty)
-        slopes = -weights[:, None] * problem.jacobian(paths_at(unknowns))
+        slopes = -weights[:, None] * problem.jacobian(paths_at(*unknowns))
         return np.concatenate([np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0), own])
 
     inside = np.clip(start, low, high)
@@ -562,7 +548,7 @@ def minimise(problem: RigProblem, start: Floats, weights: Floats, *, steps: int 
             ftol=1e-9,
         )
         unknowns = np.asarray(optimum.x)
-        end = paths_at(unknowns)
+        end = paths_at(*unknowns)
     return Minimum(
         unknowns, 2.0 * float(optimum.cost), end, bool(optimum.status > 0) and all(p.converged for p in end)
     )

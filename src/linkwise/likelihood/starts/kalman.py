@@ -15,7 +15,7 @@ Frequencies and damping of modes as a filter predicts the samples best.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,17 +25,6 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inputs_of, recursion, samples_of
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-
-
-@dataclass(frozen=True, eq=False)
-class Smoothed:
-    """States (N, m), their covariance (m, m) in the middle, whitened errors (N, C) of samples, and their log likelihood."""
-
-    states: Floats
-    covariance: Floats
-    whitened: Floats
-    log_likelihood: float
-
 
 _TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
 _DOUBLINGS = 60  # of the samples after which the covariance is that far from the start ...
@@ -54,8 +43,8 @@ class _Gain(NamedTuple):
     updated: Floats
 
 
-def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
-    """Most likely states.
+def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+    """Most likely states (N, m), and their covariance (m, m) in the middle.
 
     Parameters
     ----------
@@ -65,13 +54,8 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
         The samples, NaN where missing.
     inputs : array of shape (N, r)
         The known inputs at the samples; between them their mean acts.
-
-    Returns
-    -------
-    Smoothed
-        The states.
     """
-    forward = _filtered(model, samples, inputs)
+    forward = filtered(model, samples, inputs, _TRANSIENT)
     count, which = len(samples), np.asarray(forward.which)
     middle, states = count // 2, np.empty_like(forward.predicted)
     adjoint, information = np.zeros(states.shape[1]), np.zeros(model.first.shape)
@@ -87,22 +71,13 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> Smoothed:
         adjoint = adjoints[0]
         if end > middle:
             information = _accumulated(loop, root @ root.T, information, int(end - max(first, middle)))
-    covariance = _reduced(forward.gains[which[middle]].predicted, information)
-    return Smoothed(states, covariance, forward.whitened, forward.log_likelihood)
+    return states, _reduced(forward.gains[which[middle]].predicted, information)
 
 
-def log_likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
-    """Log likelihood of samples (N, C), less what does not depend on the model, with inputs (N, r)."""
-    return _filtered(model, samples, inputs, transient=1).log_likelihood
-
-
-def innovations(model: LinearModel, samples: Floats, inputs: Floats) -> Floats:
-    """Whitened errors (N, C) of the predictions of samples (N, C) from those before, 0 where one is missing."""
-    return _filtered(model, samples, inputs, transient=1).whitened
-
-
-class _Forward(NamedTuple):
-    """Whitened errors (N, C), predicted states (N, m), the distinct gains, which of them each sample has, log likelihood."""
+class Filtered(NamedTuple):
+    """Whitened errors (N, C) of the predictions of samples from those before, 0 where one is missing, predicted states (N, m),
+    the distinct gains, which of them each sample has, and the log likelihood, less what does not depend on the model.
+    """
 
     whitened: Floats
     predicted: Floats
@@ -111,7 +86,8 @@ class _Forward(NamedTuple):
     log_likelihood: float
 
 
-def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int = _TRANSIENT) -> _Forward:
+def filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int = 1) -> Filtered:
+    """What the model predicts of samples (N, C) with inputs (N, r), its covariance steady after a `transient` at most."""
     count, m = len(samples), len(model.transition)
     known = np.isfinite(samples)
     shown = np.where(known, samples, 0.0) - inputs @ model.direct.T
@@ -157,7 +133,7 @@ def _filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: in
         if not settled:
             covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
         k = end
-    return _Forward(whitened, predicted, gains, which, total)
+    return Filtered(whitened, predicted, gains, which, total)
 
 
 def steady_covariance(model: LinearModel) -> Floats | None:
@@ -246,7 +222,7 @@ def likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, flo
     """The log likelihood, and by how much the forces of open links then change in a sample, relative to their size."""
     samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
     return max(
-        (log_likelihood(linear.model(record, sigma, change), samples, inputs), float(change))
+        (filtered(linear.model(record, sigma, change), samples, inputs).log_likelihood, float(change))
         for change in _CHANGES
     )
 
@@ -285,7 +261,7 @@ def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]
 
     def residual(moved: Floats) -> Floats:
         model = LinearPart.of(with_starts(structure, values(moved))).model(record, sigma, change)
-        return np.append(innovations(model, samples, inputs).ravel(), moved[stated])
+        return np.append(filtered(model, samples, inputs).whitened.ravel(), moved[stated])
 
     limits = np.array([[p.lower, p.upper] for p in free])
     lower, upper = ((limits - start[:, None]) / unit[:, None]).T

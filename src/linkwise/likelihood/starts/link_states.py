@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Bools, Floats
-from linkwise.expression import Number, Program, differentiate, symbols
 from linkwise.expression.program import cached_program
 from linkwise.model.law import Law
 from linkwise.model.named_laws import slider_parts
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.registry import lazy_module
 from linkwise.signals.states import smoothed
-
-if TYPE_CHECKING:
-    from scipy import signal
-else:
-    signal = lazy_module("scipy.signal")  # loads scipy.stats, too, and few links have linear states
 
 _HIDDEN = 0.1  # of its own size: the scale of a defect of a state that no channel shows, at q = 1
 _PERIODS = 4.0  # of the motion after which a state has forgotten where it started
@@ -87,14 +78,13 @@ def follow_states(
     `values` are numbers, or (B, 1) for a `batch` of B links.
 
     The record is cut into pieces that run side by side; each begins at `start` some periods before the samples it gives.
-    States whose rates are linear are filtered, which gives the same to rounding and much faster; those of sliders follow the
-    elongation within their bounds. States that run away from sample to sample, as those of a link that moves by many times the
-    length at which it yields, are followed again in steps of an eighth.
+    States of sliders follow the elongation within their bounds. States that run away from sample to sample, as those of a link
+    that moves by many times the length at which it yields, are followed again in steps of an eighth.
     """
     if not law.states:
         return np.empty((0, batch, motion.shape[1]))
     states = _followed(law, values, motion, step, batch, start)
-    if slider_parts(law) is not None or _decay(law) is not None:
+    if slider_parts(law) is not None:
         return states
     away = np.flatnonzero(_run_away(law, values, states, motion, step, start))
     if len(away):
@@ -126,17 +116,12 @@ def _run_away(
     start: float,
 ) -> Bools:
     """Whether states (r, B, N) of each of B links leave what their rates at zero add up to, by far."""
-    rates = _rates_at_zero(law, values, motion)
+    d, v, *signals = motion
+    at_zero = {**dict.fromkeys(law.states, 0.0), **dict(zip(law.signals, signals, strict=True))}
+    rates = law.state_rates(d, v, {**values, **at_zero})
     sums = np.cumsum(np.stack([np.broadcast_to(rate, states.shape[1:]) for rate in rates]), axis=-1)
     reach = step * np.abs(sums).max(axis=-1) + abs(start)
     return np.asarray(~(np.abs(states).max(axis=-1) <= _AWAY * reach).all(axis=0))
-
-
-def _rates_at_zero(law: Law, values: Mapping[str, float | Floats], motion: Floats) -> tuple[Floats, ...]:
-    """Rates of states that are 0 along a motion (2 + U, ...)."""
-    d, v, *signals = motion
-    named = dict(zip(law.signals, signals, strict=True))
-    return law.state_rates(d, v, {**values, **dict.fromkeys(law.states, 0.0), **named})
 
 
 def _followed(
@@ -159,9 +144,6 @@ def _followed(
     if slider_parts(law) is not None:
         return _slid(law, values, along[0], batch, start)[..., : len(d)]
     middle = 0.5 * (along[:, :-1] + along[:, 1:])
-    if _decay(law) is not None:
-        states = _filtered(law, values, (along, middle), step, batch, start)[..., piece:]
-        return states.reshape(len(states), batch, -1)[..., : len(d)]
     out = np.empty((len(law.states), batch, count, piece))
     states = np.full((len(law.states), batch, count), start)
     rates = _Rates(law, values, states)
@@ -206,50 +188,6 @@ def _slid(law: Law, values: Mapping[str, float | Floats], along: Floats, batch: 
         np.maximum(states, lowest, out=states)
     out[..., piece - 1] = states
     return out.reshape(count, batch, -1)
-
-
-@lru_cache(maxsize=256)
-def _decay(law: Law) -> Program | None:
-    """The factor of each state in its rate, from the coefficients; None unless rates are linear in their own states alone."""
-    slopes = []
-    for state, rate in law.named_rates:
-        for by in law.states:
-            slope = differentiate(rate, by)
-            if set(law.variables) & set(symbols(slope)) or (by != state and slope != Number(0.0)):
-                return None
-            slopes += [slope] if by == state else []
-    return Program(slopes, law.coefficients)
-
-
-def _filtered(
-    law: Law,
-    values: Mapping[str, float | Floats],
-    along: tuple[Floats, Floats],
-    step: float,
-    batch: int,
-    start: float,
-) -> Floats:
-    """States (r, B, C, M) of pieces whose rates are linear, s' = a s + g(d, v, u), by the same method of Runge and Kutta.
-
-    `along` are d, v and signals at the samples (2 + U, M, C), and between them (2 + U, M - 1, C).
-    """
-    decay = _decay(law)
-    assert decay is not None
-    own = {name: np.reshape(value, (-1, 1, 1)) for name, value in values.items()}
-    ends, between = (_rates_at_zero(law, own, motion.swapaxes(1, 2)) for motion in along)
-    slopes = decay(*(np.ravel(values[name]) for name in law.coefficients))
-    count, pieces = along[0].shape[1:]
-    out = np.full((len(law.states), batch, pieces, count), start)
-    for states, end, mid, slope in zip(out, ends, between, slopes, strict=True):
-        end = np.broadcast_to(end, states.shape)
-        mid = np.broadcast_to(mid, (batch, pieces, count - 1))
-        for k, q in enumerate(np.broadcast_to(step * np.asarray(slope), batch).tolist()):
-            factor = 1.0 + q + q**2 / 2.0 + q**3 / 6.0 + q**4 / 24.0
-            pushed = (1.0 + q + q**2 / 2.0 + q**3 / 4.0) * end[k, :, :-1] + end[k, :, 1:]
-            pushed = pushed + (4.0 + 2.0 * q + q**2 / 2.0) * mid[k]
-            before = np.full((pieces, 1), factor * start)
-            states[k, :, 1:] = signal.lfilter([step / 6.0], [1.0, -factor], pushed, zi=before)[0]
-    return out
 
 
 @np.errstate(all="ignore")  # states may run away where values are far off

@@ -207,8 +207,7 @@ class MemorySearch:
         refined = refined[lasting] if lasting.any() else refined
         distinct: list[Start] = []
         for start in sorted(map(self.solved, refined), key=lambda start: start.misfit):
-            sizes = np.maximum(np.abs(start.values), 1e-300)
-            if all(np.max(np.abs(start.values - other.values) / sizes) > _DISTINCT for other in distinct):
+            if all(_are_apart(start.values, other.values, _DISTINCT) for other in distinct):
                 distinct.append(start)
         return tuple(distinct)
 
@@ -665,12 +664,12 @@ def _spread(search: MemorySearch) -> tuple[Start, ...]:
         start = search.solved(curved)
         if chosen and start.misfit > _HARDLY_MORE * chosen[0][1].misfit:
             break
-        if all(_are_apart(curved, earlier) for earlier, _ in chosen):
+        if all(_are_apart(curved, earlier, _APART) for earlier, _ in chosen):
             chosen.append((curved, start))
     return tuple(start for _, start in chosen[:_SPREAD])
 
 
-def _are_apart(first: Floats, second: Floats) -> bool:
-    """Whether a parameter of one start is more than a few times that of another."""
+def _are_apart(first: Floats, second: Floats, part: float) -> bool:
+    """Whether a parameter of one start differs from that of another by more than a part of the larger one."""
     sizes = np.maximum(np.maximum(np.abs(first), np.abs(second)), np.finfo(float).tiny)
-    return bool(np.max(np.abs(first - second) / sizes) > _APART)
+    return bool(np.max(np.abs(first - second) / sizes) > part)

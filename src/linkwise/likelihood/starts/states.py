@@ -27,7 +27,8 @@ from linkwise.likelihood.starts.values import host_motion
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
-from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
+from linkwise.signals.states import integral, smoothed
+from linkwise.weak.displacements import motion_without_drift
 
 _AFFINE = 1e-6  # relative difference of slopes of a rate by v up to which it counts as affine
 
@@ -220,19 +221,9 @@ def measured_motion(record: Record, structure: Structure, sigma: dict[str, float
     """Displacements and velocities (n, N) of the masses, smoothed, integrated where need be; zero without a sensor."""
     x, v = np.zeros((2, structure.size, len(record)))
     for i, name in enumerate(structure.mass_names):
-        measured = {c.kind: smoothed(record, c, sigma[c]) for c in record.motions_of(name)}
-        if "v" in measured:
-            v[i] = measured["v"][0]
-        elif "x" in measured:
-            v[i] = measured["x"][1]
-        elif "a" in measured:
-            cutoff = drift_frequency(measured["a"][0], record.rate)
-            v[i] = highpass(integral(measured["a"][0], record.step), record.rate, cutoff)
-        if "x" in measured:
-            x[i] = measured["x"][0]
-        elif measured:
-            x[i] = integral(v[i], record.step)
-            x[i] = x[i] if "v" in measured else highpass(x[i], record.rate, cutoff)
+        by_kind = {c.kind: motion_without_drift(record, c, sigma[c]) for c in record.motions_of(name)}
+        for order, (motion, kinds) in enumerate(((x, "xva"), (v, "vxa"))):
+            motion[i] = next((by_kind[kind][order] for kind in kinds if kind in by_kind), 0.0)
     return x, v
 
 

@@ -40,7 +40,6 @@ from linkwise.likelihood.starts.drift import (
     window_half,
 )
 from linkwise.likelihood.starts.kalman import (
-    Smoothed,
     likeliest_change,
     smooth,
     tuned_modes,
@@ -331,7 +330,7 @@ def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float])
         _, change = likeliest_change(record, linear, sigma)
         for reach in _ELONGATIONS:
             smoothed = smooth(linear.model(record, sigma, change, reach), samples, inputs)
-            motion = _motion(linear, smoothed, record)
+            motion = _motion(linear, *smoothed, record.step)
             yield motion
             if not motion.signals.integration_order.any():
                 return
@@ -339,15 +338,16 @@ def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float])
         raise IdentificationError(TOO_LITTLE) from None
 
 
-def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotion:
+def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -> HostMotion:
+    """The motion by `states` (N, m) with a covariance `smoothed` (m, m)."""
     structure, open_links = linear.structure, list(linear.open)
     n, u = structure.size, len(open_links)
-    x, v, inside = np.split(smoothed.states[:, : 2 * n + u].T, [n, 2 * n])
+    x, v, inside = np.split(states[:, : 2 * n + u].T, [n, 2 * n])
     d, rate = structure.elongations(x.T).T, structure.elongations(v.T).T
     force, walk = np.zeros_like(d), np.zeros(len(d))
     force[open_links] = inside
-    incidence, deviation = structure.incidence.toarray(), np.sqrt(smoothed.covariance.diagonal()[: 2 * n + u])
-    covariance = smoothed.covariance[:n, :n]
+    incidence, deviation = structure.incidence.toarray(), np.sqrt(smoothed.diagonal()[: 2 * n + u])
+    covariance = smoothed[:n, :n]
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
     drifts = variance > (_DETERMINED**2) * np.mean(d**2, axis=1)
     remembers = np.array([bool(link.law.states) for link in structure.links])
@@ -355,7 +355,7 @@ def _motion(linear: LinearPart, smoothed: Smoothed, record: Record) -> HostMotio
     walk[open_links] = deviation[2 * n :] * gain[open_links]
     order = np.where(np.isin(np.arange(len(d)), open_links) & drifts & ~remembers, 2, 0)
     coupling = (covariance @ incidence) / np.where(variance > 0.0, variance, 1.0)
-    signals = LinkSignals(d, rate, force, order, walk, record.step)
+    signals = LinkSignals(d, rate, force, order, walk, step)
     return HostMotion(x, v, deviation[: 2 * n], signals, linear.open, coupling)
 
 
