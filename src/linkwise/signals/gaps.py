@@ -8,16 +8,16 @@ White noise in the samples then has the same variance between them, and is share
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import ceil, isfinite
 
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, bridged, stretches
 from linkwise.errors import RecordError
-from linkwise.records.channel import BAND_LIMITED
+from linkwise.records.channel import BAND_LIMITED, Channel
 from linkwise.records.record import Record
 from linkwise.records.timeline import MIN_SAMPLES
 from linkwise.signals.noise import channel_noise, noise_and_bandwidth
@@ -159,14 +159,42 @@ _SHORT = 6  # samples: longer gaps are left, as a cubic may swing far out in the
 _FEWEST = 4  # samples that a cubic needs
 
 
+SILENT = 0.01
+"""Of the largest force: less is none."""
+
+
 def short_gaps_bridged(record: Record) -> Record | None:
     """A record with a cubic spline in each gap of at most six samples of its responses; None where there is no such gap."""
+    return _with_channels(record, {name: _bridged(record.channel(name)) for name in record.responses})
+
+
+def forces_bridged(record: Record) -> Record:
+    """A record whose inputs have gaps of at most six samples bridged by lines where none acts on either side."""
+    inputs = {name: _silence_bridged(record.channel(name)) for name in record.inputs}
+    return _with_channels(record, inputs) or record
+
+
+def _with_channels(record: Record, columns: Mapping[Channel, Floats]) -> Record | None:
+    """A record with other samples of some channels; None where these are the same."""
     values = record.values.copy()
-    for name in record.responses:
-        values[:, record.channels.index(name)] = _bridged(record.channel(name))
-    if np.array_equal(values, record.values, equal_nan=True):
-        return None
-    return replace(record, values=values, simulated=None)
+    for name, samples in columns.items():
+        values[:, record.channels.index(name)] = samples
+    same = np.array_equal(values, record.values, equal_nan=True)
+    return None if same else replace(record, values=values, simulated=None)
+
+
+def _silence_bridged(force: Floats) -> Floats:
+    """The samples (N,) with lines through short gaps in which nothing acts."""
+    missing = np.isnan(force)
+    if not missing.any() or missing.all():
+        return force
+    filled, lines = force.copy(), bridged(force)
+    largest = np.abs(force[~missing]).max()
+    for gap in stretches(missing):
+        inside = gap.start > 0 and gap.stop < len(force) and gap.stop - gap.start <= _SHORT
+        if inside and np.all(np.abs(lines[gap]) <= SILENT * largest):
+            filled[gap] = lines[gap]
+    return filled
 
 
 def _bridged(samples: Floats) -> Floats:
@@ -177,9 +205,9 @@ def _bridged(samples: Floats) -> Floats:
     distance = np.repeat(np.diff(present), np.diff(present))  # from the sample before to the one after
     inside = np.arange(present[0], present[-1])
     filled = inside[(distance <= _SHORT + 1) & np.isnan(samples[inside])]
-    bridged = samples.copy()
-    bridged[filled] = scipy.interpolate.CubicSpline(present, samples[present])(filled)
-    return bridged
+    whole = samples.copy()
+    whole[filled] = scipy.interpolate.CubicSpline(present, samples[present])(filled)
+    return whole
 
 
 _SPARSE = 6.0  # samples a period: the cube of faster motion is beyond the band
