@@ -17,10 +17,10 @@ def _motion(frequency: float = 11.0) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)
 
 
-@pytest.mark.parametrize(("half", "degree"), [(3, 2), (6, 3), (10, 5)])
-def test_savitzky_golay_reproduces_polynomials_of_its_degree_up_to_both_ends(half: int, degree: int) -> None:
-    polynomial = np.polynomial.Polynomial(np.random.default_rng(0).normal(size=degree + 1))
-    smoothed = savitzky_golay(polynomial(TIME), RATE, half=half, degree=degree)
+@pytest.mark.parametrize("half", [3, 10])
+def test_savitzky_golay_reproduces_polynomials_of_its_degree_up_to_both_ends(half: int) -> None:
+    polynomial = np.polynomial.Polynomial(np.random.default_rng(0).normal(size=6))
+    smoothed = savitzky_golay(polynomial(TIME), RATE, half=half)
     for order, values in enumerate(smoothed):
         exact = polynomial.deriv(order)(TIME) if order else polynomial(TIME)
         # Identity; each derivative multiplies rounding by the rate over the half window.
@@ -32,7 +32,7 @@ def test_savitzky_golay_converges_with_its_declared_order() -> None:
     exact = _motion(2.0)
     errors = []
     for half in (16, 32):
-        smoothed = savitzky_golay(exact[0], RATE, half=half, degree=5)
+        smoothed = savitzky_golay(exact[0], RATE, half=half)
         inner = slice(half, -half)
         pairs = zip(smoothed, exact, strict=True)
         errors.append([np.max(np.abs(found[inner, 0] - true[inner, 0])) for found, true in pairs])
@@ -41,11 +41,11 @@ def test_savitzky_golay_converges_with_its_declared_order() -> None:
     np.testing.assert_allclose(orders, [6, 6, 4], atol=0.3)
 
 
-@pytest.mark.parametrize(("half", "degree"), [(2, 5), (800, 5)])
-def test_a_window_that_cannot_be_is_refused(half: int, degree: int) -> None:
-    message = rf"window for degree {degree} must .* at most 1500 samples .*, got {2 * half + 1}"
+@pytest.mark.parametrize("half", [2, 800])
+def test_a_window_that_cannot_be_is_refused(half: int) -> None:
+    message = rf"window for degree 5 must .* at most 1500 samples .*, got {2 * half + 1}"
     with pytest.raises(RecordError, match=message):
-        savitzky_golay(TIME, RATE, half=half, degree=degree)
+        savitzky_golay(TIME, RATE, half=half)
 
 
 def test_the_spline_reproduces_cubics_at_any_smoothing() -> None:
