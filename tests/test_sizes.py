@@ -8,32 +8,32 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_154  # lines of all files of tests
+TESTS = 35_149  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2211),
-    "analysis": (4, 522),
+    "analysis": (4, 506),
     "cli": (20, 1866),
     "discovery": (18, 3511),
-    "estimates": (7, 1438),
-    "export": (8, 768),
-    "expression": (6, 1084),
-    "files": (14, 1943),
+    "estimates": (7, 1431),
+    "export": (9, 784),
+    "expression": (6, 1083),
+    "files": (14, 1908),
     "identification": (14, 2414),
-    "inspection": (10, 1858),
+    "inspection": (10, 1831),
     "likelihood": (63, 13864),
-    "modal": (5, 867),
-    "model": (16, 2899),
+    "modal": (5, 853),
+    "model": (17, 2981),
     "paper": (3, 368),
-    "plot": (12, 1912),
-    "records": (7, 1375),
+    "plot": (12, 1913),
+    "records": (7, 1372),
     "report": (10, 1003),
     "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (13, 997),
-    "signals": (6, 905),
-    "simulation": (9, 1661),
-    "sindy": (9, 1090),
+    "root": (11, 886),
+    "signals": (6, 915),
+    "simulation": (9, 1636),
+    "sindy": (9, 1063),
     "study": (10, 1510),
     "weak": (11, 1872),
 }

@@ -26,7 +26,7 @@ from linkwise.files.arrays import Unread, columns_of, scalar, spelled_as_channel
 from linkwise.files.hdf5 import open_file
 from linkwise.files.mapping import as_statements, sensors_of
 from linkwise.files.table import Column, ColumnHeader, Table
-from linkwise.mat_file import load_mat, sound_sparse
+from linkwise.model.mat_file import load_mat, sound_sparse
 from linkwise.records.channel import KINDS, STORED
 from linkwise.records.record import Record
 from linkwise.units import converts, factor_to_si
