@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_149  # lines of all files of tests
+TESTS = 35_148  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -32,7 +32,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 886),
     "signals": (6, 915),
-    "simulation": (9, 1636),
+    "simulation": (9, 1644),
     "sindy": (9, 1063),
     "study": (10, 1510),
     "weak": (11, 1872),

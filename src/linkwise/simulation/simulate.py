@@ -210,17 +210,43 @@ def simulate(
     channels = recorded_channels(structure, drive, sensors)
     moved = with_mass_at_rest(structure)
     motion = SimulatedMotion.of(RunSchedule(moved, drive, grid), progress)
-    states = {
-        f"{structure.links[number].name}.{name}": motion.states[:, column]
-        for column, (number, name) in enumerate(structure.topology.states)
-    }
-    kinds = {channel.kind for channel in channels}
     forces, orbit = LinkForces(moved, drive), (grid, motion.displacement, motion.velocity, motion.states)
+    kinds = {channel.kind for channel in channels}
     arrays = {"x": motion.displacement, "v": motion.velocity}
     if "a" in kinds:
         arrays["a"] = forces.accelerations(*orbit)
     if "f" in kinds:
         arrays["f"] = forces.links(*orbit)
+    states = {
+        f"{structure.links[number].name}.{name}": motion.states[:, column]
+        for column, (number, name) in enumerate(structure.topology.states)
+    }
+    record = Record(
+        start=float(grid[0]),
+        rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
+        channels=tuple(channels),
+        values=_measured(structure, drive, grid, channels, arrays | states),
+        simulated=SimulationTruth(
+            structure,
+            motion.displacement[:, : structure.size],
+            motion.velocity[:, : structure.size],
+            drive.base_at(grid),
+            RigDiagnostics(motion) if structure.on_rig else motion,
+            states=states,
+        ),
+        source=f"simulation of {structure.name}",
+    )
+    return in_units_of(record, structure)
+
+
+def _measured(
+    structure: Structure,
+    drive: Excitation,
+    grid: Floats,
+    channels: list[Channel],
+    arrays: Mapping[str, Floats],
+) -> Floats:
+    """What channels measure (N, C), of arrays of all masses and links by kind of channel, and states by name."""
     values = np.empty((len(grid), len(channels)))
     for kind in MOTIONS:
         shown = {n: c for n, c in enumerate(channels) if c.kind == kind and not c.is_input}
@@ -233,27 +259,12 @@ def simulate(
             signal = drive.drives[channel.place if channel.at_place else channel]
             values[:, column] = signal.derivative(grid, order)
         elif channel.kind == "state":
-            values[:, column] = states[channel.place]
+            values[:, column] = arrays[channel.place]
         elif not channel.is_motion:
             values[:, column] = arrays[channel.kind][:, structure.links.index(structure.link(channel.place))]
         if channel.relative:
             values[:, column] -= drive.drives[BASE].derivative(grid, order)
-    record = Record(
-        start=float(grid[0]),
-        rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
-        channels=tuple(channels),
-        values=values,
-        simulated=SimulationTruth(
-            structure,
-            motion.displacement[:, : structure.size],
-            motion.velocity[:, : structure.size],
-            drive.base_at(grid),
-            RigDiagnostics(motion) if structure.on_rig else motion,
-            states=states,
-        ),
-        source=f"simulation of {structure.name}",
-    )
-    return in_units_of(record, structure)
+    return values
 
 
 def recorded_channels(structure: Structure, excitation: Excitation, sensors: Iterable[str]) -> list[Channel]:
