@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_148  # lines of all files of tests
+TESTS = 35_129  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -27,11 +27,11 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "model": (17, 2981),
     "paper": (3, 368),
     "plot": (12, 1913),
-    "records": (7, 1372),
+    "records": (8, 1456),
     "report": (10, 1003),
     "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 886),
-    "signals": (6, 915),
+    "signals": (6, 831),
     "simulation": (9, 1644),
     "sindy": (9, 1063),
     "study": (10, 1510),
