@@ -57,9 +57,8 @@ def cantilever_matrices(elements: int) -> tuple[scipy.sparse.csc_array, scipy.sp
 
 
 def _structure(keep: int, *, residual: bool = True) -> lw.Structure:
-    host = lw.modal.reduce_host(
-        "beam", *cantilever_matrices(ELEMENTS), POINTS, keep=keep, modal_damping=DAMPING, residual=residual
-    ).host
+    matrices = lw.modal.HostMatrices(*cantilever_matrices(ELEMENTS))
+    host = matrices.reduce("beam", POINTS, keep=keep, modal_damping=DAMPING, residual=residual).host
     law = lw.Law.parse("alpha*d + beta*d**3 + c*v")
     link = lw.Link(
         "nes", ("sink", "beam.tip"), law, {name: lw.Coefficient.number(each) for name, each in TRUE.items()}
@@ -185,9 +184,8 @@ def _two_beams(ends: tuple[str, str]) -> lw.Structure:
         mass, stiffness = (
             scale @ matrix @ scale * factor for matrix, factor in ((mass, length), (stiffness, length**-3))
         )
-        reduced = lw.modal.reduce_host(
-            name, mass, stiffness, points, keep=4, modal_damping=DAMPING, residual=False
-        )
+        matrices = lw.modal.HostMatrices(mass, stiffness)
+        reduced = matrices.reduce(name, points, keep=4, modal_damping=DAMPING, residual=False)
         hosts.append(reduced.host)
     law = lw.Law.parse("k*d + k3*d**3 + F*tanh(v/0.02)")
     link = lw.Link("joint", ends, law, {name: lw.Coefficient.number(value) for name, value in JOINT.items()})
@@ -237,7 +235,7 @@ def test_large_matrices(capsys: pytest.CaptureFixture[str]) -> None:
     mass, stiffness = _membrane(side)
     points = {"middle": side // 2 * side + side // 2, "quarter": side // 4 * side + side // 4}
     began = time.perf_counter()
-    reduced = lw.modal.reduce_host("membrane", mass, stiffness, points, keep=20)
+    reduced = lw.modal.HostMatrices(mass, stiffness).reduce("membrane", points, keep=20)
     seconds = time.perf_counter() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     squares = 4.0 * (side + 1.0) ** 2 * np.sin(0.5 * np.pi * np.arange(1, 4) / (side + 1.0)) ** 2

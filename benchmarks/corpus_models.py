@@ -318,9 +318,8 @@ def _discovered_on_host(hit: Subject, seed: int) -> lw.Discovery:
 
 def _on_matrices(residual: bool, seed: int) -> lw.Estimate:
     """A sink on a beam of 40 finite elements, reduced to modes."""
-    reduced = lw.modal.reduce_host(
-        "beam", *cantilever_matrices(40), POINTS, keep=5, modal_damping=0.01, residual=residual
-    )
+    matrices = lw.modal.HostMatrices(*cantilever_matrices(40))
+    reduced = matrices.reduce("beam", POINTS, keep=5, modal_damping=0.01, residual=residual)
     sink = link("nes", "sink-beam.tip", NES, **CANTILEVER_SINK)
     subject = Subject(
         structure({"sink": 0.03}, sink, hosts=[reduced.host]),

@@ -27,7 +27,6 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
     "FreeRun": "a simulation beside a record; `Validation` judges one",
     "HostMatrices": "what files say",
     "HostMode": "what a file says",
-    "HostReduction": "arithmetic of matrices that are given; it has its own error",
     "Modes": "a property of a structure whose numbers are given",
     "NamedLaw": "a law by its name",
     "OrbitEnvelope": "statistics of simulations of a structure whose numbers are given",

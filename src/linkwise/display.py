@@ -19,11 +19,11 @@ _WIDTH = 100  # at which sentences are wrapped
 LONGEST = 2000  # characters of a message: what a screen shows beside what was typed
 
 
-def shortened(message: str, most: int = LONGEST) -> str:
-    """`message` with its middle left out where it is longer than `most` characters: what quotes a file may quote all of it."""
-    if len(message) <= most:
+def shortened(message: str) -> str:
+    """`message` with its middle left out where it is longer than `LONGEST`: what quotes a file may quote all of it."""
+    if len(message) <= LONGEST:
         return message
-    half = most // 2
+    half = LONGEST // 2
     left_out = len(message) - 2 * half
     return f"{message[:half]} [... {left_out} characters ...] {message[-half:]}"
 

@@ -92,6 +92,15 @@ def factor_to_si(unit: str, dimension: str) -> float:
     return _converted(quantity, unit, dimension, expected)
 
 
+def converts(unit: str, dimension: str) -> bool:
+    """Whether a text is a unit that converts to the SI unit `dimension`."""
+    try:
+        factor_to_si(unit, dimension)
+    except LinkwiseError:
+        return False
+    return True
+
+
 def base_exponents(unit: str) -> tuple[Fraction, Fraction, Fraction, Fraction]:
     """Exponents of kilogram, metre, second and ampere in the unit of a text: of "30 kN/m" 1, 0, -2, 0.
 

@@ -363,7 +363,7 @@ def test_branches_are_the_value_on_both_sides_of_the_kink(name: str, points: dic
 @pytest.mark.parametrize("name", [name for name in FUNCTIONS if FUNCTIONS[name].kink is None])
 def test_the_integrator_has_the_same_function(name: str) -> None:
     argument = heyoka.expression("x")
-    compiled = heyoka.cfunc([getattr(heyoka, FUNCTIONS[name].integrator or name)(argument)], vars=[argument])
+    compiled = heyoka.cfunc([getattr(heyoka, name)(argument)], vars=[argument])
     # identity: two units in the last place of a double
     ours = _values(_call(name), {"x": PLACES["x"]})
     np.testing.assert_allclose(compiled(PLACES["x"][None, :])[0], ours, rtol=4e-16)

@@ -7,8 +7,8 @@ from tapped_beam import DAMPING, shaken, tapped
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.modal.measured import ModalMeasurement
-from linkwise.modal.oscillators import ComplexModes, SampledForce, free_motion
+from linkwise.modal.measured import MeasuredRun, ModalMeasurement
+from linkwise.modal.oscillators import ComplexModes, SampledForce
 from linkwise.modal.output_error import _OutputError
 from linkwise.modal.pursuit import Projection, PursuedModes, pursued_modes
 from linkwise.progress import silent
@@ -54,14 +54,16 @@ def test_motion_of_a_mode_is_that_of_a_simulation() -> None:
     subject = structure({}, hosts=[host("one", [21.0], 0.02, {"p": [1.5]})])
     pulse, sensors = {"one.p": "8*exp(-((t - 0.05)/0.002)**2)"}, ["x:one.p", "v:one.p", "a:one.p"]
     record = lw.simulate(subject, forces=pulse, duration=0.5, rate=2000.0, sensors=sensors)
-    motion = SampledForce(record.channel("force:one.p"), record.step).motion(21.0, 0.02)
-    for kind, row in zip("xva", motion, strict=True):
+    force = SampledForce(record.channel("force:one.p"), record.step)
+    run = MeasuredRun(np.zeros((1, len(record))), np.ones(1), (force,), record.step)
+    for kind, row in zip("xva", run.motions(21.0, 0.02)[0], strict=True):
         shown = record.channel(f"{kind}:one.p")
         assert np.abs(1.5**2 * row - shown).max() < 1e-5 * np.abs(shown).max()  # a spline of the fifth order
 
 
 def test_free_motions_satisfy_the_equation_of_the_mode() -> None:
-    x, v, a = free_motion(5.0, 0.1, 0.001, 400).transpose(1, 0, 2)
+    run = MeasuredRun(np.zeros((1, 400)), np.ones(1), (), 0.001)
+    x, v, a = run.motions(5.0, 0.1).transpose(1, 0, 2)
     w = 2.0 * np.pi * 5.0
     residual = a + 0.2 * w * v + w**2 * x
     assert np.abs(residual).max() < 1e-12 * np.abs(a).max()

@@ -57,8 +57,9 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
     for frequency, limit in ((0.0, 1e-6), (30.0, 1e-4)):
         matrix = stiffness - (2.0 * np.pi * frequency) ** 2 * mass
         exact = scipy.sparse.linalg.spsolve(scipy.sparse.csc_array(matrix), unit)[78]
-        with_residual = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3)
-        without = lw.modal.reduce_host("beam", mass, stiffness, {"tip": 79}, keep=3, residual=False)
+        matrices = lw.modal.HostMatrices(mass, stiffness)
+        with_residual = matrices.reduce("beam", {"tip": 79}, keep=3)
+        without = matrices.reduce("beam", {"tip": 79}, keep=3, residual=False)
         assert receptance(with_residual.host, frequency) == pytest.approx(exact, rel=limit)
         # under a force at its tip the modes of a cantilever take 12 / root^4 of the static deflection L^3 / (3 EI)
         fourth = ROOTS[3:] ** 4
@@ -73,20 +74,20 @@ def test_residual_modes_keep_the_flexibility_of_those_left_out() -> None:
 def test_a_model_is_the_same_large_in_any_sparse_format_and_in_single_precision() -> None:
     """Its frequencies are (root)^2 sqrt(EI/m)/(2 pi L^2); 400 elements are past the size of dense matrices."""
     points = {"tip": 79, "mid": 39}
-    host = lw.modal.reduce_host("beam", *beam(), points, keep=3).host
+    host = lw.modal.HostMatrices(*beam()).reduce("beam", points, keep=3).host
     frequencies = [mode.frequency.value or 0.0 for mode in host.modes[:2]]
     expected = ROOTS[:2] ** 2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi)
     np.testing.assert_allclose(frequencies, expected, rtol=1e-6)  # 40 cubic elements are off by less
-    large = lw.modal.reduce_host("beam", *beam(400), {"tip": 799, "mid": 399}, keep=3).host
+    large = lw.modal.HostMatrices(*beam(400)).reduce("beam", {"tip": 799, "mid": 399}, keep=3).host
     for coarse, fine in zip(host.modes[:3], large.modes[:3], strict=True):
         assert coarse.frequency.value == pytest.approx(fine.frequency.value, rel=1e-5)
         ratios = [abs(mode.shape["mid"] / mode.shape["tip"]) for mode in (coarse, fine)]
         assert ratios[0] == pytest.approx(ratios[1], rel=1e-3)
     for form in ("csr_array", "coo_array", "csr_matrix"):
         mass, stiffness = (getattr(scipy.sparse, form)(matrix) for matrix in beam())
-        assert host == lw.modal.reduce_host("beam", mass, stiffness, points, keep=3).host
+        assert host == lw.modal.HostMatrices(mass, stiffness).reduce("beam", points, keep=3).host
     mass, stiffness = (scipy.sparse.csr_array(matrix, dtype=np.float32) for matrix in beam())
-    single = lw.modal.reduce_host("beam", mass, stiffness, points, keep=3).host
+    single = lw.modal.HostMatrices(mass, stiffness).reduce("beam", points, keep=3).host
     assert single.modes[2].frequency.value == pytest.approx(host.modes[2].frequency.value, rel=1e-3)
 
 
@@ -94,7 +95,8 @@ def test_a_model_is_the_same_large_in_any_sparse_format_and_in_single_precision(
 @pytest.mark.parametrize(("elements", "rel"), [(40, 1e-6), (130, 1e-3), (170, 1e-3), (600, 1e-3)])
 def test_a_free_beam_has_rigid_modes(elements: int, rel: float) -> None:
     """Of a long one the largest eigenvalue is 1e11 to 1e14 times the first elastic one, that of a free beam."""
-    reduced = lw.modal.reduce_host("beam", *beam(elements, clamped=False), {"tip": 2 * elements + 1}, keep=4)
+    matrices = lw.modal.HostMatrices(*beam(elements, clamped=False))
+    reduced = matrices.reduce("beam", {"tip": 2 * elements + 1}, keep=4)
     frequencies = [mode.frequency.value for mode in reduced.host.modes]
     assert frequencies[:2] == [0.0, 0.0]
     assert frequencies[2] == pytest.approx(4.7300407**2 * np.sqrt(11.2 / 0.324) / (2.0 * np.pi), rel=rel)
@@ -125,7 +127,7 @@ def test_matrices_that_are_no_host_are_refused(change: dict[str, object], messag
     mass, stiffness = beam()
     given = {"mass": mass, "stiffness": stiffness, "points": {"tip": 79}, "keep": 3, **change}
     with pytest.raises(lw.StructureError) as error:
-        lw.modal.reduce_host("beam", **given)
+        lw.modal.HostMatrices(given.pop("mass"), given.pop("stiffness")).reduce("beam", **given)
     assert message in str(error.value)
 
 
@@ -207,9 +209,8 @@ def lumped(elements: int) -> Matrices:
 def test_rotations_without_mass_follow_statically(elements: int) -> None:
     """The modes are those of the matrices condensed to the degrees of freedom with mass."""
     mass, stiffness = lumped(elements)
-    host = lw.modal.reduce_host(
-        "beam", mass, stiffness, {"tip": 2 * elements - 1, "slope": 2 * elements}, keep=4
-    ).host
+    points = {"tip": 2 * elements - 1, "slope": 2 * elements}
+    host = lw.modal.HostMatrices(mass, stiffness).reduce("beam", points, keep=4).host
     K = stiffness.toarray()
     condensed = K[::2, ::2] - K[::2, 1::2] @ np.linalg.solve(K[1::2, 1::2], K[1::2, ::2])
     squares, shapes = scipy.linalg.eigh(condensed, mass.toarray()[::2, ::2], subset_by_index=(0, 3))
@@ -300,6 +301,6 @@ def test_what_has_no_mass_is_counted() -> None:
     """A mass matrix that was cut off leaves degrees of freedom without mass, and they follow statically in silence."""
     stiffness = scipy.sparse.csc_array(1e4 * (2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1)))
     whole, cut = (scipy.sparse.diags_array([0.1] * 4 + [last] * 2).tocsc() for last in (0.1, 0.0))
-    assert len(lw.modal.reduce_host("rod", whole, stiffness, {"mid": 3}, keep=2).notes) == 1
-    reduced = lw.modal.reduce_host("rod", cut, stiffness, {"mid": 3}, keep=2)
+    assert len(lw.modal.HostMatrices(whole, stiffness).reduce("rod", {"mid": 3}, keep=2).notes) == 1
+    reduced = lw.modal.HostMatrices(cut, stiffness).reduce("rod", {"mid": 3}, keep=2)
     assert reduced.massless == 2 and "2 degrees of freedom have no mass" in reduced.notes[1]

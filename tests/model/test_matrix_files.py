@@ -55,7 +55,7 @@ def test_abaqus_names_nodes_and_directions(tmp_path: Path) -> None:
     assert read.total_mass == pytest.approx(mass[::2, ::2].sum(), rel=WRITTEN)  # all in z
     by_name = read.reduce("beam", {"tip": "25ry", "root": "10z"}, keep=3)
     sparse = [scipy.sparse.csc_array(matrix) for matrix in (mass, stiffness)]
-    by_row = lw.modal.reduce_host("beam", sparse[0], sparse[1], {"tip": SIZE, "root": 1}, keep=3)
+    by_row = lw.modal.HostMatrices(*sparse).reduce("beam", {"tip": SIZE, "root": 1}, keep=3)
     assert by_name.host.points == by_row.host.points
     for mode, other in zip(some(by_name.host.modes), by_row.host.modes, strict=True):
         # signs and eigenvectors of one routine: rounding

@@ -59,8 +59,6 @@ def test_a_library_that_cannot_be_is_refused() -> None:
         Monomials(("a", "b"), -1)
     with pytest.raises(IdentificationError, match="names that differ"):
         Monomials(("a", "a"), 2)
-    with pytest.raises(IdentificationError, match="mixing must be positive, got 0; mixing=1 keeps powers"):
-        Monomials(("a", "b"), 2, mixing=0)
 
 
 def test_a_library_of_a_mass_and_its_neighbours_holds_its_equation() -> None:

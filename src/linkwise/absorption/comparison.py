@@ -34,9 +34,8 @@ from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass, require_rest_at_zero
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.run import RunSchedule, check_excitation, output_times
-from linkwise.simulation.simulate import ExcitationKeywords
+from linkwise.simulation.simulate import ExcitationKeywords, SimulatedMotion
 
 BASELINES = ("removed", "locked")
 

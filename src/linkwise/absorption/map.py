@@ -30,7 +30,7 @@ from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import available_memory
-from linkwise.simulation.batch import SimulatedMotion
+from linkwise.simulation.simulate import SimulatedMotion
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _EQUAL_RATIOS = 1e-6  # relative differences of ratios below it are rounding

@@ -28,9 +28,10 @@ from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Expression, Number, Program, polynomial
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
-from linkwise.simulation.batch import SimulatedMotion, can_batch, run_batch
+from linkwise.simulation.batch import can_batch, run_batch
 from linkwise.simulation.energy import LinkForces
 from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate, room
+from linkwise.simulation.simulate import SimulatedMotion
 
 _HIGHEST_ORDER = 12  # of a polynomial law whose rest points are its roots
 _REAL = 1e-7  # of the largest root: a smaller imaginary part is the rounding error of a double root

@@ -22,8 +22,8 @@ from linkwise.model.host import Host
 from linkwise.model.law import Law, unit_dimension
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
-from linkwise.simulation.batch import SimulatedMotion
 from linkwise.simulation.energy import LinkForces
+from linkwise.simulation.simulate import SimulatedMotion
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ For alpha*d + beta*d**3 with alpha < 0 < beta: wells at +-sqrt(-alpha/beta), bar
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -146,7 +147,9 @@ def rest_points(
         limits = np.maximum(np.abs(force(grid[left])), np.abs(force(grid[right])))
         limits = np.concatenate([limits[touching], limits[flat]])
         is_zero = np.abs(force(places)) <= 10.0 * limits  # at a pole the force grows without end instead
-        edges = _edge_zeros(grid, signs)
+        ends = [(0, 1), (-1, -2)] if grid.size > 1 else []
+        # isolated zeros exactly on the first or last grid point
+        edges = np.array([grid[end] for end, inner in ends if signs[end] == 0 and signs[inner] != 0])
         places = np.concatenate([places[is_zero], edges])
         stiffness = slope(places)
     up = [*rising[is_zero], *(stiffness[len(places) - len(edges) :] > 0.0)]
@@ -179,14 +182,6 @@ def _grid(lo: float | None, hi: float | None) -> Floats:
     return np.unique(np.concatenate([inner, across, [low, high]]))
 
 
-def _edge_zeros(grid: Floats, signs: Floats) -> Floats:
-    """Isolated zeros exactly on the first or last grid point."""
-    if grid.size < 2:
-        return np.empty(0)
-    ends = [(0, 1), (-1, -2)]
-    return np.array([grid[end] for end, inner in ends if signs[end] == 0 and signs[inner] != 0])
-
-
 def _crossings(function: Function, grid: Floats) -> Floats:
     """Zeros of `function` between neighbouring grid points of opposite sign."""
     values = function(grid)
@@ -211,17 +206,7 @@ def _bisect(function: Function, left: Floats, right: Floats) -> Floats:
     return np.where(better, right, left)
 
 
-DAMPER = "damper only"
-CONSTANT = "constant force"
-MEMORY = "memory"
-LINEAR = "linear"
-HARDENING = "hardening"
-SOFTENING = "softening"
-BISTABLE = "bistable"
-ONE_SIDED = "one-sided"
-UNEVEN = "uneven"
-NEGATIVE = "negative stiffness"
-
+_DAMPER = "damper only"
 _GRID = 65
 # of the largest force: smaller forces, and smaller deviations from a straight line, count as zero
 _NEGLIGIBLE = 1e-9
@@ -239,7 +224,7 @@ def law_kind(link: Link, reach: float) -> str:
     kind = _kind_at_rest(link, reach)
     if not link.law.states:
         return kind
-    return MEMORY if kind == DAMPER else f"{kind} with memory"
+    return "memory" if kind == _DAMPER else f"{kind} with memory"
 
 
 def _kind_at_rest(link: Link, reach: float) -> str:
@@ -247,10 +232,12 @@ def _kind_at_rest(link: Link, reach: float) -> str:
     slope = differentiate(link.law.elastic, "d")
     if "d" not in symbols(link.law.elastic):
         constant = not link.law.states and "v" not in symbols(link.law.expression)
-        return CONSTANT if constant and link.force(0.0, 0.0) != 0.0 else DAMPER
-    count = _well_count(link, reach)
+        return "constant force" if constant and link.force(0.0, 0.0) != 0.0 else _DAMPER
+    count = 0
+    with suppress(StructureError):  # of a force that vanishes everywhere
+        count = len(wells(link, -reach, reach))
     if count >= 2:
-        return BISTABLE if count == 2 else f"{count} wells"
+        return "bistable" if count == 2 else f"{count} wells"
     at_rest = float(link.stiffness(0.0))
     d = np.linspace(0.0, reach, _GRID)[1:]
     still = link.zero_states
@@ -258,19 +245,12 @@ def _kind_at_rest(link: Link, reach: float) -> str:
     sizes = float(np.abs(right).max()), float(np.abs(left).max())
     deviation = max(float(np.abs(side - at_rest * d).max()) for side in (right, left))
     if "d" not in symbols(slope) or deviation <= _NEGLIGIBLE * max(sizes):
-        return LINEAR if at_rest >= 0.0 else NEGATIVE
+        return "linear" if at_rest >= 0.0 else "negative stiffness"
     if min(sizes) <= _NEGLIGIBLE * max(sizes):
-        return ONE_SIDED
+        return "one-sided"
     hardens = [float(side[-1]) / reach > at_rest for side in (right, left)]
     if count == 0 and at_rest < 0.0:
-        return NEGATIVE
+        return "negative stiffness"
     if all(hardens):
-        return HARDENING
-    return UNEVEN if any(hardens) else SOFTENING
-
-
-def _well_count(link: Link, reach: float) -> int:
-    try:
-        return len(wells(link, -reach, reach))
-    except StructureError:  # the force vanishes everywhere
-        return 0
+        return "hardening"
+    return "uneven" if any(hardens) else "softening"

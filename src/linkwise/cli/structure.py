@@ -14,9 +14,9 @@ import linkwise as lw
 from linkwise.cli.console import deliver_structure, note
 from linkwise.cli.host import host
 from linkwise.cli.options import FILE, STRUCTURE, grouped, typed
+from linkwise.export.templates import filled
 from linkwise.output import to_json
 from linkwise.registry import lazy_module
-from linkwise.templates import rendered
 
 if TYPE_CHECKING:
     from linkwise.plot import estimates
@@ -122,7 +122,7 @@ def show(file: Path, options: ShownOptions) -> None:
         click.echo(text)
         return
     written = {"subject": subject, "stem": file.stem, "rests": rests, "why": why}
-    click.echo(rendered("cli", "structure.txt.jinja", shown=_shown, **written).rstrip())
+    click.echo(filled("cli", "structure.txt.jinja", shown=_shown, **written).rstrip())
 
 
 @structure.command()
@@ -144,7 +144,7 @@ def laws(name: str | None, as_json: bool) -> None:
     elif name:
         click.echo(_link_text(name, chosen[name]))
     else:
-        click.echo(rendered("cli", "laws.txt.jinja", laws=chosen, parsed_of=_parsed).rstrip())
+        click.echo(filled("cli", "laws.txt.jinja", laws=chosen, parsed_of=_parsed).rstrip())
 
 
 def _without_suffix(picture: Path) -> Path:

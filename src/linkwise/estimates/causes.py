@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Final
 
 import numpy as np
@@ -456,20 +456,13 @@ class SensorErrorEstimate:
 
         Raises
         ------
-        KeyError, TypeError, ValueError
+        TypeError, ValueError
             If something is missing, of another type, or not finite.
         """
-        kind, value, error = document["kind"], float(document["value"]), float(document["standard_error"])
-        if kind not in FOUND or not (isfinite(value) and isfinite(error) and error >= 0.0):
+        read = cls(**document)
+        if read.kind not in FOUND or not (isfinite(read.value) and 0.0 <= read.standard_error < inf):
             raise ValueError(f"not an error of a sensor: {dict(document)}")
-        return cls(
-            str(document["channel"]),
-            kind,
-            value,
-            error,
-            str(document["unit"]),
-            str(document.get("source", "")),
-        )
+        return read
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.

@@ -368,8 +368,8 @@ class LinkMotion:
             return None
         incidence = self.structure.incidence
         share = np.full(self.d.shape, np.nan)
-        solved_for = self.structure.size <= _DENSE and not np.isnan(residual).any()
-        if solved_for and _determines_forces(incidence.toarray()):
+        solvable = 0 < self.structure.size <= _DENSE and not np.isnan(residual).any()
+        if solvable and np.linalg.matrix_rank(incidence.toarray(), rtol=_DETERMINED) == incidence.shape[1]:
             share = np.linalg.lstsq(incidence.toarray(), residual.T)[0].T
         else:
             rows = incidence.tocsr()
@@ -390,12 +390,6 @@ def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:
     low, high = np.nanmin(d, axis=0), np.nanmax(d, axis=0)
     inward = np.minimum(2.0 * np.asarray(deviation), 0.5 * (high - low))
     return np.stack([low + inward, high - inward], axis=1)
-
-
-def _determines_forces(incidence: Floats) -> bool:
-    """Whether the forces of the links follow from those on the masses."""
-    singular = np.linalg.svd(incidence, compute_uv=False)
-    return bool(incidence.shape[1] <= incidence.shape[0] and singular[-1] > _DETERMINED * singular[0])
 
 
 _SIGNIFICANT = 3.0  # standard errors of the mean power: by chance once in 740 links that dissipate nothing

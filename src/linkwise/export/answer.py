@@ -12,11 +12,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from linkwise import templates
 from linkwise.arrays import Floats
 from linkwise.errors import OutputError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
+from linkwise.export.templates import filled
 from linkwise.identification.validation.answer import ValidatedAnswer
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
@@ -210,7 +210,7 @@ def listed_formats(formats: Mapping[str, ExportFormat]) -> list[str]:
 
 def rendered(template: str, **parts: Any) -> str:
     """The file in another language that a template makes of its parts."""
-    text = templates.rendered("export", template, **parts)
+    text = filled("export", template, **parts)
     return text if text.endswith("\n") else f"{text}\n"
 
 

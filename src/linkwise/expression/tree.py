@@ -51,8 +51,6 @@ class LawFunction:
     flat
         Arguments beyond which the function or its derivatives are lost in rounding, so that a Taylor series taken there does
         not see what comes: an integration step has to end at them.
-    integrator
-        The name of the function in the integrator's library, where it differs from its own; not used if there is a kink.
     writable
         Whether a law may contain it; if not, only derivatives and antiderivatives do.
     """
@@ -64,7 +62,6 @@ class LawFunction:
     kink: str | None = None
     branch: str = ""
     flat: tuple[float, ...] = ()
-    integrator: str = ""
     writable: bool = True
 
 

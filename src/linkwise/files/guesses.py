@@ -15,13 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.display import on_one_line
-from linkwise.errors import LinkwiseError
 from linkwise.files.assemble import mapped, numbers, recognised
 from linkwise.files.mapping import RecordMapping
-from linkwise.files.table import ColumnHeader, Table, is_unit_of_time
+from linkwise.files.table import ColumnHeader, Table
 from linkwise.model.toml import toml_text
 from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, is_angular
-from linkwise.units import factor_to_si
+from linkwise.units import converts, factor_to_si
 
 NO_UNIT, NO_QUANTITY, NO_MASS, TWICE = "in which unit?", "which quantity?", "of which mass?", "twice"
 """Doubts of a guess."""
@@ -64,24 +63,15 @@ _NAMES = (
 _TIMES = re.compile(r"(?:time|zeit|t|elapsed|seconds?)\b|time", re.IGNORECASE)
 _WORDS = re.compile(r"[^\W\d_]+|\d+")
 _BASES = {BASE, "basis", "floor", "foundation", "fundament", "ground", "boden", "table", "tisch"}
-_OTHERS = {"rel", "relative", "relativ", "gap", "spalt", "diff", "difference", "differenz", "delta", "error"}
-_OTHERS |= {
-    "setpoint",
-    "soll",
-    "sollwert",
-    "target",
-    "command",
-    "demand",
-    "ref",
-    "reference",
-    "peak",
-    "rms",
-    "mean",
-}
-_OTHERS |= {"spring", "feder", "reaction", "rpm", "weight", "gewicht"}
+_OTHERS = {
+    "rel", "relative", "relativ", "gap", "spalt", "diff", "difference", "differenz", "delta", "error", "setpoint", "soll",
+    "sollwert", "target", "command", "demand", "ref", "reference", "peak", "rms", "mean", "spring", "feder", "reaction",
+    "rpm", "weight", "gewicht",
+}  # fmt: skip
 """Words of what has a unit of motion or force, and may be neither the motion of a mass nor a force that is applied to it."""
-_SENSORS = {"sensor", "signal", "channel", "ch", "ai", "dev", "mod", "cdaq", "untitled"}
-_SENSORS |= {"of", "at", "x", "y", "z"}
+_SENSORS = {
+    "sensor", "signal", "channel", "ch", "ai", "dev", "mod", "cdaq", "untitled", "of", "at", "x", "y", "z",
+}  # fmt: skip
 _CAMEL = re.compile(r"(?<=[a-zäöüß])(?=[A-ZÄÖÜ])")
 _RATES = (5.0, 1e7)  # Hz: between which vibrations are sampled
 
@@ -108,8 +98,7 @@ def guessed_columns(
     }
     for choice in (*given, *recognised(table, given, tuple(masses) or None)):
         if choice.column in guesses:
-            known = replace(guesses[choice.column], name=choice.name, unit=choice.unit)
-            guesses[choice.column] = known
+            guesses[choice.column] = replace(guesses[choice.column], name=choice.name, unit=choice.unit)
         elif table.headers[choice.column] not in left_out:
             numbers(table, choice)
     out = {number for number, guess in guesses.items() if {str(guess.label), guess.header} & set(left_out)}
@@ -117,7 +106,7 @@ def guessed_columns(
         guesses[number] = replace(guesses[number], name="")
         del headers[number]
     for number, header in headers.items():
-        named = _TIMES.match(header.name) and is_unit_of_time(header.unit or "s")
+        named = _TIMES.match(header.name) and converts(header.unit or "s", "s")
         if not guesses[number].name and named and "time" not in _names(guesses):
             guesses[number] = replace(guesses[number], name="time", why="name")
     for number, header in headers.items():
@@ -132,14 +121,8 @@ def guessed_columns(
                 others = _OTHERS.intersection(_words(guesses[number].header)).difference(*map(_words, masses))
                 by = why if guesses[number].unit else "name"
                 doubts = (*_doubts_of_quantity(headers[number], kind, by, others), *doubts)
-                guess = replace(
-                    guesses[number],
-                    name=Channel(kind, place),
-                    unit=headers[number].unit,
-                    why=why,
-                    doubts=doubts,
-                )
-                guesses[number] = guess
+                name, unit = Channel(kind, place), headers[number].unit
+                guesses[number] = replace(guesses[number], name=name, unit=unit, why=why, doubts=doubts)
             elif not kind and {*_BASES, *masses} & set(_words(guesses[number].header)):
                 guesses[number] = replace(guesses[number], doubts=(NO_QUANTITY,))
     times = Counter(_names(guesses))
@@ -174,7 +157,7 @@ def _parsed(text: str) -> ColumnHeader:
     leaf = ColumnHeader.parse(text).leaf
     name, _, unit = leaf.name.rpartition("_")
     stated = leaf.unit or leaf.channel or not name
-    return leaf if stated or not (_kind_of_unit(unit) or is_unit_of_time(unit)) else ColumnHeader(name, unit)
+    return leaf if stated or not (_kind_of_unit(unit) or converts(unit, "s")) else ColumnHeader(name, unit)
 
 
 def _is_plausible(table: Table, number: int, unit: str) -> bool:
@@ -194,15 +177,8 @@ def _guessed(header: ColumnHeader) -> tuple[str, str]:
 
 
 def _kind_of_unit(unit: str) -> str:
-    for kind in (*MOTIONS, "force"):
-        if is_angular(unit, kind):
-            return kind
-        try:
-            factor_to_si(unit, KINDS[kind].unit)
-        except LinkwiseError:
-            continue
-        return kind
-    return ""
+    kinds = (*MOTIONS, "force")
+    return next((k for k in kinds if is_angular(unit, k) or converts(unit, KINDS[k].unit)), "")
 
 
 def _kind_of_name(name: str) -> str:

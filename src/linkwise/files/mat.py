@@ -22,15 +22,14 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.sparse import csc_array, issparse
 
-from linkwise.errors import LinkwiseError
 from linkwise.files.arrays import Unread, columns_of, scalar, spelled_as_channel, stated_rate
 from linkwise.files.hdf5 import open_file
 from linkwise.files.mapping import as_statements, sensors_of
 from linkwise.files.table import Column, ColumnHeader, Table
-from linkwise.mat_file import load_mat, sound_sparse
+from linkwise.model.mat_file import load_mat, sound_sparse
 from linkwise.records.channel import KINDS, STORED
 from linkwise.records.record import Record
-from linkwise.units import factor_to_si
+from linkwise.units import converts, factor_to_si
 
 _NAME_LENGTH = 63  # longest name of a MATLAB variable
 _LARGEST = 10_000_000  # numbers of a sparse matrix that is read
@@ -223,13 +222,8 @@ def _unit(label: str, factor: float) -> str:
     """The unit of values beside the `label` of a display: they are in SI where a `factor` turns what is displayed into SI."""
     if factor == 1.0:
         return label
-    for unit in dict.fromkeys(kind.unit for kind in KINDS.values()):
-        try:
-            if abs(factor_to_si(label, unit) / factor - 1.0) < _AGREES:
-                return unit
-        except LinkwiseError:
-            continue
-    return ""
+    units = (kind.unit for kind in KINDS.values() if converts(label, kind.unit))
+    return next((unit for unit in units if abs(factor_to_si(label, unit) / factor - 1.0) < _AGREES), "")
 
 
 def _unique(signal: _Signal, signals: Mapping[int, _Signal]) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from linkwise.errors import LinkwiseError, RecordError
 from linkwise.records.channel import KINDS, Channel, Rows, is_angular
 from linkwise.records.record import Record
-from linkwise.units import base_exponents, factor_to_si, is_unit
+from linkwise.units import base_exponents, converts, factor_to_si, is_unit
 
 _SHOWN = 60  # characters of a cell that a message quotes
 
@@ -126,7 +126,7 @@ class ColumnHeader:
     def is_time(self) -> bool:
         """Whether the name is `time` or `t`, in upper or lower case; T in another unit than of time is a temperature."""
         name = self.name.lower()
-        return name == "time" or (name == "t" and is_unit_of_time(self.unit or "s"))
+        return name == "time" or (name == "t" and converts(self.unit or "s", "s"))
 
     @property
     def channel(self) -> Channel | None:
@@ -144,14 +144,6 @@ class ColumnHeader:
     def leaf(self) -> ColumnHeader:
         """The header without the groups above it: `run1/x:m1[mm]` is x:m1 in mm."""
         return ColumnHeader(self.name.rpartition("/")[2], self.unit)
-
-
-def is_unit_of_time(unit: str) -> bool:
-    """Whether a unit is that of times."""
-    try:
-        return factor_to_si(unit, "s") > 0.0
-    except LinkwiseError:
-        return False
 
 
 def si_factor(unit: str, kind: str, *, file: str, line: int | None, channel: str) -> float:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from linkwise.arrays import Floats
-from linkwise.errors import LinkwiseError, RecordError
+from linkwise.errors import RecordError
 from linkwise.files.table import Column, Table
 from linkwise.records.record import Record
 from linkwise.registry import lazy_module
-from linkwise.units import factor_to_si
+from linkwise.units import converts
 
 pyuff = lazy_module("pyuff")  # of an extra
 
@@ -178,9 +178,7 @@ def _units(data: dict[str, Any]) -> tuple[str, str]:
     labels = (str(data.get(f"{axis}_axis_units_lab", "")).strip() for axis in ("ordinate", "orddenom"))
     response, force = ("" if label in _NONE else label for label in labels)
     motion, _, per = response.rpartition("/")
-    try:
-        factor_to_si(per.strip(" ()"), "N")
-    except LinkwiseError:
+    if not converts(per.strip(" ()"), "N"):
         return response, force
     return motion.strip(" ()"), force or per.strip(" ()")
 

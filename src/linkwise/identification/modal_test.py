@@ -229,7 +229,7 @@ def identify_host(
 
     See Also
     --------
-    reduce_host : A host from matrices.
+    HostMatrices : A host from matrices.
 
     Examples
     --------

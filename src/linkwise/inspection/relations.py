@@ -131,7 +131,9 @@ def offset_at_rest(signals: RecordSignals) -> Iterator[Alert]:
         rest = signals.rest_of(signal)
         if rest is None or signal.channel.kind not in "va":
             continue
-        value, error = _mean(signal.filled[rest])
+        still = signal.filled[rest]
+        # of blocks, so that noise need not be white
+        value, error = float(still.mean()), float(_block_means(still).std(ddof=1) / _BLOCKS**0.5)
         if abs(value) < max(_REST_LEVEL * signal.rms, _REST_CERTAIN * error):
             continue
         message = (
@@ -173,12 +175,6 @@ def _when(signal: ChannelSignal, rest: slice) -> str:
 
 def _block_means(values: Floats) -> Floats:
     return np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
-
-
-def _mean(values: Floats) -> tuple[float, float]:
-    """Mean and its standard error, from blocks, so that noise need not be white."""
-    means = _block_means(values)
-    return float(values.mean()), float(means.std(ddof=1) / _BLOCKS**0.5)
 
 
 def _slope(values: Floats) -> tuple[float, float]:

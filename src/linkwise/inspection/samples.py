@@ -251,14 +251,9 @@ def jumps(signal: ChannelSignal) -> Indices:
 def _spikes(signal: ChannelSignal) -> Indices:
     """The outliers that stand alone, not those at which the motion jumps or turns, as by dry friction or a stop."""
     values, rows = signal.filled, _outliers(signal)
-    alone = [row for row in rows.tolist() if _is_spike(values, row) and _jump(values, row) is None]
-    return np.array(alone, dtype=int)
-
-
-def _is_spike(values: Floats, row: int) -> bool:
-    """Whether the neighbours of an outlier go on smoothly without it."""
-    near = values[row - _HALF_WINDOW : row + _HALF_WINDOW + 1]
-    return _left_by_neighbours(values, row) < _ROUGH * float(_deviations(near)[_HALF_WINDOW]) ** 2
+    size = np.abs(_deviations(values))
+    smooth = [row for row in rows.tolist() if _left_by_neighbours(values, row) < _ROUGH * size[row] ** 2]
+    return np.array([row for row in smooth if _jump(values, row) is None], dtype=int)
 
 
 def _left_by_neighbours(values: Floats, row: int) -> float:

@@ -161,7 +161,8 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
         rest = signals.rest_of(signal)
         if rest is None:
             continue
-        values = _detrended(signal.filled[rest])
+        index, still = np.arange(rest.stop - rest.start), signal.filled[rest]
+        values = still - np.polynomial.Polynomial.fit(index, still, 2)(index)
         sigma = float(values.std())
         tilt, error = _tilt(values)
         if sigma < max(_QUIET * signal.rms, 2.0 * signal.step) or abs(tilt) < max(_TILTED, _CERTAIN * error):
@@ -176,13 +177,6 @@ def coloured(signals: RecordSignals) -> Iterator[Alert]:
             "maximum likelihood, which allows for such noise, or reduce the rate until the noise is white"
         )
         yield Alert("coloured", signal.channel, message, sigma / signal.rms)
-
-
-def _detrended(values: Floats) -> Floats:
-    """Values without the parabola through them."""
-    index = np.arange(len(values)) / len(values) - 0.5
-    polynomial = np.polynomial.Polynomial.fit(index, values, 2)
-    return np.asarray(values - polynomial(index))
 
 
 def _tilt(values: Floats) -> tuple[float, float]:

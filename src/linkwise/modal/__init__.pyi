@@ -7,6 +7,5 @@ from linkwise.model.reduction import HostMatrices as HostMatrices
 from linkwise.model.reduction import HostReduction as HostReduction
 from linkwise.model.reduction import read_host_matrices as read_host_matrices
 from linkwise.model.reduction import read_matrix as read_matrix
-from linkwise.model.reduction import reduce_host as reduce_host
 
 __all__: list[str]

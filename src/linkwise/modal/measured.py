@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
-from linkwise.modal.oscillators import Complex, SampledForce, free_motion, pole, pole_changes
-from linkwise.records.channel import Channel, require_complete
+from linkwise.modal.oscillators import Complex, SampledForce, pole, pole_changes
+from linkwise.records.channel import require_complete
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise
 
@@ -32,11 +33,20 @@ class MeasuredRun:
         """Number of samples, N."""
         return int(self.responses.shape[1])
 
+    @cached_property
+    def applied(self) -> Floats:
+        """(P, N) the forces at the samples."""
+        return np.array([force.samples for force in self.forces]).reshape(-1, self.count)
+
     def motions(self, frequency: float, damping: float) -> Floats:
-        """(P + 2, 3, N) displacements, velocities and accelerations of a mode under each force of unit size, and free ones."""
-        forced = np.array([force.motion(frequency, damping) for force in self.forces])
-        free = free_motion(frequency, damping, self.step, self.count)
-        return np.concatenate([forced.reshape(-1, 3, self.count), free])
+        """(P + 2, 3, N) displacements, velocities and accelerations of a mode of unit modal mass: from rest under each force,
+        then two free decays a quarter of a period apart, the first of which begins at an acceleration of 1 m/s2.
+        """
+        s = pole(frequency, damping)
+        motions = s ** np.arange(3)[:, None] * self.signals(s)[:, None]
+        forced, free = motions[:-1].imag / s.imag, motions[-1] / s**2
+        forced[:, 2] += self.applied
+        return np.concatenate([forced, [free.real, free.imag]])
 
     def motion_derivatives(self, frequency: float, damping: float) -> Floats:
         """(2, P + 2, 3, N) derivatives of `motions` by the logarithms of frequency and damping."""
@@ -88,6 +98,16 @@ class ModalMeasurement:
     runs: tuple[MeasuredRun, ...]
     masses: Floats = field(default_factory=lambda: np.empty(0))
 
+    @cached_property
+    def samples(self) -> Indices:
+        """(C,) numbers of samples that are not missing."""
+        return np.asarray(np.sum([np.isfinite(run.responses).sum(axis=1) for run in self.runs], axis=0))
+
+    @cached_property
+    def power(self) -> Floats:
+        """(C,) sums of the squares of the responses."""
+        return np.asarray(np.sum([np.nansum(run.responses**2, axis=1) for run in self.runs], axis=0))
+
     @classmethod
     def of(
         cls,
@@ -120,15 +140,17 @@ class ModalMeasurement:
                 "shapes have no scale without one. Hit the structure at a sensor, or add a sensor where it is hit"
             )
         runs = tuple(_run(record, responses, forces) for record in records)
-        return cls(host, points, _kinds(responses), sensed, forced, runs, _masses(masses, points, forces))
+        kinds = np.array([channel.order for channel in responses])
+        return cls(host, points, kinds, sensed, forced, runs, _masses(masses, points, forces))
 
     @classmethod
     def of_decay(cls, record: Record) -> ModalMeasurement:
         """The motions of a record on which no force acts."""
         points = tuple(dict.fromkeys(channel.place for channel in record.motions))
         sensed = np.array([points.index(channel.place) for channel in record.motions])
+        kinds = np.array([channel.order for channel in record.motions])
         run = _run(record, record.motions, ())
-        return cls("", points, _kinds(record.motions), sensed, np.empty(0, dtype=np.intp), (run,))
+        return cls("", points, kinds, sensed, np.empty(0, dtype=np.intp), (run,))
 
 
 def _masses(masses: Mapping[str, float], points: Sequence[str], forces: Sequence[str]) -> Floats:
@@ -153,11 +175,6 @@ def _run(record: Record, responses: Sequence[str], forces: Sequence[str]) -> Mea
     deviations = np.array([noise[name] for name in responses])
     sampled = tuple(SampledForce(record.channel(channel), record.step) for channel in forces)
     return MeasuredRun(record.select(responses).values.T.copy(), deviations, sampled, record.step)
-
-
-def _kinds(responses: Sequence[Channel]) -> Indices:
-    """(C,) orders of the derivatives of the displacement."""
-    return np.array([channel.order for channel in responses])
 
 
 def _check(record: Record, responses: Sequence[str], forces: Sequence[str]) -> None:

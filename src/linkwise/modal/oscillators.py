@@ -44,16 +44,6 @@ class SampledForce:
     def _acts(self) -> bool:
         return bool(self.samples.any())
 
-    def motion(self, frequency: float, damping: float) -> Floats:
-        """Displacement, velocity and acceleration (3, N), in sqrt(kg) m, m/s and m/s2, of a mode that starts at rest, by
-        its frequency in Hz and its damping as a part of the critical one, below 1.
-        """
-        s = pole(frequency, damping)
-        z = self.recursion(s)
-        motion: Floats = np.array([z.imag, (s * z).imag, (s * s * z).imag]) / s.imag
-        motion[2] += self.samples
-        return motion
-
     def recursion(self, s: complex) -> NDArray[np.complex128]:
         """The complex mode z (N,) from rest with z' = s z + the force, by its pole s in 1/s."""
         if not self._acts:
@@ -77,17 +67,6 @@ class SampledForce:
     def _filtered(self, s: complex, gained: NDArray[np.complex128]) -> NDArray[np.complex128]:
         filtered = scipy.signal.lfilter([1.0], [1.0, -np.exp(s * self.step)], gained)
         return np.concatenate([[0.0], filtered])
-
-
-def free_motion(frequency: float, damping: float, step: float, count: int) -> Floats:
-    """Two free decays of a mode, a quarter of a period apart, at `count` samples: displacement, velocity and acceleration
-    (2, 3, N), the acceleration starting at 1 m/s2 or a quarter of a period earlier. Frequency in Hz, damping as a part of
-    the critical one below 1, `step` in s.
-    """
-    s = pole(frequency, damping)
-    decay = np.exp(s * step * np.arange(count))
-    parts = np.array([decay / s**2, decay / s, decay])
-    return np.array([parts.real, parts.imag])
 
 
 def pole(frequency: float, damping: float) -> complex:

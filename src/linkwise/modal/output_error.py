@@ -70,8 +70,7 @@ class CoupledResponse:
         weights = 2.0 * (self.modes.poles[:, None] ** kinds * at).T[:, :, None] * self._participation
         response = _real_sum(weights, signals)
         direct = self.shapes[:, self.measured.sensed].T @ self.shapes[:, self.measured.forced]
-        forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
-        response[kinds == _ACCELERATION] += direct[kinds == _ACCELERATION] @ forces
+        response[kinds == _ACCELERATION] += direct[kinds == _ACCELERATION] @ run.applied
         return response
 
     def derivatives(self, run: MeasuredRun) -> Iterator[Floats]:
@@ -80,7 +79,6 @@ class CoupledResponse:
         signals = np.array([run.signals(s) for s in poles.tolist()])
         by_pole = [run.signals_by_pole(s, own) for s, own in zip(poles.tolist(), signals, strict=True)]
         both = np.concatenate([signals, by_pole], axis=1)
-        forces = np.array([force.samples for force in run.forces]).reshape(-1, run.count)
         moved, turned, entering = self._changes
         for kind, point in zip(self.measured.kinds.tolist(), self.measured.sensed.tolist(), strict=True):
             power = 2.0 * poles**kind
@@ -94,8 +92,8 @@ class CoupledResponse:
                 shapes = rows[-count * (len(self.measured.points) + 2) : -2 * count]
                 of_shapes = shapes.reshape(count, len(self.measured.points), -1)
                 for number, force in enumerate(self.measured.forced.tolist()):
-                    of_shapes[:, point] += self.shapes[:, force, None] * forces[number]
-                    of_shapes[:, force] += self.shapes[:, point, None] * forces[number]
+                    of_shapes[:, point] += self.shapes[:, force, None] * run.applied[number]
+                    of_shapes[:, force] += self.shapes[:, point, None] * run.applied[number]
             yield rows
 
     @cached_property
@@ -242,8 +240,7 @@ def _with_pairs(problem: _OutputError, theta: Floats, noise: Floats) -> tuple[_O
     of_blocks = scores[:, tested] - scores[:, others] @ shared
     scatter = np.var(of_blocks, axis=0, ddof=1) * len(of_blocks)
     gains = of_blocks.sum(axis=0) ** 2 / np.maximum(np.maximum(expected, scatter), np.finfo(float).tiny)
-    samples = sum(int(np.isfinite(run.responses).sum()) for run in problem.measured.runs)
-    enough = gains.max() > np.log(samples) + 2.0 * np.log(len(pairs))
+    enough = gains.max() > np.log(problem.measured.samples.sum()) + 2.0 * np.log(len(pairs))
     return (coupled, point) if enough else (problem, theta)
 
 
@@ -395,11 +392,9 @@ class _OutputError:
 
     def levels(self, theta: Floats) -> Floats:
         """(C,) root mean squares of the residuals."""
-        power, count = np.zeros(len(self.measured.kinds)), np.zeros(len(self.measured.kinds))
-        for left in self.left(theta):
-            power += np.nansum(left**2, axis=1)
-            count += np.isfinite(left).sum(axis=1)
-        return np.asarray(np.sqrt(np.maximum(power / np.maximum(count, 1.0), np.finfo(float).tiny)))
+        power = np.sum([np.nansum(left**2, axis=1) for left in self.left(theta)], axis=0)
+        mean = power / np.maximum(self.measured.samples, 1)
+        return np.asarray(np.sqrt(np.maximum(mean, np.finfo(float).tiny)))
 
     def cost(self, theta: Floats, noise: Floats) -> float:
         """The sum of squares in units of the noise."""

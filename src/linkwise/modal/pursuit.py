@@ -147,7 +147,7 @@ class Projection:
     @property
     def levels(self) -> Floats:
         """(C,) root mean squares of what is left."""
-        mean = self.power / np.maximum(_samples(self.measured), 1)
+        mean = self.power / np.maximum(self.measured.samples, 1)
         return np.asarray(np.sqrt(np.maximum(mean, np.finfo(float).tiny)))
 
     @property
@@ -277,8 +277,6 @@ def doubled_mode(frequencies: Floats, damping: Floats, motions: Floats) -> int |
 
     `motions` (n, p) are residues or shapes. Modes of a linear structure that lie so close move differently.
     """
-    if len(frequencies) < 2 or motions.shape[1] < 2:
-        return None
     sizes = np.linalg.norm(motions, axis=1)
     pairs = np.argwhere(np.triu(_alike(frequencies, damping, motions, _HALF_POWER), k=1)).tolist()
     return min(pairs[0], key=lambda number: float(sizes[number] / damping[number])) if pairs else None
@@ -290,17 +288,17 @@ def shadow_mode(frequencies: Floats, damping: Floats, motions: Floats, faint: Bo
     It takes in what that one leaves, of a structure that is not quite linear, and has no motion of its own. Arguments as of
     `doubled_mode`.
     """
-    if len(frequencies) < 2 or motions.shape[1] < 2:
-        return None
     shadows = (_alike(frequencies, damping, motions, _BESIDE) & ~faint).any(axis=1) & faint
     return int(np.argmax(shadows)) if shadows.any() else None
 
 
 def _alike(frequencies: Floats, damping: Floats, motions: Floats, times: float) -> Bools:
-    """(n, n) whether modes are so many `times` damping ratio and frequency from each other and move alike."""
+    """(n, n) whether modes are so many `times` damping ratio and frequency from each other and move alike, in two or more
+    places.
+    """
     sizes, widths = np.linalg.norm(motions, axis=1), times * frequencies * damping
     near = np.abs(np.subtract.outer(frequencies, frequencies)) < np.maximum.outer(widths, widths)
-    alike = np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)
+    alike = (np.abs(motions @ motions.T) > _ALIKE * np.outer(sizes, sizes)) & (motions.shape[1] > 1)
     return np.asarray(near & alike & ~np.eye(len(sizes), dtype=bool))
 
 
@@ -339,8 +337,6 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
     sums = np.concatenate(scores).T
     robust = inverse @ (sums @ sums.T) @ inverse
     variance = np.maximum(np.maximum(inverse.diagonal(), robust.diagonal()), 0.0)
-    power = np.sum([np.nansum(run.responses**2, axis=1) for run in runs], axis=0)
-    samples = np.sum([np.isfinite(run.responses).sum(axis=1) for run in runs], axis=0)
     return RefinedModes(
         frequencies=np.exp(modes.logs[:, 0]),
         damping=np.exp(modes.logs[:, 1]),
@@ -348,8 +344,8 @@ def refined_modes(measured: ModalMeasurement, frequencies: Floats, damping: Floa
         residues=_residues(modes),
         free=np.abs(modes.free_motions(0))
         * (2.0 * np.pi * np.exp(modes.logs[:, :1])) ** (measured.kinds - 2.0),
-        left=float(np.mean(modes.power / np.maximum(power, np.finfo(float).tiny))),
-        power=power / np.maximum(samples, 1),
+        left=float(np.mean(modes.power / np.maximum(part.power, np.finfo(float).tiny))),
+        power=part.power / np.maximum(part.samples, 1),
     )
 
 
@@ -360,7 +356,7 @@ def _parameters(measured: ModalMeasurement) -> int:
 
 def _criterion(modes: Projection) -> float:
     """-2 log likelihood of white noise of any level in each channel, and its penalty."""
-    samples = _samples(modes.measured)
+    samples = modes.measured.samples
     cost = float(samples @ (2.0 * np.log(modes.levels)))
     return cost + _parameters(modes.measured) * len(modes.logs) * float(np.log(samples.sum()))
 
@@ -388,17 +384,11 @@ def _bands(left: Floats) -> list[Floats]:
 
 def _stands_out(modes: Projection, added: Projection) -> bool:
     """Whether the modes leave much of the response, or the one `added` takes most of the little that they leave."""
-    power = np.sum([np.nansum(run.responses**2, axis=1) for run in modes.measured.runs], axis=0)
-    noise = np.sum([run.noise**2 for run in modes.measured.runs], axis=0) / len(modes.measured.runs)
-    left, after = modes.power / power, added.power / power
-    above_noise = np.maximum(left - noise * _samples(modes.measured) / power, 0.0)
+    measured = modes.measured
+    noise = np.sum([run.noise**2 for run in measured.runs], axis=0) / len(measured.runs)
+    left, after = modes.power / measured.power, added.power / measured.power
+    above_noise = np.maximum(left - noise * measured.samples / measured.power, 0.0)
     return bool(np.any(left > _EXPLAINED**2) or np.sum(left - after) >= _MOST_OF_IT * np.sum(above_noise))
-
-
-def _samples(measured: ModalMeasurement) -> Floats:
-    """(C,) numbers of samples."""
-    counts = [np.isfinite(run.responses).sum(axis=1) for run in measured.runs]
-    return np.asarray(np.sum(counts, axis=0, dtype=np.float64))
 
 
 def _residues(modes: Projection) -> Floats:

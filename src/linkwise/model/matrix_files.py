@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import StructureError
-from linkwise.mat_file import load_mat, sound_sparse
+from linkwise.model.mat_file import load_mat, sound_sparse
 from linkwise.registry import lazy_module
 
 nastran = lazy_module("pyyeti.nastran")  # of an extra

@@ -66,7 +66,7 @@ class HostReduction:
     >>> import numpy as np
     >>> from scipy.sparse import csc_array
     >>> stiffness = csc_array(1e4 * (2.0 * np.eye(9) - np.eye(9, k=1) - np.eye(9, k=-1)))
-    >>> reduced = lw.modal.reduce_host("rod", csc_array(0.1 * np.eye(9)), stiffness, {"mid": 5}, keep=2)
+    >>> reduced = lw.modal.HostMatrices(csc_array(0.1 * np.eye(9)), stiffness).reduce("rod", {"mid": 5}, keep=2)
     >>> round(reduced.band, 1)
     22.8
     """
@@ -123,68 +123,6 @@ _NEAR = 0.01  # of a frequency: a mode so close to that of the error is in reson
 _BELOW = np.linspace(0.99, 0.9, 10)  # frequencies that are tried then
 
 Matrix: TypeAlias = scipy.sparse.sparray | scipy.sparse.spmatrix
-
-
-def reduce_host(
-    name: str,
-    mass: Matrix,
-    stiffness: Matrix,
-    points: Mapping[str, int],
-    *,
-    keep: int = 10,
-    modal_damping: float = 0.0,
-    rayleigh: tuple[float, float] | None = None,
-    residual: bool = True,
-) -> HostReduction:
-    """Reduce the matrices of a finite-element model to a host.
-
-    Parameters
-    ----------
-    name : str
-        Name of the host.
-    mass, stiffness : sparse array or sparse matrix of shape (n, n)
-        The matrices in SI units, in any sparse format, constrained as the structure is; symmetric, the mass positive
-        semidefinite: a degree of freedom may be without mass.
-    points : mapping of str to int
-        Row of the matrices for each point, counted from 1.
-    keep : int, optional
-        Number of the lowest modes that are kept, at most.
-    modal_damping : float, optional
-        Damping of every mode as a part of the critical one.
-    rayleigh : tuple of float, optional
-        Factors a in 1/s and b in s of a damping matrix a M + b K, instead.
-    residual : bool, optional
-        Whether residual attachment modes stand for the modes that are left out.
-
-    Returns
-    -------
-    HostReduction
-        The host and the error of the reduction.
-
-    Raises
-    ------
-    StructureError
-        If a matrix is not square or holds other than finite real numbers, a point is no row, the matrices differ in size or
-        are not symmetric, or there are not so many modes.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> import numpy as np
-    >>> from scipy.sparse import csc_array, diags_array
-    >>> stiffness = csc_array(1e4 * diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(30, 30)))
-    >>> reduced = lw.modal.reduce_host("rod", csc_array(0.1 * np.eye(30)), stiffness, {"mid": 15}, keep=4)
-    >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
-    (4, 5, True)
-    """
-    names = tuple(str(row) for row in range(1, stiffness.shape[0] + 1))
-    how: dict[str, Any] = {
-        "keep": keep,
-        "modal_damping": modal_damping,
-        "rayleigh": rayleigh,
-        "residual": residual,
-    }
-    return HostMatrices(mass, stiffness, None, names).reduce(name, points, **how)
 
 
 def _apart(omega: float, modes: Floats) -> float:
@@ -382,40 +320,43 @@ class HostMatrices:
     Attributes
     ----------
     mass, stiffness : scipy.sparse.csc_array
-        The matrices, of shape (n, n), without the degrees of freedom that the file holds fixed.
+        The matrices in SI units, of shape (n, n), constrained as the structure is: without the degrees of freedom that are
+        held fixed. Given in any sparse format; symmetric, the mass positive semidefinite: a degree of freedom may be without
+        mass.
     damping : scipy.sparse.csc_array or None
-        The matrix of viscous damping, if it was asked for.
+        The matrix of viscous damping, if there is one.
     names : tuple of str
         The degree of freedom of each row: node and direction, such as ``"12z"`` or ``"12rx"``, or, where the files do not say
-        them, the number of the row in the files, counted from 1.
+        them and by default, the number of the row in the files, counted from 1.
 
     Raises
     ------
     StructureError
-        If there is not one name for each row.
-
-    See Also
-    --------
-    reduce_host : A host from matrices.
+        If a matrix is not square or holds other than finite real numbers, or there is not one name for each row.
 
     Examples
     --------
     >>> import linkwise as lw
-    >>> from scipy.sparse import eye_array
-    >>> matrices = lw.modal.HostMatrices(eye_array(2).tocsc(), 100.0 * eye_array(2).tocsc(), None, ("7x", "7y"))
-    >>> round(matrices.reduce("post", {"tip": "7y"}, keep=1).host.modes[0].frequency.value, 3)
-    1.592
+    >>> import numpy as np
+    >>> from scipy.sparse import csc_array, diags_array
+    >>> stiffness = csc_array(1e4 * diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(30, 30)))
+    >>> matrices = lw.modal.HostMatrices(csc_array(0.1 * np.eye(30)), stiffness)
+    >>> reduced = matrices.reduce("rod", {"mid": 15}, keep=4)
+    >>> reduced.kept, len(reduced.host.modes), reduced.error < 0.01
+    (4, 5, True)
     """
 
     mass: scipy.sparse.csc_array
     stiffness: scipy.sparse.csc_array
-    damping: scipy.sparse.csc_array | None
-    names: tuple[str, ...]
+    damping: scipy.sparse.csc_array | None = None
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for quantity in ("mass", "stiffness", "damping"):
             if (matrix := getattr(self, quantity)) is not None:
                 object.__setattr__(self, quantity, real_square(matrix, f"the {quantity} matrix"))
+        rows = range(1, self.stiffness.shape[0] + 1)
+        object.__setattr__(self, "names", self.names or tuple(map(str, rows)))
         if len(set(self.names)) != len(self.names) or len(self.names) != self.stiffness.shape[0]:
             raise StructureError(
                 f"{len(set(self.names))} different names are given for {self.stiffness.shape[0]} degrees of freedom; give "
@@ -445,7 +386,7 @@ class HostMatrices:
         rayleigh: tuple[float, float] | None = None,
         residual: bool = True,
     ) -> HostReduction:
-        """Reduce the matrices to a host, as `reduce_host` does.
+        """Reduce the matrices to a host.
 
         Parameters
         ----------
@@ -472,8 +413,8 @@ class HostMatrices:
         Raises
         ------
         StructureError
-            If there is no such degree of freedom or it is held fixed, damping is given twice, or `reduce_host` would refuse
-            the matrices.
+            If there is no such degree of freedom or it is held fixed, damping is given twice, or the matrices differ in size,
+            are not symmetric or have not so many modes.
 
         Examples
         --------

@@ -18,7 +18,6 @@ from matplotlib.lines import Line2D
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, shortest_path
 
-from linkwise.analysis.potential_wells import BISTABLE, DAMPER, HARDENING, LINEAR, SOFTENING
 from linkwise.arrays import Floats
 from linkwise.discovery.criterion import CERTAIN
 from linkwise.discovery.result import Discovery, headline
@@ -129,7 +128,8 @@ def _horizontal(points: Floats) -> Floats:
     return np.asarray(turned * signs)
 
 
-_COLORS = dict(zip((LINEAR, BISTABLE, HARDENING, SOFTENING), SERIES, strict=False)) | {DAMPER: MEASURED}
+_SPRINGS = ("linear", "bistable", "hardening", "softening")  # kinds of laws, see `potential_wells.law_kind`
+_COLORS = dict(zip(_SPRINGS, SERIES, strict=False)) | {"damper only": MEASURED}
 _OTHER_KIND = SERIES[5]
 _HOST, _ROD = "#D0D7DE", 7.0  # colour and points of what joins the points of a host
 _WIDTHS = (1.2, 4.2)  # points, of the softest and the stiffest link

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, stretches
-from linkwise.errors import IdentificationError, LinkwiseError, RecordError, expect
+from linkwise.errors import IdentificationError, RecordError, expect
 from linkwise.model.excitation import Sampled
 from linkwise.model.law import unit_dimension
-from linkwise.units import factor_to_si
+from linkwise.units import converts, factor_to_si
 
 
 class Kind(NamedTuple):
@@ -338,10 +338,7 @@ def is_angular(unit: str, kind: str) -> bool:
     if row is None or not row.angular_unit:
         return False
     words = _MOMENT if row.unit == "N" else _ANGLE
-    try:
-        return bool(words.search(unit) and factor_to_si(unit, row.angular_unit))
-    except LinkwiseError:
-        return False
+    return words.search(unit) is not None and converts(unit, row.angular_unit)
 
 
 def si_unit(unit: str, kind: str) -> str:

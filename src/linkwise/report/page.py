@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from markupsafe import Markup
 
-from linkwise import __version__, templates
+from linkwise import __version__
 from linkwise.display import to_csv
 from linkwise.errors import expect, wrong_type
+from linkwise.export.templates import filled
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import format_structure
 from linkwise.output import RESULT, atomic_folder, to_json
@@ -109,7 +110,7 @@ def embedded(png: bytes, svg: bytes, title: str, width: float) -> Markup:
 
 def rendered(template: str, **parts: Any) -> str:
     """The page that a template makes of its parts, with the version."""
-    return templates.rendered("report", template, version=__version__, **parts)
+    return filled("report", template, version=__version__, **parts)
 
 
 def _document(result: Any, truth: Structure | None) -> dict[str, Any]:

@@ -28,15 +28,14 @@ from linkwise.signals.noise import bandwidth
 _VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120  # quintic B-splines and their derivatives at the knots
 _SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24
 _CURVATURE = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6
+_DEGREE = 5  # of the polynomials of a Savitzky-Golay filter
 _MARGIN = 1.4  # cut-off of a Savitzky-Golay window in bandwidths; gives the best derivatives at 20 to 60 dB
 _PENALTY = 4  # order of the penalised differences; 4 gives the best second derivatives
 _DIFFERENCES = np.array([(-1.0) ** lag * comb(_PENALTY, lag) for lag in range(_PENALTY + 1)])
 _SMOOTHINGS = np.logspace(-8, 12, 41)  # from interpolation to a cut-off at 1/200 of the sampling rate
 
 
-def savitzky_golay(
-    samples: ArrayLike, rate: float, *, half: int, degree: int = 5
-) -> tuple[Floats, Floats, Floats]:
+def savitzky_golay(samples: ArrayLike, rate: float, *, half: int) -> tuple[Floats, Floats, Floats]:
     """Smoothed channels (N, C) and their first and second time derivative, by polynomials over `half` samples on each side
     of the centre (A. Savitzky and M. J. E. Golay, Anal. Chem. 36, 1627 (1964)). Closer than half a window to an end, the
     polynomial of the first or last complete window is evaluated off its centre. RecordError if samples are missing, or the
@@ -44,13 +43,13 @@ def savitzky_golay(
     """
     values = _columns(samples)
     length = 2 * half + 1
-    if length <= degree or length > len(values):
+    if length <= _DEGREE or length > len(values):
         raise RecordError(
-            f"a Savitzky-Golay window for degree {degree} must have more than {degree} and at most {len(values)} samples (the "
-            f"record), got {length}"
+            f"a Savitzky-Golay window for degree {_DEGREE} must have more than {_DEGREE} and at most {len(values)} samples "
+            f"(the record), got {length}"
         )
     u = np.arange(-half, half + 1) / half
-    fit = np.linalg.pinv(np.vander(u, degree + 1, increasing=True))  # (degree + 1, length)
+    fit = np.linalg.pinv(np.vander(u, _DEGREE + 1, increasing=True))  # (degree + 1, length)
     derivatives = []
     for order in range(3):
         unit = (rate / half) ** order
@@ -58,8 +57,8 @@ def savitzky_golay(
         derivative = np.empty_like(values)
         for samples_in, derived in zip(values.T, derivative.T, strict=True):
             derived[half : len(values) - half] = np.correlate(samples_in, kernel, mode="valid")
-        rows = np.zeros((length, degree + 1))  # derivatives of the powers
-        for power in range(order, degree + 1):
+        rows = np.zeros((length, _DEGREE + 1))  # derivatives of the powers
+        for power in range(order, _DEGREE + 1):
             rows[:, power] = factorial(power) / factorial(power - order) * u ** (power - order)
         slopes = rows * unit @ fit
         derivative[:half] = slopes[:half] @ values[:length]
@@ -68,14 +67,14 @@ def savitzky_golay(
     return derivatives[0], derivatives[1], derivatives[2]
 
 
-def savitzky_golay_half(bandwidth: float, rate: float, *, degree: int = 5) -> int:
+def savitzky_golay_half(bandwidth: float, rate: float) -> int:
     """Half width in samples of a Savitzky-Golay window for motion of given bandwidth in Hz: f_c = (degree + 1) / (3.2 half
     - 4.6) in half sampling rates (R. W. Schafer, IEEE Signal Process. Mag. 28 (4), 111 (2011), Eq. (12)). The -3 dB
     cut-off is at 1.4 times the bandwidth, since the second derivative is attenuated well before the value.
     """
     cut = 2 * _MARGIN * bandwidth / rate
-    even = degree // 2 * 2  # by symmetry the value is smoothed as with the even degree below
-    return max(ceil(((even + 1) / cut + 4.6) / 3.2), degree // 2 + 1)
+    # by symmetry the value is smoothed as with the even degree below
+    return max(ceil((_DEGREE / cut + 4.6) / 3.2), _DEGREE // 2 + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +216,7 @@ DifferentiationMethod = Literal["spline", "savgol", "differences"]
 _METHODS = {
     "spline": "smoothing spline, smoothness by generalised cross-validation",
     "savgol": "Savitzky-Golay, window by the bandwidth of the channel",
-    "differences": "central differences of order 2, 4 or 6, for data without noise",
+    "differences": "central differences of fourth order, for data without noise",
 }
 
 
@@ -266,7 +265,7 @@ class States:
         return len(self.time)
 
 
-def differentiate(record: Record, method: DifferentiationMethod = "spline", *, order: int = 4) -> States:
+def differentiate(record: Record, method: DifferentiationMethod = "spline") -> States:
     """Displacement, velocity and acceleration of every mass with a sensor.
 
     Parameters
@@ -275,9 +274,7 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
         A record without missing samples, with a displacement channel for every mass.
     method : {"spline", "savgol", "differences"}, optional
         Quintic smoothing spline with cross-validated smoothness; Savitzky-Golay filter of degree 5 with a window from the
-        bandwidth; or central differences without smoothing.
-    order : {2, 4, 6}, optional
-        Order of the differences.
+        bandwidth; or central differences of fourth order without smoothing.
 
     Returns
     -------
@@ -287,7 +284,7 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
     Raises
     ------
     RecordError
-        If a mass or the base has no displacement channel, samples are missing, or the method or order is unknown.
+        If a mass or the base has no displacement channel, samples are missing, or the method is unknown.
 
     Examples
     --------
@@ -305,7 +302,7 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
         named = ", ".join(record.channels)
         raise RecordError(f"the record has no response channel to differentiate, only {named}")
     bodies = (*record.masses, *(["base"] if any(name.endswith(":base") for name in record.channels) else []))
-    x, v, a, margin = _motions(record, bodies, method, order)
+    x, v, a, margin = _motions(record, bodies, method)
     if len(record) <= 2 * margin:
         why = f"{margin} at each end have one-sided derivatives only"
         raise RecordError(f"{len(record)} samples are too few, since {why}")
@@ -328,22 +325,18 @@ def differentiate(record: Record, method: DifferentiationMethod = "spline", *, o
     )
 
 
-def finite_differences(samples: Floats, rate: float, derivative: int, *, order: int = 4) -> Floats:
-    """First or second derivative, of the shape of `samples` (N, ...), in units per s or s^2, by finite differences of
-    `order` 2, 4 or 6 up to both ends; RecordError for another order or too few samples.
+def finite_differences(samples: Floats, rate: float, derivative: int) -> Floats:
+    """First or second derivative, of the shape of `samples` (N, ...), in units per s or s^2, by finite differences of fourth
+    order up to both ends; RecordError for too few samples.
     """
-    if order not in (2, 4, 6) or derivative not in (1, 2):
-        message = f"order must be 2, 4 or 6 and derivative 1 or 2, got order {order!r} and derivative {derivative!r}"
-        raise RecordError(message)
-    half = order // 2
-    length = order + derivative  # points of a one-sided stencil of this order
-    if len(samples) < max(length, 2 * half + 1):
-        raise RecordError(f"{len(samples)} samples are too few for differences of order {order}")
+    length = 4 + derivative  # points of a one-sided stencil of this order
+    if len(samples) < length:
+        raise RecordError(f"{len(samples)} samples are too few for differences of order 4")
     result = np.zeros_like(samples)
-    count = len(samples) - 2 * half
-    for lag, weight in enumerate(_difference_weights(2 * half + 1, half, derivative)):
-        result[half : half + count] += weight * samples[lag : lag + count]
-    for row in range(half):
+    count = len(samples) - 4
+    for lag, weight in enumerate(_difference_weights(5, 2, derivative)):
+        result[2:-2] += weight * samples[lag : lag + count]
+    for row in range(2):
         weights = _difference_weights(length, row, derivative)
         result[row] = np.tensordot(weights, samples[:length], axes=1)
         result[-1 - row] = (-1) ** derivative * np.tensordot(weights, samples[: -length - 1 : -1], axes=1)
@@ -351,7 +344,7 @@ def finite_differences(samples: Floats, rate: float, derivative: int, *, order: 
 
 
 def _motions(
-    record: Record, bodies: tuple[str, ...], method: DifferentiationMethod, order: int
+    record: Record, bodies: tuple[str, ...], method: DifferentiationMethod
 ) -> tuple[Floats, Floats, Floats, int]:
     """x, v, a (N, len(bodies)) of masses or the base, and the number of inaccurate samples at each end."""
     sources = {body: source for body in bodies if (source := _source(record, body))}
@@ -359,7 +352,7 @@ def _motions(
     margin = 0
     if sources:
         samples = np.column_stack([record.channel(source) for source in sources.values()])
-        *derivatives, margin = _derivatives(samples, record.rate, method, order)
+        *derivatives, margin = _derivatives(samples, record.rate, method)
         derived = dict(zip(sources, zip(*(values.T for values in derivatives), strict=True), strict=True))
     motions: list[dict[str, Floats]] = []
     for body in bodies:
@@ -390,11 +383,11 @@ def _source(record: Record, body: str) -> str | None:
 
 
 def _derivatives(
-    samples: Floats, rate: float, method: DifferentiationMethod, order: int
+    samples: Floats, rate: float, method: DifferentiationMethod
 ) -> tuple[Floats, Floats, Floats, int]:
     """Value, first and second derivative of channels (N, C), and the number of inaccurate samples at each end."""
     if method == "differences":
-        first, second = (finite_differences(samples, rate, which, order=order) for which in (1, 2))
+        first, second = (finite_differences(samples, rate, which) for which in (1, 2))
         return samples, first, second, 0
     if method == "spline":
         spline = smoothing_spline(samples, rate)
@@ -435,7 +428,6 @@ def _difference_weights(points: int, at: int, derivative: int) -> tuple[float, .
 DRIFT_FREQUENCY = 3.0  # Hz: below it a twice integrated acceleration is drift, unless the structure is slow
 _BELOW = 0.2  # of the frequency below which half of the power lies: the noise of an integral grows towards low ones
 _ROUNDING = 1e-24  # of the power of a constant
-_DEGREE = 5
 
 
 def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats, Floats]:
@@ -444,8 +436,8 @@ def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats
     """
     values = bridged(record.channel(channel))
     highest = float(bandwidth(values, record.rate, [sigma])[0])
-    half = min(savitzky_golay_half(highest, record.rate, degree=_DEGREE), (len(values) - 1) // 2)
-    value, first, second = savitzky_golay(values, record.rate, half=half, degree=_DEGREE)
+    half = min(savitzky_golay_half(highest, record.rate), (len(values) - 1) // 2)
+    value, first, second = savitzky_golay(values, record.rate, half=half)
     return value[:, 0], first[:, 0], second[:, 0]
 
 

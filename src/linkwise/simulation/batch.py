@@ -1,39 +1,19 @@
-"""Structures of one shape under excitations of one kind, integrated side by side in the lanes of one integrator, and how
-long an orbit can be trusted.
+"""Structures of one shape under excitations of one kind, integrated side by side in the lanes of one integrator.
 
 Energies are integrated along with the motion, and crossings of given elongations are events. Laws with kinks cannot be
 run in a batch: their events end a step in one lane but not in the others.
-
-A chaotic structure doubles every error in a fraction of a second, rounding errors included, so past some time no orbit
-computed in double precision is the true one. A second run shows when: with steps bounded to a fraction of those the
-integrator would take, each Taylor series is truncated with an error thousands of times smaller (the remainder of order p
-is proportional to the step to p + 1), which is a tighter tolerance without a new compilation, and every rounding error is
-a different one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.progress import Progress, ProgressReport, silent
-from linkwise.records.record import EnergyBalance
-from linkwise.simulation.energy import energy_balance
 from linkwise.simulation.integrator.formulas import SCALE, BatchIntegrator, ParameterLayout, compiled_system
-from linkwise.simulation.run import (
-    FARTHEST,
-    MOST_STEPS,
-    RunLog,
-    RunOptions,
-    RunSchedule,
-    integrate,
-    room,
-    run_time_parameters,
-)
+from linkwise.simulation.run import FARTHEST, MOST_STEPS, RunSchedule, run_time_parameters
 
 LANES = 4  # numbers in a register of most processors; with more, all lanes wait for the slowest
 _NEVER = 1e9  # m: an elongation that is never crossed
@@ -163,63 +143,3 @@ def _collected(
         crossings=tuple(tuple(np.array(link) for link in run) for run in times),
         completed=completed,
     )
-
-
-DEPARTURE = 1e-3  # of the largest displacement
-_STEP = 0.6  # of the mean step of the first run
-
-
-def horizon(schedule: RunSchedule, displacement: Floats, run: RunLog) -> float | None:
-    """The first output time in s at which a second run departs from `displacement` (N, n) in m by more than `DEPARTURE` of its
-    largest value, or None. `run` is the log of the first run; the second starts in double precision.
-    """
-    allowed = DEPARTURE * np.abs(displacement).max()
-    departures: list[float] = []
-
-    def receive(first: int, x: Floats, v: Floats, states: Floats) -> bool:
-        apart = np.abs(x - displacement[first : first + len(x)]).max(axis=1) > allowed
-        if apart.any():
-            departures.append(float(schedule.times[first + int(np.argmax(apart))]))
-        return bool(departures)
-
-    longest = _STEP * schedule.end / max(run.steps, 1)
-    integrate(schedule, schedule.times, receive, RunOptions(longest, extended=False))
-    return departures[0] if departures else None
-
-
-@dataclass(frozen=True, eq=False)
-class SimulatedMotion:
-    """Displacements in m and velocities in m/s (N, n), and states of links (N, S), at the output times of a schedule.
-
-    `run` is the log of the run.
-    """
-
-    schedule: RunSchedule
-    displacement: Floats
-    velocity: Floats
-    states: Floats
-    run: RunLog
-
-    @classmethod
-    def of(cls, schedule: RunSchedule, progress: Progress = silent) -> SimulatedMotion:
-        """Run a schedule. Raises SimulationError if the run cannot be completed."""
-        count = len(schedule.times)
-        motion = room(schedule.structure, count)
-
-        def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
-            progress(ProgressReport((first + len(x)) / count, "simulating"))
-
-        run = integrate(schedule, schedule.times, receive, RunOptions(into=motion))
-        for part in motion:
-            part.flags.writeable = False
-        return cls(schedule, *motion, run)
-
-    @cached_property
-    def energy(self) -> EnergyBalance:
-        """The energy balance at every output time."""
-        return energy_balance(self.schedule, self.displacement, self.velocity, self.run)
-
-    @cached_property
-    def horizon(self) -> float | None:
-        """Time in s past which the orbit cannot be trusted; None where it can throughout."""
-        return horizon(self.schedule, self.displacement, self.run)

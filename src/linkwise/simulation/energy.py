@@ -13,8 +13,9 @@ of order 11, for which they are exact.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +24,7 @@ from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, symbols
 from linkwise.model.excitation import Excitation
 from linkwise.model.law import Law, dissipated_power
+from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.records.record import EnergyBalance
 from linkwise.simulation.run import RunLog, RunOptions, RunSchedule, integrate
@@ -35,43 +37,37 @@ class LinkForces:
     structure: Structure
     excitation: Excitation
 
-    @cached_property
-    def _columns(self) -> dict[tuple[int, str], int]:
-        """Column of each state of a link in the states (M, S)."""
-        return {key: column for column, key in enumerate(self.structure.topology.states)}
-
-    def _inside(self, number: int, time: Floats, states: Floats) -> dict[str, Floats]:
-        """The states (M,) by name of a link, and the signals (M,) of its law."""
-        law = self.structure.links[number].law
-        signals = {name: self.excitation.signals[name].value(time) for name in law.signals}
-        return signals | {name: states[:, self._columns[number, name]] for name in law.states}
+    def _variables(
+        self, time: Floats, x: Floats, v: Floats, states: Floats
+    ) -> Iterator[tuple[Link, dict[str, Floats]]]:
+        """Each link with d, v, the states and the signals (M,) of its law."""
+        d, rate = self.elongations(time, x, v)
+        columns = {key: column for column, key in enumerate(self.structure.topology.states)}
+        for k, link in enumerate(self.structure.links):
+            of_states = {name: states[:, columns[k, name]] for name in link.law.states}
+            signals = {name: self.excitation.signals[name].value(time) for name in link.law.signals}
+            yield link, {"d": d[:, k], "v": rate[:, k], **of_states, **signals}
 
     def links(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Force (M, L) of every link in N at displacements and velocities (M, n) and states (M, S)."""
-        d, rate = self.elongations(time, x, v)
-        force = np.empty(d.shape)
-        for k, link in enumerate(self.structure.links):
-            force[:, k] = link.force(d[:, k], rate[:, k], self._inside(k, time, states))
-        return force
+        every = self._variables(time, x, v, states)
+        return np.stack([link.force(own["d"], own["v"], own) for link, own in every], axis=1)
 
     def dissipated_power(self, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
         """Power (M, L) in W that every link dissipates, (f(d, v) - f(d, 0)) v; with memory, (f(d, v, s) - f(d, 0, 0)) v."""
-        d, rate = self.elongations(time, x, v)
-        power = np.empty(d.shape)
-        for k, link in enumerate(self.structure.links):
+        powers = []
+        for link, own in self._variables(time, x, v, states):
             program = _dissipation(link.law)
-            named: dict[str, Floats | float] = {"d": d[:, k], "v": rate[:, k], **link.values}
-            named |= self._inside(k, time, states)
-            power[:, k] = program(*(named[name] for name in program.inputs))[0]
-        return power
-
-    def _rates(self, time: Floats, v: Floats) -> Floats:
-        base = self.excitation.base
-        return self.structure.elongations(v, None if base is None else base.derivative(time))
+            named: dict[str, Floats | float] = {**link.values, **own}
+            power = program(*(named[name] for name in program.inputs))[0]  # a number for a spring
+            powers.append(np.broadcast_to(power, time.shape))
+        return np.stack(powers, axis=1)
 
     def elongations(self, time: Floats, x: Floats, v: Floats) -> tuple[Floats, Floats]:
         """Elongations (M, L) in m and rates (M, L) in m/s at displacements and velocities (M, n)."""
-        return self.structure.elongations(x, self.excitation.base_at(time)), self._rates(time, v)
+        base = self.excitation.base
+        places, rates = (None, None) if base is None else (base.value(time), base.derivative(time))
+        return self.structure.elongations(x, places), self.structure.elongations(v, rates)
 
     def applied(self, time: Floats) -> Floats:
         """Applied forces (M, n) in N on the masses."""
@@ -168,13 +164,8 @@ def _rule(schedule: RunSchedule, steps: list[float]) -> tuple[Floats, Floats, In
 
 def _powers(forces: LinkForces, time: Floats, x: Floats, v: Floats, states: Floats) -> Floats:
     """Power (M, L + 1) in W: what every link dissipates, then what forces and base supply."""
-    dissipated = forces.dissipated_power(time, x, v, states)
-    power = np.zeros((len(time), dissipated.shape[1] + 1))
-    power[:, :-1] = dissipated
-    if forces.excitation.forces:
-        power[:, -1] = np.einsum("ti,ti->t", forces.applied(time), v)
-    base = forces.excitation.base
-    if base is not None:
+    supplied = np.einsum("ti,ti->t", forces.applied(time), v)
+    if (base := forces.excitation.base) is not None:
         on_base = forces.links(time, x, v, states) @ forces.structure.base_incidence
-        power[:, -1] += on_base * base.derivative(time)
-    return power
+        supplied += on_base * base.derivative(time)
+    return np.column_stack([forces.dissipated_power(time, x, v, states), supplied])

@@ -1,11 +1,18 @@
 """From a structure and an excitation to the record that sensors would measure; links alone on a rig beside a mass at
-rest.
+rest; and how long an orbit can be trusted.
+
+A chaotic structure doubles every error in a fraction of a second, rounding errors included, so past some time no orbit
+computed in double precision is the true one. A second run shows when: with steps bounded to a fraction of those the
+integrator would take, each Taylor series is truncated with an error thousands of times smaller (the remainder of order p
+is proportional to the step to p + 1), which is a tighter tolerance without a new compilation, and every rounding error is
+a different one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import NoneType
 from typing import TypedDict, Unpack
 
@@ -18,13 +25,76 @@ from linkwise.model.excitation import Excitation, Impulse, InputSignal
 from linkwise.model.law import Law
 from linkwise.model.link import BASE, GROUND, Link, Mass
 from linkwise.model.structure import Structure
-from linkwise.progress import Progress, silent
+from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.records.channel import KINDS, MOTIONS, Channel
 from linkwise.records.channel_units import in_units_of, places_of
 from linkwise.records.record import EnergyBalance, Record, SimulationTruth
-from linkwise.simulation.batch import SimulatedMotion
-from linkwise.simulation.energy import LinkForces
-from linkwise.simulation.run import RunSchedule, check_excitation, check_place, output_times
+from linkwise.simulation.energy import LinkForces, energy_balance
+from linkwise.simulation.run import (
+    RunLog,
+    RunOptions,
+    RunSchedule,
+    check_excitation,
+    check_place,
+    integrate,
+    output_times,
+    room,
+)
+
+_DEPARTURE = 1e-3  # of the largest displacement
+_STEP = 0.6  # of the mean step of the first run
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedMotion:
+    """Displacements in m and velocities in m/s (N, n), and states of links (N, S), at the output times of a schedule.
+
+    `run` is the log of the run.
+    """
+
+    schedule: RunSchedule
+    displacement: Floats
+    velocity: Floats
+    states: Floats
+    run: RunLog
+
+    @classmethod
+    def of(cls, schedule: RunSchedule, progress: Progress = silent) -> SimulatedMotion:
+        """Run a schedule. Raises SimulationError if the run cannot be completed."""
+        count = len(schedule.times)
+        motion = room(schedule.structure, count)
+
+        def receive(first: int, x: Floats, v: Floats, states: Floats) -> None:
+            progress(ProgressReport((first + len(x)) / count, "simulating"))
+
+        run = integrate(schedule, schedule.times, receive, RunOptions(into=motion))
+        for part in motion:
+            part.flags.writeable = False
+        return cls(schedule, *motion, run)
+
+    @cached_property
+    def energy(self) -> EnergyBalance:
+        """The energy balance at every output time."""
+        return energy_balance(self.schedule, self.displacement, self.velocity, self.run)
+
+    @cached_property
+    def horizon(self) -> float | None:
+        """Time in s past which the orbit cannot be trusted: the first output time at which a second run, in double precision,
+        departs from it by more than `_DEPARTURE` of its largest value; None where it can throughout.
+        """
+        allowed = _DEPARTURE * np.abs(self.displacement).max()
+        departures: list[float] = []
+
+        def receive(first: int, x: Floats, v: Floats, states: Floats) -> bool:
+            apart = np.abs(x - self.displacement[first : first + len(x)]).max(axis=1) > allowed
+            if apart.any():
+                departures.append(float(self.schedule.times[first + int(np.argmax(apart))]))
+            return bool(departures)
+
+        options = RunOptions(_STEP * self.schedule.end / max(self.run.steps, 1), extended=False)
+        integrate(self.schedule, self.schedule.times, receive, options)
+        return departures[0] if departures else None
+
 
 _MASS, _SPRING = "mass at rest", "spring at rest"
 
@@ -140,34 +210,22 @@ def simulate(
     channels = recorded_channels(structure, drive, sensors)
     moved = with_mass_at_rest(structure)
     motion = SimulatedMotion.of(RunSchedule(moved, drive, grid), progress)
+    forces, orbit = LinkForces(moved, drive), (grid, motion.displacement, motion.velocity, motion.states)
+    kinds = {channel.kind for channel in channels}
+    arrays = {"x": motion.displacement, "v": motion.velocity}
+    if "a" in kinds:
+        arrays["a"] = forces.accelerations(*orbit)
+    if "f" in kinds:
+        arrays["f"] = forces.links(*orbit)
     states = {
         f"{structure.links[number].name}.{name}": motion.states[:, column]
         for column, (number, name) in enumerate(structure.topology.states)
     }
-    arrays = {"x": motion.displacement, "v": motion.velocity, **_derived(moved, drive, motion, channels)}
-    values = np.empty((len(grid), len(channels)))
-    for kind in MOTIONS:
-        shown = {n: c for n, c in enumerate(channels) if c.kind == kind and not c.is_input}
-        if shown:
-            rows = np.array([structure.topology.row(channel.place) for channel in shown.values()])
-            values[:, list(shown)] = arrays[kind] @ rows.T
-    for column, channel in enumerate(channels):
-        order = channel.order if channel.is_motion else 0
-        if channel.is_input:
-            signal = drive.drives[channel.place if channel.at_place else channel]
-            values[:, column] = signal.derivative(grid, order) if order else signal.value(grid)
-        elif channel.kind == "state":
-            values[:, column] = states[channel.place]
-        elif not channel.is_motion:
-            values[:, column] = arrays[channel.kind][:, structure.links.index(structure.link(channel.place))]
-        if channel.relative:
-            signal = drive.drives[BASE]
-            values[:, column] -= signal.derivative(grid, order) if order else signal.value(grid)
     record = Record(
         start=float(grid[0]),
         rate=float(rate) if rate is not None else (len(grid) - 1) / float(grid[-1] - grid[0]),
         channels=tuple(channels),
-        values=values,
+        values=_measured(structure, drive, grid, channels, arrays | states),
         simulated=SimulationTruth(
             structure,
             motion.displacement[:, : structure.size],
@@ -181,19 +239,32 @@ def simulate(
     return in_units_of(record, structure)
 
 
-def _derived(
-    structure: Structure, drive: Excitation, motion: SimulatedMotion, channels: Iterable[Channel]
-) -> dict[str, Floats]:
-    """Accelerations (N, n) in m/s^2 and forces in links (N, L) in N, where a channel shows them."""
-    kinds = {channel.kind for channel in channels}
-    forces, time = LinkForces(structure, drive), motion.schedule.times
-    x, v, states = motion.displacement, motion.velocity, motion.states
-    derived = {}
-    if "a" in kinds:
-        derived["a"] = forces.accelerations(time, x, v, states)
-    if "f" in kinds:
-        derived["f"] = forces.links(time, x, v, states)
-    return derived
+def _measured(
+    structure: Structure,
+    drive: Excitation,
+    grid: Floats,
+    channels: list[Channel],
+    arrays: Mapping[str, Floats],
+) -> Floats:
+    """What channels measure (N, C), of arrays of all masses and links by kind of channel, and states by name."""
+    values = np.empty((len(grid), len(channels)))
+    for kind in MOTIONS:
+        shown = {n: c for n, c in enumerate(channels) if c.kind == kind and not c.is_input}
+        if shown:
+            rows = np.array([structure.topology.row(channel.place) for channel in shown.values()])
+            values[:, list(shown)] = arrays[kind] @ rows.T
+    for column, channel in enumerate(channels):
+        order = channel.order if channel.is_motion else 0
+        if channel.is_input:
+            signal = drive.drives[channel.place if channel.at_place else channel]
+            values[:, column] = signal.derivative(grid, order)
+        elif channel.kind == "state":
+            values[:, column] = arrays[channel.place]
+        elif not channel.is_motion:
+            values[:, column] = arrays[channel.kind][:, structure.links.index(structure.link(channel.place))]
+        if channel.relative:
+            values[:, column] -= drive.drives[BASE].derivative(grid, order)
+    return values
 
 
 def recorded_channels(structure: Structure, excitation: Excitation, sensors: Iterable[str]) -> list[Channel]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from linkwise.errors import RecordError
 from linkwise.records.record import Record
-from linkwise.signals.states import DifferentiationMethod, States, differentiate
+from linkwise.signals.states import States, differentiate
 
 Convention = Literal["displacement", "states", "differenced", "derivatives"]
 
@@ -37,7 +37,6 @@ def noisy_states(
     snr_db: float,
     *,
     seed: int,
-    derivative: DifferentiationMethod = "spline",
 ) -> States:
     """States of a noise-free simulated record with synthetic noise under a convention.
 
@@ -57,8 +56,6 @@ def noisy_states(
         Signal-to-noise ratio in dB.
     seed : int
         Seed of the noise.
-    derivative : {"spline", "savgol", "differences"}, optional
-        Method of `differentiate` for the convention "displacement".
 
     Returns
     -------
@@ -90,8 +87,7 @@ def noisy_states(
         channels = (*noisy_record.channels, *record.inputs)
         values = np.column_stack([noisy_record.values, *map(record.channel, record.inputs)])
         noisy_record = replace(record, channels=channels, values=values, uncertainty={})
-        method = derivative if convention == "displacement" else "differences"
-        return differentiate(noisy_record, method, order=4)
+        return differentiate(noisy_record, "spline" if convention == "displacement" else "differences")
     values = record.values.copy()
     values[:, [record.channels.index(name) for name in noisy_record.channels]] = noisy_record.values
     return differentiate(replace(record, values=values))

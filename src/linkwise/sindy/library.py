@@ -34,15 +34,12 @@ from linkwise.sindy.regression.linear_system import (
 
 @dataclass(frozen=True)
 class Monomials:
-    """All monomials in q variables up to an order, the constant "1" included, degree by degree, with at most `mixing`
-    different variables: 1 keeps powers such as x1**3, 2 adds x1**2*v1 but not x1*v1*x2. ``len`` counts them without
-    forming any: sum over k of C(q, k) C(order, k), k up to `mixing`, which is C(q + order, order) without a limit.
-    IdentificationError if `order` is negative, `mixing` is not positive or a name is listed twice.
+    """All monomials in q variables up to an order, the constant "1" included, degree by degree. ``len`` counts them without
+    forming any, as C(q + order, order). IdentificationError if `order` is negative or a name is listed twice.
     """
 
     variables: tuple[str, ...]
     order: int
-    mixing: int | None = None
 
     def __post_init__(self) -> None:
         if self.order < 0 or len(set(self.variables)) < len(self.variables):
@@ -50,63 +47,32 @@ class Monomials:
                 f"monomials need an order of 0 or more and names that differ, got order {self.order} in "
                 f"{', '.join(self.variables)}"
             )
-        if self.mixing is not None and self.mixing < 1:
-            raise IdentificationError(
-                f"mixing must be positive, got {self.mixing}; mixing=1 keeps powers of single variables, None all monomials"
-            )
 
     def __len__(self) -> int:
-        return sum(comb(len(self.variables), k) * comb(self.order, k) for k in range(self._limit + 1))
-
-    @property
-    def _limit(self) -> int:
-        return self.order if self.mixing is None else min(self.mixing, self.order)
+        return comb(len(self.variables) + self.order, self.order)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """(p,) names such as "1", "x1", "x1*v2", "x1**2*x2"."""
-        return tuple(_product(self.variables, chosen) for degree in self._degrees for chosen in degree)
+        indices = range(len(self.variables))
+        degrees = (combinations_with_replacement(indices, degree) for degree in range(self.order + 1))
+        return tuple(_product(self.variables, chosen) for degree in degrees for chosen in degree)
 
     def evaluate(self, values: Floats) -> Floats:
         """All p monomials (B, p) at values of the variables (B, q), in Fortran order, each as one product of a variable
-        and a monomial of lower degree.
+        and a monomial of the degree below that begins with this variable or a later one.
         """
         columns = np.empty((len(self), len(values)))
         columns[0] = 1.0
         variables = np.ascontiguousarray(values.T)
         first = 1
-        for variable, parents, many in self._products:
-            np.multiply(columns[parents], variables[variable], out=columns[first : first + many])
-            first += many
+        for degree in range(self.order):
+            end = first  # of the columns of this degree, the last of which begin with later variables
+            for later, variable in zip(range(len(variables), 0, -1), variables, strict=True):
+                many = comb(later + degree - 1, degree)
+                np.multiply(columns[end - many : end], variable, out=columns[first : first + many])
+                first += many
         return columns.T
-
-    @cached_property
-    def _degrees(self) -> list[list[tuple[int, ...]]]:
-        """The monomials of each degree as rising indices of their variables."""
-        indices = range(len(self.variables))
-        degrees = (combinations_with_replacement(indices, degree) for degree in range(self.order + 1))
-        return [[chosen for chosen in degree if len(set(chosen)) <= self._limit] for degree in degrees]
-
-    @cached_property
-    def _products(self) -> list[tuple[int, slice | Indices, int]]:
-        """In the order of the columns: a variable, the columns of the degree below that it multiplies, and their number.
-
-        These are the monomials that begin with this variable or a later one, where `mixing` admits the product.
-        """
-        steps: list[tuple[int, slice | Indices, int]] = []
-        first = 0
-        for before in self._degrees[:-1]:
-            for variable in range(len(self.variables)):
-                every = enumerate(before, first)
-                rising = ((index, own) for index, own in every if variable <= min(own, default=variable))
-                fitting = [index for index, own in rising if len({variable, *own}) <= self._limit]
-                parents = np.array(fitting, dtype=np.intp)
-                if parents.size:
-                    last = int(parents[-1]) + 1
-                    run = last - int(parents[0]) == parents.size
-                    steps.append((variable, slice(int(parents[0]), last) if run else parents, parents.size))
-            first += len(before)
-        return steps
 
 
 _TOGETHER = 3  # variables: products of few columns waste the cache, of many they form sums twice
@@ -198,7 +164,6 @@ def monomial_equations(
     states: States,
     order: int,
     *,
-    mixing: int | None = None,
     columns_of: Sequence[str] | None = None,
     equations_of: Sequence[str] | None = None,
 ) -> StreamedSystem:
@@ -214,8 +179,6 @@ def monomial_equations(
         Motion of the masses.
     order : int
         Highest degree of a monomial.
-    mixing : int, optional
-        Largest number of different states in a monomial; no limit by default.
     columns_of : sequence of str, optional
         Masses whose states and forces form the columns; all by default.
     equations_of : sequence of str, optional
@@ -229,7 +192,7 @@ def monomial_equations(
     Raises
     ------
     IdentificationError
-        If a fit would not fit into memory, a mass has no states, or `order` or `mixing` is out of range.
+        If a fit would not fit into memory, a mass has no states, or `order` is negative.
 
     Examples
     --------
@@ -245,7 +208,7 @@ def monomial_equations(
     """
     tagged = dict(zip(states.masses, tags(states.masses), strict=True))
     inner, outer = _chosen(states, columns_of), _chosen(states, equations_of)
-    library = Monomials(tuple(f"{kind}{tagged[mass]}" for mass in inner for kind in "xv"), order, mixing)
+    library = Monomials(tuple(f"{kind}{tagged[mass]}" for mass in inner for kind in "xv"), order)
     _require_room(library, len(inner))
     names, inputs = _inputs(states, {mass: tagged[mass] for mass in inner})
     columns_at, targets_at = ([states.masses.index(mass) for mass in masses] for masses in (inner, outer))
@@ -261,7 +224,7 @@ def monomial_equations(
     primes = tuple(f"x{tagged[mass]}{prime}" for mass in outer for prime in ("'", "''"))
     columns, count = (*library.names, *names), len(library.variables)
     # sums repeat, and few enough are kept
-    repeated = 2 <= order <= 4 and len(library) == comb(count + order, order)
+    repeated = 2 <= order <= 4
     sums = partial(MonomialSums, count, order, len(names)) if repeated else None
     return StreamedSystem(compute, len(states), columns, ("",) * len(columns), primes, sums)
 
@@ -385,8 +348,8 @@ def _require_room(library: Monomials, masses: int) -> None:
     raise IdentificationError(
         f"the monomials up to order {library.order} in the {len(library.variables)} states of {masses} masses are "
         f"{len(library)} columns; their Gram matrix alone takes {_gigabytes(8 * len(library) ** 2)}, a fit "
-        f"{_gigabytes(needed)}, and {_gigabytes(free)} are free. Smaller are those of a lower order, with mixing=2 or "
-        "mixing=1, or with columns_of=... (a mass and its neighbours), and the columns of the links (link_columns)"
+        f"{_gigabytes(needed)}, and {_gigabytes(free)} are free. Smaller are those of a lower order, or with "
+        "columns_of=... (a mass and its neighbours), and the columns of the links (link_columns)"
     )
 
 

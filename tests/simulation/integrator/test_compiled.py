@@ -13,8 +13,7 @@ from linkwise.errors import SimulationError
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation, Sampled
 from linkwise.records.record import Record
-from linkwise.simulation.batch import SimulatedMotion
-from linkwise.simulation.simulate import simulate
+from linkwise.simulation.simulate import SimulatedMotion, simulate
 
 LAWS = [
     ("k*d + c*v + k3*d**3 - k5*d**5", {"k": 90.0, "c": 0.3, "k3": 500.0, "k5": 20.0}),

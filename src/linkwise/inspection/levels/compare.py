@@ -25,7 +25,6 @@ from linkwise.inspection.levels.quantities import (
     decaying_modes,
     differ,
     distortion,
-    forces_bridged,
     motions,
     ring_downs,
 )
@@ -34,7 +33,7 @@ from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.progress import Progress, ProgressReport, part, silent
 from linkwise.records.joining import labels, record_list
 from linkwise.records.record import Record
-from linkwise.signals.gaps import short_gaps_bridged
+from linkwise.signals.gaps import forces_bridged, short_gaps_bridged
 from linkwise.signals.noise import channel_noise
 from linkwise.verdict import Verdict
 

@@ -29,13 +29,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from linkwise.arrays import Bools, Floats, bridged, stretches
+from linkwise.arrays import Bools, Floats, bridged
 from linkwise.modal.measured import ModalMeasurement
 from linkwise.modal.pursuit import RefinedModes, pursued_modes, refined_modes
 from linkwise.model.link import ANGLE, LENGTH
 from linkwise.progress import silent
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.signals.gaps import SILENT
 from linkwise.signals.states import channel_motion, highpass
 
 _BLOCKS = 8  # that fit into a record side by side
@@ -206,8 +207,6 @@ def differ(
     return np.asarray(np.abs(np.subtract(values, others)) > np.maximum(certain, matters))
 
 
-SILENT = 0.01
-"""Of the largest force: less is none."""
 _PERIODS = 6.0  # of a window, at least
 _FEWEST_WINDOWS, _MOST_WINDOWS = 4, 40  # windows
 _WIDEST = 0.25  # of the frequency: half the band that is kept
@@ -497,9 +496,6 @@ def acceleration_surfaces(
     return tuple(surfaces[:_MOST_CHANNELS])
 
 
-_SHORT = 6  # samples, as in responses
-
-
 @dataclass(frozen=True)
 class BridgedGaps:
     """The short gaps of one channel.
@@ -524,14 +520,6 @@ class BridgedGaps:
     samples: int
 
 
-def forces_bridged(record: Record) -> Record:
-    """A record whose forces have their short gaps bridged by lines where none acts on either side."""
-    values = record.values.copy()
-    for name in record.inputs:
-        values[:, record.channels.index(name)] = _silence_bridged(record.channel(name))
-    return record if np.array_equal(values, record.values, equal_nan=True) else replace(record, values=values)
-
-
 def bridged_gaps(
     labels: Sequence[str], records: Sequence[Record], bridged: Sequence[Record]
 ) -> tuple[BridgedGaps, ...]:
@@ -545,21 +533,3 @@ def bridged_gaps(
             if count
         ]
     return tuple(gaps)
-
-
-def _silence_bridged(force: Floats) -> Floats:
-    """The samples (N,) with lines through short gaps in which nothing acts."""
-    missing = np.isnan(force)
-    if not missing.any() or missing.all():
-        return force
-    lines = bridged(force)
-    silent = np.abs(lines) <= SILENT * np.abs(force[~missing]).max()
-    return np.where(_short(missing) & silent, lines, force)
-
-
-def _short(missing: Bools) -> Bools:
-    """Which samples (N,) are in gaps of six or fewer, with samples on both sides."""
-    short = np.zeros(len(missing), dtype=bool)
-    for gap in stretches(missing):
-        short[gap] = gap.start > 0 and gap.stop < len(missing) and gap.stop - gap.start <= _SHORT
-    return short

@@ -133,9 +133,9 @@ class DormandPrince:
         while solver is not None and solver.status == "running":
             if most_steps and steps == most_steps:
                 return Propagation(states[:reached], steps, Outcome.STEP_LIMIT)
-            if not self._stepped(solver):
+            if not _stepped(solver):
                 return Propagation(states[:reached], steps, Outcome.NOT_FINITE)
-            steps += 1
+            self.time, self.state, steps = solver.t, solver.y, steps + 1
             cut = solver.status != "running"  # at the last of the times
             self._step = max(solver.step_size, self._step) if cut else solver.h_abs
             watched = len(self._offsets)
@@ -159,8 +159,9 @@ class DormandPrince:
     def trial_step(self, fraction: float, longest: float) -> tuple[Floats, float]:
         self._step = self._step or _FIRST * longest
         solver = self._solver(self.time + longest, np.inf)
-        if solver is None or not self._stepped(solver):
+        if solver is None or not _stepped(solver):
             return self.state, self.time
+        self.time, self.state = solver.t, solver.y
         time = solver.t_old + fraction * (solver.t - solver.t_old)
         return solver.dense_output()(time), time
 
@@ -172,13 +173,6 @@ class DormandPrince:
         first = min(self._step, longest, end - self.time) if self._step else None
         options = {"max_step": longest, "first_step": first, "rtol": _TOLERANCE, "atol": absolute}
         return DOP853(self._rates.flat, self.time, self.state, end, **options)
-
-    def _stepped(self, solver: DOP853) -> bool:
-        """Whether a step leads to a finite state, which is taken."""
-        finite = _stepped(solver)
-        if finite:
-            self.time, self.state = solver.t, solver.y
-        return finite
 
     def _first_kink(self, start: float, end: float, dense: Any) -> float | None:
         """The first time in a step at which a kink changes its sign."""

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from importlib.util import find_spec
 from math import prod
 from pkgutil import resolve_name
@@ -547,15 +547,6 @@ def _integer_power(base: Formula, exponent: int) -> Formula:
 _HOME = "linkwise.simulation.integrator"
 
 
-@cache
-def _kind() -> Callable[[SystemShape], CompiledSystem]:
-    """The class of systems that is available."""
-    kind: Callable[[SystemShape], CompiledSystem] = resolve_name(
-        f"{_HOME}.taylor:HeyokaSystem" if find_spec("heyoka") else f"{_HOME}.dop853:ScipySystem"
-    )
-    return kind
-
-
 def compiled_system(shape: SystemShape) -> CompiledSystem:
     """The compiled equations of a shape, kept for this thread."""
     return system_of_thread(shape, threading.get_ident())
@@ -564,7 +555,9 @@ def compiled_system(shape: SystemShape) -> CompiledSystem:
 @lru_cache(maxsize=128)
 def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
     """The compiled equations of a shape for one thread."""
-    return _kind()(shape)
+    kind = "taylor:HeyokaSystem" if find_spec("heyoka") else "dop853:ScipySystem"
+    system: CompiledSystem = resolve_name(f"{_HOME}.{kind}")(shape)
+    return system
 
 
 def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
@@ -574,5 +567,5 @@ def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
             "periodic motion of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
             "wheels (Linux), or conda install heyoka.py"
         )
-    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
-    return kind(shape)
+    integrator: PhaseIntegrator = resolve_name(f"{_HOME}.taylor:HeyokaPhase")(shape)
+    return integrator

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
-from linkwise.expression import FUNCTIONS
 from linkwise.simulation.integrator.formulas import (
     SCALE,
     CompiledSystem,
@@ -89,7 +88,7 @@ class HeyokaAlgebra:
         return heyoka.sum(list(parts))
 
     def call(self, function: str, arguments: Sequence[Formula]) -> Formula:
-        return getattr(heyoka, FUNCTIONS[function].integrator or function)(*arguments)
+        return getattr(heyoka, function)(*arguments)
 
 
 @final
@@ -252,14 +251,11 @@ UNROLLED = 12  # masses up to which code is compiled without loops: twice as fas
 
 @final
 class HeyokaSystem(CompiledSystem):
-    """The integrators of one shape, see `formulas.CompiledSystem`.
+    """The integrators of one shape, see `formulas.CompiledSystem`."""
 
-    `unrolled` is the number of masses up to which code is compiled without loops.
-    """
-
-    def __init__(self, shape: SystemShape, *, unrolled: int = UNROLLED) -> None:
+    def __init__(self, shape: SystemShape) -> None:
         super().__init__(MotionFormulas(shape, HeyokaAlgebra()))
-        self._compact = shape.masses > unrolled
+        self._compact = shape.masses > UNROLLED
 
     def _integrator(self, *, events: bool) -> TaylorIntegrator:
         smooth = not self.kinks  # fast_math reassociates sums, a third faster; but events need exact zeros

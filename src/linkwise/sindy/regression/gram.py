@@ -447,7 +447,7 @@ class Solution:
         if retained.size > self.gram.rows:
             return IdentificationError(
                 f"{retained.size} terms cannot be determined from {self.gram.rows} equations; use a longer record, a smaller "
-                "library (a lower order, mixing=2, the states of a mass and its neighbours), or let a threshold drop terms"
+                "library (a lower order, the states of a mass and its neighbours), or let a threshold drop terms"
             )
         shown = retained[np.flatnonzero(np.abs(_vanishing(block)) > 0.1)]
         named = ", ".join(self.gram.names[column] for column in shown[:8])

@@ -14,7 +14,7 @@ else:  # who wants numbers alone does not wait for it
     jinja2 = lazy_module("jinja2")
 
 
-def rendered(package: str, template: str, **parts: Any) -> str:
+def filled(package: str, template: str, **parts: Any) -> str:
     """What a template of a package makes of its parts, without a new line at its end.
 
     HTML and XML are escaped; other languages are escaped by their templates.
