@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import said
 from present import present
 from record_faults import chain
 from structures import torsion_chain
@@ -194,10 +193,3 @@ def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Pat
     body = page[page.index("<body>") :]
     assert body.index("clipped x:m1") < body.index("samples at 1000 Hz")  # alerts first
     assert "<b>clipped</b>" not in body and "&lt;b&gt;clipped&lt;/b&gt;" in body
-
-
-def test_the_command_writes_it_and_replaces_its_own(clipped: lw.Record, tmp_path: Path) -> None:
-    lw.write_record(clipped, tmp_path / "run.csv")
-    for _ in range(2):
-        assert "--json" not in said(f"inspect {tmp_path}/run.csv -o {tmp_path}/looked").out
-    assert "clipped x:m1" in (tmp_path / "looked" / "report.html").read_text(encoding="utf-8")
