@@ -12,7 +12,7 @@ TESTS = 35_154  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2211),
+    "absorption": (10, 2196),
     "analysis": (4, 522),
     "cli": (20, 1866),
     "discovery": (18, 3511),
