@@ -103,19 +103,6 @@ def test_writes_the_folder_and_its_structure_is_the_next_input(tmp_path: Path) -
     said(f"{again} -o {tmp_path}/run.csv")
 
 
-def test_part_of_a_record_whose_columns_are_mapped(tmp_path: Path) -> None:
-    record = lw.read_record("run.csv")
-    table = np.column_stack([record.time, 1e3 * record.values])
-    np.savetxt(tmp_path / "laser.csv", table, delimiter=",", header="time,Laser 1,Laser 2", comments="")
-    mapping = "--channel 'x:m1[mm]=Laser 1' --channel 'x:m2[mm]=Laser 2'"
-    printed = document(f"identify {tmp_path}/laser.csv unknown.toml {mapping} --method weak")
-    expected = document(f"{IDENTIFY} --method weak")
-    # the file has 18 digits
-    assert alpha(printed)["value"] == pytest.approx(alpha(expected)["value"], rel=1e-6)
-    part = document(f"{IDENTIFY} --from 0.2 --to 0.8")
-    assert part["fit"]["samples"] == 2 * 601
-
-
 def test_errors_of_sensors_have_one_spelling() -> None:
     """CHANNEL:ERROR[=SIZE],...; --delay is short for one of them."""
     typed = (
@@ -191,21 +178,6 @@ def test_a_robust_loss_is_chosen_by_name(word: str, loss: object, monkeypatch: p
     monkeypatch.setattr(lw, "identify", watched)
     said(f"identify outliers.csv unknown.toml --robust {word}", 130)
     assert losses == [loss]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exact", [False, True])
-def test_exact_laws_leave_no_model_error(files: Path, chain: lw.Structure, exact: bool) -> None:
-    """A sink whose spring gets a quintic term that the law lacks: a model error stands for it, or chi-square tells it."""
-    sink = chain.link("nes1")
-    law = lw.Law.parse(f"{sink.law.text} + q*d**5")
-    bent = replace(sink, law=law, coefficients={**sink.coefficients, "q": lw.Coefficient.number(1e9)})
-    links = tuple(bent if link.name == "nes1" else link for link in chain.links)
-    clean = lw.simulate(replace(chain, links=links), release={"v:m1": 1.0}, duration=1.0, rate=1000.0)
-    lw.write_record(clean.with_noise(40.0, seed=1), "bent.csv")
-    printed = document("identify bent.csv unknown.toml" + exact * " --exact", 4)
-    assert (printed["model_error_percent"] == 0.0) == exact
-    assert (printed["fit"]["chi_square_per_sample"] > 1.2) == exact
 
 
 @pytest.mark.slow

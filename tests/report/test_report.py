@@ -81,14 +81,6 @@ def test_a_force_without_elongation_is_drawn_over_the_rate(fitted: lw.Estimate) 
         assert drawn.axes[0].get_xlabel() == label
 
 
-def test_a_moment_keeps_its_meters(tmp_path: Path) -> None:
-    rig = lw.rig({"disc": "2 g m^2"}, {"leaf": "disc - ground: k*d + c*v"}, {"leaf.k": 1.8, "leaf.c": 0.002})
-    record = lw.simulate(rig, release={"x:disc": 0.1}, duration=1.0, rate=500.0).with_noise(40.0, seed=1)
-    fit = lw.identify(record, rig.unknown("all"), method="weak")
-    page = (lw.report.write_result(fit, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
-    assert " N m/rad, c = " in page
-
-
 def test_page_needs_nothing_else(answer_folder: Path) -> None:
     page = (answer_folder / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<(?:script|link|img|iframe)[^>]*\b(?:src|href)=", page) == []
