@@ -12,7 +12,7 @@ TESTS = 35_153  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2211),
+    "absorption": (10, 2196),
     "analysis": (4, 506),
     "cli": (20, 1866),
     "discovery": (18, 3511),
@@ -20,16 +20,16 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1908),
-    "identification": (14, 2414),
+    "identification": (13, 2395),
     "inspection": (10, 1831),
     "likelihood": (63, 13886),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
-    "plot": (12, 1913),
+    "plot": (12, 1858),
     "records": (8, 1456),
     "report": (10, 1003),
-    "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (12, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 886),
     "signals": (6, 831),
     "simulation": (9, 1644),

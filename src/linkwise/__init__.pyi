@@ -15,7 +15,7 @@ from linkwise import report as report
 from linkwise import response as response
 from linkwise import sindy as sindy
 from linkwise import study as study
-from linkwise.absorption.comparison import absorb as absorb
+from linkwise.absorption.absorb import absorb as absorb
 from linkwise.absorption.design import design as design
 from linkwise.absorption.result import Absorption as Absorption
 from linkwise.discovery.discover import discover as discover
@@ -53,7 +53,7 @@ from linkwise.model.structure_file import parse_structure as parse_structure
 from linkwise.model.structure_file import read_structure as read_structure
 from linkwise.model.structure_file import write_structure as write_structure
 from linkwise.records.record import Record as Record
-from linkwise.response.free_motion import backbone as backbone
+from linkwise.response.backbone import backbone as backbone
 from linkwise.response.respond import respond as respond
 from linkwise.simulation.simulate import simulate as simulate
 from linkwise.sindy.estimate import PhysicsInformedSindy as PhysicsInformedSindy

@@ -10,7 +10,7 @@ from problems import chain_record
 from structures import bodies, link, structure, torsion_chain, with_links
 
 import linkwise as lw
-from linkwise.absorption.comparison import AbsorptionKeywords, without_sinks
+from linkwise.absorption.absorb import AbsorptionKeywords, without_sinks
 from linkwise.absorption.sinks import find_sinks
 from linkwise.model.excitation import Excitation
 from linkwise.model.structure import Coefficient, Structure

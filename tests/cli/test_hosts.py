@@ -177,25 +177,6 @@ def test_a_record_may_show_the_coordinate_of_a_mode() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unrendered", "memory_not_sought")
-def test_where_a_payload_hangs_is_discovered() -> None:
-    text = wing()
-    Path("true.toml").write_text(text + STORE + LINK.replace("wing.tip", "wing.joint"))
-    Path("known.toml").write_text(text + STORE)
-    drive = f"{DRIVE} --sensors x:wing.tip,x:store --duration 1 --rate 400"
-    said(f"simulate true.toml {drive} --noise 30 --seed 2 -o wing.csv")
-    asked = "--structure known.toml --terms 'v, d, d**3' --truth true.toml -o found"
-    out = said(f"discover wing.csv {asked}").out
-    assert "store-wing.joint, hardening: k*d + k3*d**3 + c*v" in out
-    assert "against the truth: 3 terms right" in out
-    result = json.loads(Path("found/result.json").read_text())
-    assert result["trusted"]
-    assert list(result["nmse_percent"]) == ["store-wing.joint"]
-    assert Path("found/graph.png").exists()
-    assert lw.read_structure("found/structure.toml").hosts[0].points == ("wing.tip", "wing.joint")
-
-
-@pytest.mark.slow
 def test_from_taps_to_a_payload() -> None:
     taps(0.1, 2)
     identified = json.loads(said("structure host taps.csv --modes 2 --json").out.splitlines()[-1])

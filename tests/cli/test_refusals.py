@@ -22,7 +22,6 @@ ROD = "structure host rod.npz --point mid=15"
 REFUSED = {
     "": [("guess", "No such command 'guess'. Try: linkwise --help"), ("--frobnicate", "No such option")],
     "structure": [
-        ("bnes --dof 3", "the number of masses must be even and at least 2"),
         ("bnes", "Missing option '--dof'. Try: linkwise structure bnes --help"),
         ("bnes --dof 2 --unknown k", "'k' is not one of 'nes', 'all'"),
         ("show nowhere.toml", "nowhere.toml"),
@@ -30,11 +29,8 @@ REFUSED = {
         ("laws bouc", "unknown law 'bouc'"),
     ],
     "structure host": [
-        ("rod.npz", "at least one point"),
         ("rod.npz --point mid15", "--point 'mid15' is not NAME=VALUE, as in --point tip=79"),
         ("rod.npz --point mid=fifteen", 'the point "mid" is fifteen, but the matrices have rows 1 to 30'),
-        ("rod.npz --point mid=15 --mass Q", "holds no matrix 'Q'"),
-        ("rod.npz --point mid=15 --mass K --stiffness M", "may be swapped"),
         ("run.csv --modes 2 --unit tip=rad", "--unit is for modes or matrices"),
     ],
     MODAL: [
@@ -92,7 +88,6 @@ REFUSED = {
         ("--sensor offset=1mm", "errors that are offset, gain, delay, noise, drift, hum, corner, noise and hum with a size"),
         ("--sensor x:m1:gain=102%", "--sensor x:m1:gain=102%: '102%' cannot be read; write '1.02' for a known gain"),
         ("--sensor x:m1:offset=plenty", "--sensor x:m1:offset=plenty: 'plenty' cannot be read as a quantity"),
-        ("--sensor 'x:m1:offset=3 mm+-'", "write '0.3 m' for a known offset, '0.3 m +- 0.3 m' for one that is known"),
         ("--sensor x:m9:offset", "channel x:m9: is not in the record, and something is stated of it"),
         ("--sensor x:m1:gain --sensor x:m1:offset,gain=2", "--sensor x:m1:gain: the gain of x:m1 is given twice."),
         ("--delay 'x:m2=2 kg'", "--sensor x:m2:delay=2 kg: '2 kg' is in kg"),
@@ -100,13 +95,11 @@ REFUSED = {
         ("--calibration x:m1=often", "--calibration takes a percentage"),
         ("--calibration all=1", "such as x:m1=1%, got '1': is it 1% or 100%?"),
         ("--calibration x:m1", "--calibration"),
-        ("--calibration x:m9=1%", "no calibration of x:m9 can be stated"),
         ("--calibration x:m1=-1%", "up to 0.5, got -0.01. On the command line: --calibration CHANNEL=PERCENT%."),
         ("--sensor x:m7:drift", "no drift of x:m7 can be estimated"),
         ("--sensor x:m1:drift=1us", "would follow the motion. On the command line: --sensor CHANNEL:drift"),
         ("--ambient m1=loud", "--ambient takes a number in N/sqrt(Hz), as in m1=0.5, got 'loud'"),
         ("--ambient m1 --ambient m1=0.5", "--ambient is given twice for 'm1'"),
-        ("--input-noise force:m7", "no noise of an input can be estimated"),
         ("--input-noise 'force:m1=3 kg'", "--input-noise force:m1=3 kg: '3 kg'"),
     ],
     "validate": [
@@ -122,7 +115,6 @@ REFUSED = {
         ("--mass m1=1", "the structure has no mass 'm2'; did you mean m1? it has m1. Add --mass m2=... for it"),
         ("--mass m1=1 --mass m2=ten", "--mass m2: 'ten' cannot be read as a quantity: expected a number in kg"),
         ("--mass m1=1 --mass 'm2=10 nm'", "--mass m2: '10 nm' is in nm: expected a number in kg"),
-        ("--mass m1=1 --mass m2=-1", 'mass "m2": the mass must be positive, got -1.0 kg'),
         ("--structure twice.toml", 'mass "m1": the name is used 2 times; names must be unique'),
         ("--structure free.toml", 'mass "m1": the mass is unknown, and neither an applied force nor another mass sets'),
         ("--structure one.toml", "it has m1. Add --mass m2=... for it"),
@@ -132,7 +124,6 @@ REFUSED = {
         ("--mass m1=2", "--mass is given twice for 'm1': 1 and 2"),
         ("--structure chain.toml", "The file of --structure states the masses"),
         ("--terms magic", "the term 'magic' contains the name 'magic'"),
-        ("--terms 'friction()'", "the family friction takes the rate in m/s at which it saturates"),
         ("--terms 'd**'", "Something is missing after '**'."),
         ("--test m1-m7", '"m1-m7" is not a link that is looked for'),
         ("--with nowhere.csv", "nowhere.csv: there is no such file"),
@@ -149,25 +140,18 @@ REFUSED = {
     f"absorb chain.toml {GRID}": [
         ("", "nothing sets the structure in motion; give a release, an impulse"),
         ("--release v:m2=1", "--without removed|locked"),
-        ("--release v:m9=1", "unknown mass 'm9'"),
     ],
     f"absorb chain.toml {TRIAL}": [
         ("--sink nes2", 'unknown link "nes2"; did you mean "nes1"?'),
         ("--harvester nes1", "--harvester 'nes1' is not NAME=VALUE, as in --harvester nes1=0.01"),
-        ("--harvester nes1=0", "the damping of a harvester must be positive, got 0.0 N s/m"),
         ("--settle 1", "settle is a part of the peak and must be between 0 and 1, got 1.0"),
         ("--without frozen", "'frozen' is not one of 'removed', 'locked'"),
-        ("--rate 0.5", "less than one sampling interval"),
         ("--sweep nes1.alpha=-200:-20", "'-200:-20' is not FROM:TO:COUNT or FROM:TO:COUNT:log, as in nes1.alpha=-200"),
         ("--sweep nes1.alpha=-200:-20:2.5", "'2.5' is not a whole number from 2 to 100000"),
         ("--sweep nes1.alpha=-200:20:5:log", "steps of equal ratio; both ends must have the same sign and not be zero"),
         ("--sweep nes1.alpha=-200:20:5 --sweep nes1.alpha=1:2:3", "--sweep is given twice for 'nes1.alpha'"),
-        ("--sweep nes1.gamma=1:2:3", 'unknown coefficient "nes1.gamma"; did you mean "nes1.alpha"'),
-        ("--sweep nes1.alpha=-9:-1:2 --sweep nes1.beta=1:2:2 --sweep nes1.c=1:2:2", "one or two parameters, got 3"),
     ],
-    f"absorb unknown.toml {TRIAL}": [("", 'link "nes1": coefficient alpha is unknown and has no start value')],
     f"absorb one_well.toml {TRIAL}": [("", "has more than one stable well, so there is no sink to be found; name the")],
-    f"absorb torn.toml {TRIAL}": [("", "has more than one stable well")],
     "study": [
         ("papr -o x", 'papr: there is no such study; did you mean "paper"?'),
         ("paper", "Missing option '-o' / '--output'"),
@@ -179,7 +163,6 @@ REFUSED = {
 }  # fmt: skip
 FAILED = {
     f"limit chain.toml {TRIAL}": [
-        ("--noise x:m1=1e-4", "x:m2 is missing"),
         ("--noise 20 --segment 4 --duration 4 --rate 200", "On the command line: --segment S."),
     ],
     f"absorb torn.toml {TRIAL} --sink nes1": [("", "the motion diverges")],

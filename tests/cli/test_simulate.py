@@ -12,7 +12,6 @@ import linkwise as lw
 
 GRID = "--duration 0.5 --rate 500"
 BASE = "0.004*sin(31*t) + 0.003*sin(47*t + 1) + 0.002*sin(71*t + 2) + 0.01*sin(9*t)"
-LATE = 0.003
 
 
 @pytest.fixture(autouse=True)
@@ -111,32 +110,10 @@ def test_tells_energy_horizon_and_file() -> None:
 
 @pytest.fixture
 def storey() -> None:
-    """A structure on a moving base, and two instruments: one on the floor, the other, late, on the ground."""
+    """A structure on a moving base."""
     structure = oscillator("k*d + c*v", to="base", name="frame", k=900.0, c=1.5)
     lw.write_structure(structure, "storey.toml")
     lw.write_structure(structure.unknown("all"), "unknown.toml")
-    record = lw.simulate(structure, base=BASE, duration=4.0, rate=200.0, sensors=["a", "a:base"])
-    record = record.with_noise(40.0, seed=1)
-    late = lw.model.TimeFunction(BASE).derivative(record.time - LATE, 2)
-    for name, values in (("top", record.channel("a:m1")), ("ground", late)):
-        np.savetxt(f"{name}.csv", values, header="AccX", comments="")
-
-
-@pytest.mark.slow
-def test_two_files_and_a_delay(storey: None) -> None:
-    columns = "--channel a:m1=AccX --channel a:base=ground.csv:AccX"
-    asked = f"identify top.csv unknown.toml --rate 200 {columns}"
-    cause = document(f"{asked} --as-stated", 4)["diagnosis"][0]
-    assert (cause["cause"], cause["where"]) == ("delay", "a:base")
-    assert cause["size"] == pytest.approx(LATE, rel=0.1)  # to first order: a tenth of a radian at 31 rad/s
-    [link] = document(f"{asked} --delay a:base={LATE}")["links"]
-    low, high = link["coefficients"]["k"]["interval"]
-    assert low < 900.0 < high
-    for name in ("top", "ground"):
-        values = np.loadtxt(f"{name}.csv", skiprows=1)
-        stamped = np.column_stack([5000 * np.arange(len(values)), values])
-        np.savetxt(f"{name}.csv", stamped, header="Stamp,AccX", delimiter=",", comments="")
-    assert "801 samples at 200 Hz" in said(f"inspect top.csv --channel time[us]=Stamp {columns}").out
 
 
 @pytest.mark.slow

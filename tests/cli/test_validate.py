@@ -61,22 +61,6 @@ def test_a_wrong_structure_ends_in_3_and_leaves_a_page(tmp_path: Path) -> None:
     assert "another command" in refusal("validate run2.csv true.toml -o answer")
 
 
-def test_a_messy_file_is_mapped_like_that_of_identify(tmp_path: Path) -> None:
-    """Columns with other names, one of them in mm, with lines left out and empty cells."""
-    record = lw.read_record("run2.csv")
-    lines = ["t [s];Laser;Hammer;Temperature"]
-    for time, force, x in zip(record.time, record.channel("force:m1"), record.channel("x:m1"), strict=True):
-        cell = "" if round(time * 200) % 50 == 7 else f"{1e3 * x:.9g}"
-        lines.append(f"{time:.6f};{cell};{force:.9g};21.5")
-    (tmp_path / "messy.csv").write_text("\n".join(lines) + "\n")
-    mapping = "--channel x:m1[mm]=Laser --channel force:m1=Hammer"
-    messy = document(f"validate {tmp_path}/messy.csv true.toml {mapping}")["channels"]["x:m1"]
-    clean = document("validate run2.csv true.toml")["channels"]["x:m1"]
-    assert messy["samples"] == pytest.approx(clean["samples"] * 0.98, abs=2)
-    # the same record but for 2 % of its samples
-    assert messy["rmse"] == pytest.approx(clean["rmse"], rel=0.05)
-
-
 @pytest.mark.parametrize(
     ("record", "stated", "code", "removed"),
     [

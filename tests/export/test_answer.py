@@ -1,7 +1,6 @@
 """Exported answers: executed where Python can, evaluated where MATLAB would, and safe against what names hold."""
 
 import csv
-import json
 import re
 import runpy
 from dataclasses import replace
@@ -12,7 +11,6 @@ import numpy as np
 import openpyxl
 import pytest
 import scipy.io
-from commands import refusal, said
 from problems import chain_record
 from structures import (
     CANTILEVER,
@@ -182,19 +180,6 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path, file: str, said: str
     with pytest.raises(lw.StructureError if "unknown" in said else lw.OutputError) as caught:
         lw.export_answer(chain.unknown("nes") if "unknown" in said else chain, tmp_path / file)
     assert said in str(caught.value) and not any(tmp_path.iterdir())
-
-
-def test_the_command_writes_each_file(answer: Path, tmp_path: Path) -> None:
-    files = [str(tmp_path / name) for name in ("forces.py", "forces.m", "a.mat", "a.csv", "a.xlsx")]
-    out, err = said(f"export {answer} {' '.join(files)}")
-    assert out.splitlines() == [f"written to {file}" for file in files] and err == ""
-    assert all(Path(file).stat().st_size > 100 for file in files)
-    out, err = said(f"export {answer}/structure.toml {tmp_path}/b.csv --json")
-    assert json.loads(out) == {"files": [str(tmp_path / "b.csv")]}
-    assert "note: It has no standard errors" in err
-    assert "trusted" not in err + (tmp_path / "b.csv").read_text()
-    assert "c.doc" in refusal(f"export {answer} {tmp_path}/c.doc")
-    assert "none" in refusal(f"export {tmp_path}/none {tmp_path}/c.py")
 
 
 def test_rotations_are_exported_in_their_units(tmp_path: Path) -> None:

@@ -140,14 +140,6 @@ def test_noise_of_a_signal_is_stated_as_that_of_other_inputs() -> None:
         lw.identify(measured, VALVE.unknown("all"), input_noise={"signal:u": -1.0})
 
 
-def test_the_command_line_takes_noise_of_a_signal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    lw.write_record(record(), "run.csv")
-    lw.write_structure(VALVE.unknown("all"), "valve.toml")
-    found = document("identify run.csv valve.toml --input-noise signal:u=50mV")
-    assert "noise of signal:u of 0.05 V" in found["message"]
-
-
 CASE = Path(__file__).parents[3] / "shared" / "cases" / "loudspeaker" / "klip.csv"
 
 

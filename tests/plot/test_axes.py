@@ -2,14 +2,11 @@
 panels nothing is cut, and nothing lies on something else.
 """
 
-import inspect
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from importlib import import_module
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -40,12 +37,6 @@ PICTURES = (
     "prediction_spectrum", "residuals", "response", "ring_down", "runners_up", "shapes", "spectrogram", "spectrum", "study",
     "success_map", "surface", "trade_off",
 )  # fmt: skip
-FIGURES = {  # of pages
-    name: draw
-    for path in Path(str(lw.plot.__file__)).parent.glob("*.py")
-    for name, draw in inspect.getmembers(import_module(f"linkwise.plot.{path.stem}"), inspect.isfunction)
-    if name.endswith("_figure")
-}
 UNLISTED = {"runners_up": discoveries, "trade_off": absorptions}  # pictures of pages alone
 WITHOUT_LEGEND = {"prediction_profile", "runners_up", "spectrogram", "success_map"}
 ODD = "a$b$_c"  # between two dollar signs matplotlib sets mathematics

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import said
 from present import present
 from record_faults import chain
 from structures import torsion_chain
@@ -80,14 +79,6 @@ def test_a_force_without_elongation_is_drawn_over_the_rate(fitted: lw.Estimate) 
     for answer, label in ((damped, "rate v, m/s"), (fitted, "elongation d, mm")):
         drawn = present(estimate_figures(Reported(answer))["force_nes1"].figure)()
         assert drawn.axes[0].get_xlabel() == label
-
-
-def test_a_moment_keeps_its_meters(tmp_path: Path) -> None:
-    rig = lw.rig({"disc": "2 g m^2"}, {"leaf": "disc - ground: k*d + c*v"}, {"leaf.k": 1.8, "leaf.c": 0.002})
-    record = lw.simulate(rig, release={"x:disc": 0.1}, duration=1.0, rate=500.0).with_noise(40.0, seed=1)
-    fit = lw.identify(record, rig.unknown("all"), method="weak")
-    page = (lw.report.write_result(fit, tmp_path / "answer") / "report.html").read_text(encoding="utf-8")
-    assert " N m/rad, c = " in page
 
 
 def test_page_needs_nothing_else(answer_folder: Path) -> None:
@@ -194,10 +185,3 @@ def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Pat
     body = page[page.index("<body>") :]
     assert body.index("clipped x:m1") < body.index("samples at 1000 Hz")  # alerts first
     assert "<b>clipped</b>" not in body and "&lt;b&gt;clipped&lt;/b&gt;" in body
-
-
-def test_the_command_writes_it_and_replaces_its_own(clipped: lw.Record, tmp_path: Path) -> None:
-    lw.write_record(clipped, tmp_path / "run.csv")
-    for _ in range(2):
-        assert "--json" not in said(f"inspect {tmp_path}/run.csv -o {tmp_path}/looked").out
-    assert "clipped x:m1" in (tmp_path / "looked" / "report.html").read_text(encoding="utf-8")

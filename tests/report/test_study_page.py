@@ -6,11 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import document, said
-from here import studies_here
 from paper_rows import BEST, error, paper_rows, paper_study, stored
 from present import some
-from reach_rows import TEXT, reach_rows, reach_study
+from reach_rows import reach_rows, reach_study
 
 import linkwise as lw
 from linkwise.paper.tables import TABLE_2, Table2, explanation
@@ -161,24 +159,3 @@ def test_a_study_of_terms_has_their_table_and_its_maps(tmp_path: Path) -> None:
     assert {path.stem for path in (folder / "figures").iterdir()} == {"success", "accuracy"}
     many = StudyReport.of(read_study("reach"), [])  # 32 structures, whose names do not fit below a panel
     assert many.beyond and "accuracy" not in study_figures(many)
-
-
-@pytest.mark.slow
-def test_a_small_study_of_terms_runs_to_its_page(tmp_path: Path) -> None:
-    file, folder = tmp_path / "reach.toml", tmp_path / "out"
-    text = TEXT.replace("[40, 20, 8]", "[40]").replace("[1.0, 2.0]", "[1.0]")
-    file.write_text(text, encoding="utf-8")
-    command = f"study {file} --quick --workers 1 -o {folder}"
-    with studies_here():
-        out = said(command, 3).out  # no answer at 5 samples a period
-        assert out.startswith("small reach: 4 of 4 cases done, ") and "wrong, trusted" in out
-        before = lw.study.read_rows(folder)
-        files = document(command, 3)["files"]
-    assert files[-1] == str(folder / "report.html") and all(Path(name).is_file() for name in some(files))
-    # none was run again
-    assert [row.seconds for row in lw.study.read_rows(folder)] == [row.seconds for row in before]
-    maps = lw.study.success_maps(folder)
-    assert [success.method for success in maps] == ["discover", "sindy, links"]
-    fine, coarse = maps[0].exact[1], maps[0].exact[0]
-    assert fine[0] == 1 and (coarse == 0).all()  # 25 samples a period at 40 dB, and 5
-    assert (folder / "figures" / "success.svg").is_file()

@@ -1,6 +1,6 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
-from linkwise.absorption.comparison import AbsorptionOptions as AbsorptionOptions
+from linkwise.absorption.absorb import AbsorptionOptions as AbsorptionOptions
 from linkwise.absorption.design import Design as Design
 from linkwise.absorption.design import DesignAxis as DesignAxis
 from linkwise.absorption.design import DesignOptions as DesignOptions

@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 
 from linkwise import __version__
-from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
+from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep

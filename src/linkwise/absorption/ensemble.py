@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.absorb import Comparison
 from linkwise.absorption.motion import (
     Decay,
     Potentials,

@@ -7,7 +7,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
+from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Ensemble, Variants, run_ensemble
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
 from linkwise.absorption.sinks import with_harvesters

@@ -11,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from linkwise.absorption.comparison import AbsorptionKeywords, AbsorptionOptions, Comparison
+from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, run_ensemble
 from linkwise.absorption.result import Rows, closure_verdict
 from linkwise.absorption.sinks import SUFFIX, find_sinks, with_harvesters

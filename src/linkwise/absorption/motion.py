@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,40 +58,27 @@ def barriers(law: Law, values: Mapping[str, Floats], runs: int) -> Barriers:
     columns = [np.asarray(values[name], dtype=float) for name in law.coefficients]
     table = np.stack(columns, axis=1) if columns else np.zeros((runs, 0))
     rows, inverse = np.unique(table, axis=0, return_inverse=True)
-    sets = _rest_points(law, rows)
-    width = max(map(len, sets), default=0)
-    points, wells = np.full((len(rows), width), np.nan), np.zeros((len(rows), width), dtype=bool)
-    for number, some in enumerate(sets):
-        points[number, : len(some)] = [d for d, _ in some]
-        wells[number, : len(some)] = [well for _, well in some]
-    distinct = _between_wells(law, rows, points, wells)
+    pairs = zip(rows.tolist(), _rest_points(law, rows), strict=True)
+    found = [
+        _between_wells(law, dict(zip(law.coefficients, row, strict=True)), points) for row, points in pairs
+    ]
+    tops = np.full((len(rows), max((len(own) for own, _ in found), default=0)), np.nan)
+    for number, (own, _) in enumerate(found):
+        tops[number, : len(own)] = own
     inverse = inverse.reshape(-1)
-    return Barriers(distinct.tops[inverse], distinct.floor[inverse])
+    return Barriers(tops[inverse], np.array([floor for _, floor in found])[inverse])
 
 
-def _between_wells(law: Law, rows: Floats, points: Floats, wells: Bools) -> Barriers:
-    """The highest rest point between each two wells.
-
-    From rest points `points` (R, K) m, ascending with NaN at the end, and which of them are `wells` (R, K).
-    """
-    runs = len(rows)
-    present = np.isfinite(points)
-    named = {name: rows[:, k, None] for k, name in enumerate(law.coefficients)}
-    energy = np.where(present, law.potential(np.where(present, points, 0.0), named), -np.inf)
-    passed_well = np.zeros(runs, dtype=bool)
-    highest, position = np.full(runs, -np.inf), np.full(runs, np.nan)
-    tops = []
-    for k in range(points.shape[1]):
-        well = wells[:, k]
-        tops.append(np.where(well & passed_well, position, np.nan))
-        higher = ~well & present[:, k] & (energy[:, k] > highest)
-        position = np.where(higher, points[:, k], position)
-        highest = np.where(well, -np.inf, np.where(higher, energy[:, k], highest))
-        passed_well |= well
-    table = np.sort(np.stack(tops, axis=1), axis=1) if tops else np.zeros((runs, 0))
-    floor = np.where(wells, energy, np.inf).min(axis=1, initial=np.inf)
-    most = int(np.isfinite(table).sum(axis=1).max(initial=0))
-    return Barriers(table[:, :most], np.where(np.isfinite(floor), floor, 0.0))
+def _between_wells(
+    law: Law, values: Mapping[str, float], points: Sequence[tuple[float, bool]]
+) -> tuple[list[float], float]:
+    """The highest rest point between each two wells, and the energy of the lowest well; no point and 0 without wells."""
+    places = [d for d, _ in points]
+    energy = np.broadcast_to(law.potential(np.array(places), values), len(points))
+    wells = [number for number, (_, well) in enumerate(points) if well]
+    between = [range(first + 1, last) for first, last in pairwise(wells) if last > first + 1]
+    tops = [places[max(hills, key=energy.__getitem__)] for hills in between]
+    return tops, min(energy[wells].tolist(), default=0.0)
 
 
 def _rest_points(law: Law, rows: Floats) -> list[list[tuple[float, bool]]]:

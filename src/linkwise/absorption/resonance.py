@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from linkwise.absorption.comparison import Comparison
+from linkwise.absorption.absorb import Comparison
 from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.arrays import Floats
 from linkwise.errors import SimulationError

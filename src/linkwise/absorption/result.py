@@ -299,13 +299,8 @@ def relative_reduction(with_sinks: float, without: float) -> float | None:
 
 def mass_document(mass: MassChange) -> dict[str, Any]:
     """A mass as plain data."""
-    return {
-        "level": mass.level,
-        "with_sinks": asdict(mass.with_sinks),
-        "without": asdict(mass.without),
-        "peak_reduction": mass.peak_reduction,
-        "rms_reduction": mass.rms_reduction,
-    }
+    own = {key: value for key, value in asdict(mass).items() if key != "name"}
+    return {**own, "peak_reduction": mass.peak_reduction, "rms_reduction": mass.rms_reduction}
 
 
 def energy_document(run: AbsorptionRun) -> dict[str, Any]:

@@ -5,24 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from itertools import pairwise
 from typing import Unpack
 
 import numpy as np
+import scipy
 
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, expect
+from linkwise.expression import symbols
 from linkwise.identification.limit_result import Limit, true_path
-from linkwise.identification.noisy_inputs import noise_of_inputs, random_inputs
-from linkwise.likelihood.fisher_information import Precision, fisher_information
+from linkwise.likelihood.fisher_information import Precision, RandomInputs, fisher_information
+from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.loss import Gaussian
+from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
+from linkwise.likelihood.shooting.tangents import CandidateForces
+from linkwise.likelihood.tests.columns import FittedMotion
 from linkwise.model.excitation import Impulse
 from linkwise.model.named_laws import LAG
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress, ProgressReport, part, silent
+from linkwise.records.channel import BASE
 from linkwise.records.record import LARGEST_RATIO, Record
 from linkwise.simulation.simulate import ExcitationKeywords, simulate
 
@@ -172,7 +179,7 @@ def limit(
     sensors = tuple(sensors.split() if isinstance(sensors, str) else sensors)
     test = partial(simulate, true, sensors=sensors, **excitation)
     record = test(duration=duration, rate=rate, progress=part(progress, 0.0, 0.2))
-    of_inputs = noise_of_inputs(record, true, noise if isinstance(noise, Mapping) else {})
+    of_inputs = _noise_of_inputs(record, true, noise if isinstance(noise, Mapping) else {})
     sigma = _noise(record, noise)
     states = System.of(true).dimension
     least = states // max(1, len(record.responses)) + 1
@@ -199,7 +206,7 @@ def limit(
 
     def bound(count: int, of_inputs: Mapping[str, float] | None = None) -> Precision | None:
         cut = _cut(pieces, unknown_structure, system, values, count * refinement)
-        random = random_inputs(*cut, scales, true, of_inputs, refinement) if of_inputs else None
+        random = _random_inputs(*cut, scales, true, of_inputs, refinement) if of_inputs else None
         with np.errstate(over="ignore", invalid="ignore"):
             information = fisher_information(*cut, scales, random).with_prior(known)
         return information.precision if np.isfinite(information.fisher).all() else None
@@ -345,3 +352,90 @@ def _units(record: Record, states: Sequence[str]) -> Floats:
     moving = np.maximum(size, np.where(largest > 0.0, _STATE * largest, 1.0)).ravel()
     inside = np.array([np.sqrt(np.mean(truth.states[name] ** 2)) for name in states])
     return np.concatenate([moving, np.where(inside > 0.0, inside, 1.0)])
+
+
+def _noise_of_inputs(record: Record, structure: Structure, noise: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations of the noise of the inputs among those of all channels.
+
+    Raises IdentificationError for an input of which it cannot be allowed for.
+    """
+    stated = {name: float(sigma) for name, sigma in noise.items() if name in record.inputs}
+    of_rates = {
+        f"signal:{name}"
+        for link in structure.links
+        for _, rate in link.law.named_rates
+        for name in link.law.signals
+        if name in symbols(rate)
+    }
+    for name in stated:
+        if name in of_rates or (name.endswith(f":{BASE}") and name != f"x:{BASE}"):
+            raise IdentificationError(
+                f"noise of {name} is not allowed for in limits of accuracy: that of forces, of x:{BASE} and of signals "
+                "in forces of links is"
+            )
+    return stated
+
+
+def _random_inputs(
+    segments: Segments,
+    point: Iterate,
+    scales: Scales,
+    structure: Structure,
+    noise: Mapping[str, float],
+    refinement: int,
+) -> RandomInputs:
+    """The forces on masses by the noise of the inputs, normal and below half the sampling rate, to the first order.
+
+    Parameters
+    ----------
+    segments : Segments
+        The test in segments, `refinement` steps of the flow a sample.
+    point : Iterate
+        The states and values that are expected.
+    scales : Scales
+        Units of the unknowns.
+    structure : Structure
+        The structure with its unknowns.
+    noise : mapping of str to float
+        Standard deviations of samples of the inputs, in SI units.
+    refinement : int
+        Steps in a sample.
+
+    Returns
+    -------
+    RandomInputs
+        Those, with an amplitude for each sample of each input.
+    """
+    misfit = evaluate(segments, point, scales, Gaussian())
+    motion = FittedMotion(Optimum(segments, misfit, scales, 0.0, 1.0, Gaussian()), structure)
+    every, sums, steps = [], [], 2 * refinement // segments.flow_steps_per_tangent
+    for name, sigma in noise.items():
+        pulls = _pulls(motion, structure, name)  # (2 J + 1, n, K)
+        masses, places = np.flatnonzero(np.any(pulls, axis=(0, 2))), np.arange(len(pulls))
+        samples = np.arange(0, len(pulls), steps)
+        shapes = sigma * np.sinc((places[:, None] - samples) / steps)  # (2 J + 1, d)
+        forces = (pulls[:, masses, None] * shapes[:, None, :, None]).reshape(len(pulls), -1, pulls.shape[2])
+        acting = np.repeat(masses, len(samples))
+        forces = forces.astype(np.float32)
+        every.append(CandidateForces(np.full(len(acting), -1), acting, forces[::2], forces[1::2]))
+        sums.append(np.tile(np.eye(len(samples)), (len(masses), 1)))
+    return RandomInputs(reduce(CandidateForces.joined, every), scipy.linalg.block_diag(*sums))
+
+
+def _pulls(motion: FittedMotion, structure: Structure, channel: str) -> Floats:
+    """(2 J + 1, n, K) forces on the masses in N by an error of one of an input; of hits none between these."""
+    kind, _, place = channel.partition(":")
+    incidence = motion.segments.system.incidence
+    if kind == "force":
+        number = structure.mass_names.index(place)
+        applied = motion.input(motion.applied[:, :, number])
+        return np.asarray((applied != 0.0)[:, None] * np.eye(structure.size)[number][:, None])
+    if kind == "signal":
+        d, v, inside = motion.links
+        number = len(motion.segments.system.states) + list(structure.signals).index(place)
+        by_input = np.stack(
+            [motion.mechanics.by_signal(number, *along) for along in zip(d, v, inside, strict=True)]
+        )
+    else:
+        by_input = motion.segments.system.base[:, None] * motion.slopes[0]
+    return np.asarray(-np.einsum("nl,jlk->jnk", incidence, by_input))

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from linkwise.absorption.comparison import without_sinks
+from linkwise.absorption.absorb import without_sinks
 from linkwise.absorption.sinks import find_sinks
 from linkwise.model.chains import bnes_chain
 from linkwise.model.excitation import Excitation

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter
 
 from linkwise.absorption.design import Design, DesignAxis
@@ -34,16 +33,13 @@ from linkwise.plot.style import (
     axes_for,
     envelope,
     label,
-    legend_below,
     literal,
     log_scale,
     not_shown,
     over_time,
     pictures,
-    place_legend,
     place_of,
     scale,
-    sheet,
     single,
     strips,
     wrap_title,
@@ -201,15 +197,18 @@ def map(
     '%'
     """
     values, unit = _shown(result, quantity)
-    with axes_for(ax, width=4.6, height=3.4) as axes:
+    with axes_for(ax, legend=legend, width=4.6, height=3.4) as axes:
         if len(result.axes) == 2:
             _draw_map(axes, result, values, unit)
         else:
             _draw_curve(axes, result, values, unit)
         axes.set_title(literal(_quantity(result, quantity).title))
-        handles = _missing(result, [quantity])
-        if legend and handles:
-            axes.legend(handles=handles)
+        if np.any(np.isnan(values) & result.completed):
+            text = f"did not settle within {result.duration:g} s"
+            axes.fill([], [], color=_NEVER if len(result.axes) == 2 else MEASURED, label=text)
+        if not result.completed.all():
+            color = _DIVERGED if len(result.axes) == 2 else WELL
+            axes.fill([], [], color=color, label="the motion diverges")
     return axes
 
 
@@ -217,16 +216,8 @@ def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
     """One panel a quantity."""
     if not names:
         raise LinkwiseError("names must hold at least one quantity, got none")
-    rows = -(-len(names) // 2)
-    with sheet(rows, 2, width=7.4, height=0.7 + 2.7 * rows) as (figure, panels):
-        for axes, name in zip(panels, names, strict=False):
-            map(result, name, legend=False, ax=axes)
-        for axes in panels[len(names) :]:
-            axes.remove()
-        handles = _missing(result, names)
-        if handles:
-            place_legend(figure, handles, [str(handle.get_label()) for handle in handles], 2)
-    return figure
+    draws = [partial(map, result, name) for name in names]
+    return pictures(draws, width=7.4, height=(0.7, 2.7), legend_columns=2)
 
 
 def _quantity(result: AbsorptionMap, name: str) -> AbsorptionQuantity:
@@ -305,18 +296,6 @@ def _edges(axis: SweepAxis) -> Floats:
 def _middles(values: Floats) -> Floats:
     inner = 0.5 * (values[1:] + values[:-1])
     return np.concatenate([[2.0 * values[0] - inner[0]], inner, [2.0 * values[-1] - inner[-1]]])
-
-
-def _missing(result: AbsorptionMap, names: Sequence[str]) -> list[Patch]:
-    """What the colours of cells without a number mean, where there are such."""
-    handles = []
-    over_two = len(result.axes) == 2
-    if any(np.any(np.isnan(result[name]) & result.completed) for name in names):
-        color = _NEVER if over_two else MEASURED
-        handles.append(Patch(color=color, label=f"did not settle within {result.duration:g} s"))
-    if not result.completed.all():
-        handles.append(Patch(color=_DIVERGED if over_two else WELL, label="the motion diverges"))
-    return handles
 
 
 _MOST = 8  # strips that one page can hold
@@ -427,13 +406,8 @@ def energy(result: Answer, *, with_sinks: bool = True, legend: bool = True, ax: 
 
 def energy_figure(result: Answer) -> Figure:
     """Where the energy went with the sinks and, beside it, without them."""
-    with sheet(columns=2, height=3.4) as (figure, panels):
-        energy(result, legend=False, ax=panels[0])
-        energy(result, with_sinks=False, legend=False, ax=panels[1])
-        panels[1].set_ylabel("")
-        panels[1].tick_params(labelleft=False)
-        legend_below(figure, *panels, columns=4)
-    return figure
+    draws = [partial(energy, result), partial(energy, result, with_sinks=False)]
+    return pictures(draws, height=(0.0, 3.4), outer=True, legend_columns=4)
 
 
 def _draw_bands(axes: Axes, result: Absorption, *, with_sinks: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -20,11 +20,10 @@ from linkwise.plot.style import (
     VISITED,
     WELL,
     axes_for,
-    legend_below,
     literal,
     log_scale,
+    pictures,
     scale,
-    sheet,
     single,
 )
 
@@ -273,8 +272,8 @@ def runners_up(discovery: Discovery, *, ax: Axes | None = None) -> Axes:
 
 def path_figure(discovery: Discovery) -> Figure:
     """The path and, beside it, the next best models."""
-    with sheet(columns=2, width=8.0, height=3.6) as (figure, [left, right]):
-        path(discovery, legend=False, ax=left)
-        runners_up(discovery, ax=right)
-        legend_below(figure, left, columns=4)
-    return figure
+    draws: list[Callable[..., Axes]] = [
+        partial(path, discovery),
+        lambda legend, ax: runners_up(discovery, ax=ax),
+    ]
+    return pictures(draws, width=8.0, legend_columns=4)

@@ -1,7 +1,7 @@
 """A discovered structure as a graph: masses, ground and base, links by kind, stiffness and certainty.
 
 Nodes are as far apart as there are links between them, as well as a plane allows: stress majorization (Gansner, Koren and
-North 2004) from a few seeded starts, of which the picture with the fewest crossings wins.
+North 2004) from classical scaling.
 """
 
 from __future__ import annotations
@@ -38,11 +38,8 @@ from linkwise.plot.style import (
 )
 from linkwise.verdict import Decision
 
-Edges = Sequence[tuple[int, int]]
-
 _STEPS = 150
-_STARTS = 12
-_LARGE = 60  # nodes from which fewer starts have to do
+_ASIDE = 1e-3  # of a link, at random: how far nodes start off, so that none of them coincide
 _GAP = 1.2  # between parts that nothing joins
 
 
@@ -52,14 +49,14 @@ def node_positions(count: int, edges: tuple[tuple[int, int], ...]) -> Floats:
 
     Parts that no edge joins stand above each other. The same graph gives the same picture.
     """
-    graph = _graph(count, edges)
-    parts, label = connected_components(graph, directed=False)
+    ends = np.array(edges, dtype=np.intp).reshape(-1, 2).T
+    graph = csr_array((np.ones(len(edges)), tuple(ends)), shape=(count, count))
+    distance = shortest_path(graph, directed=False, unweighted=True)
+    parts, part_of = connected_components(graph, directed=False)
     positions, top = np.zeros((count, 2)), 0.0
     for part in range(parts):
-        nodes = np.flatnonzero(label == part)
-        number = {int(node): index for index, node in enumerate(nodes)}
-        inner = [(number[a], number[b]) for a, b in edges if a in number]
-        placed = _horizontal(_best(len(nodes), inner))
+        nodes = np.flatnonzero(part_of == part)
+        placed = _horizontal(_placed(distance[np.ix_(nodes, nodes)]))
         placed[:, 1] += top - placed[:, 1].min()
         positions[nodes] = placed
         top = float(placed[:, 1].max()) + _GAP
@@ -67,57 +64,22 @@ def node_positions(count: int, edges: tuple[tuple[int, int], ...]) -> Floats:
     return positions
 
 
-def crossings(points: Floats, edges: Edges) -> int:
-    """How many pairs of edges without a common node cross."""
-    ends = np.array(sorted({(min(edge), max(edge)) for edge in edges}), dtype=np.intp).reshape(-1, 2)
-    first, second = np.triu_indices(len(ends), k=1)
-    left, right = ends[first], ends[second]
-    apart = ~np.any(left[:, :, None] == right[:, None, :], axis=(1, 2))
-    a, b, c, d = (points[nodes[apart]] for nodes in (left[:, 0], left[:, 1], right[:, 0], right[:, 1]))
-    return int(np.sum((_turn(a, b, c) * _turn(a, b, d) < 0.0) & (_turn(c, d, a) * _turn(c, d, b) < 0.0)))
-
-
-def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
-    """On which side of the line from a to b the point c lies."""
-    return np.asarray((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-
-
-def _graph(count: int, edges: Edges) -> csr_array:
-    rows, columns = [a for a, _ in edges], [b for _, b in edges]
-    return csr_array((np.ones(len(edges)), (rows, columns)), shape=(count, count))
-
-
-def _best(count: int, edges: Edges) -> Floats:
-    """Of one part: the layout with the fewest crossings, and of those the one with the least stress."""
-    if count == 1:
-        return np.zeros((1, 2))
-    distance = shortest_path(_graph(count, edges), directed=False, unweighted=True)
+def _placed(distance: Floats) -> Floats:
+    """(n, 2) positions of nodes that are to be (n, n) apart: classical scaling, and stress majorization from there."""
+    count = len(distance)
+    centre = np.eye(count) - 1.0 / count
+    sizes, axes = np.linalg.eigh(-0.5 * centre @ distance**2 @ centre)
+    points = axes[:, -2:] * np.sqrt(np.maximum(sizes[-2:], 0.0))
+    points = points + np.random.default_rng(0).normal(0.0, _ASIDE, (count, 2))
     weight = 1.0 / np.where(distance > 0.0, distance, np.inf) ** 2
-    laplacian = np.diag(weight.sum(axis=1)) - weight
-    inverse = np.asarray(np.linalg.pinv(laplacian), dtype=float)
-    rng = np.random.default_rng(0)
-    starts = [rng.normal(size=(count, 2)) * np.sqrt(count) for _ in range(_STARTS if count < _LARGE else 3)]
-    layouts = [_relaxed(start, distance, weight, inverse) for start in starts]
-    return min(layouts, key=lambda layout: (crossings(layout, edges), _stress(layout, distance, weight)))
-
-
-def _relaxed(points: Floats, distance: Floats, weight: Floats, inverse: Floats) -> Floats:
-    """The layout to which stress majorization brings a start."""
+    inverse = np.linalg.pinv(np.diag(weight.sum(axis=1)) - weight)
     for _ in range(_STEPS):
-        apart = _apart(points)
+        apart = np.linalg.norm(points[:, None] - points[None], axis=2)
         pull = -weight * distance / np.where(apart > 0.0, apart, np.inf)
         np.fill_diagonal(pull, 0.0)
         np.fill_diagonal(pull, -pull.sum(axis=1))
         points = inverse @ (pull @ points)
-    return points
-
-
-def _stress(points: Floats, distance: Floats, weight: Floats) -> float:
-    return float(np.sum(weight * (_apart(points) - distance) ** 2))
-
-
-def _apart(points: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(points[:, None] - points[None], axis=2))
+    return np.asarray(points)
 
 
 def _horizontal(points: Floats) -> Floats:

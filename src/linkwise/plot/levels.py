@@ -23,7 +23,6 @@ from linkwise.plot.style import (
     pictures,
     scale,
     scattered,
-    sheet,
     strips,
 )
 
@@ -242,13 +241,10 @@ def ring_down(
 
 def ring_down_figure(comparison: LevelComparison) -> Figure:
     """Frequency and damping of each mode that rings down over its amplitude, in a row of its own."""
-    rows = len(comparison.ring_downs)
-    with sheet(rows, 2, height=0.6 + 1.9 * rows) as (figure, panels):
-        for number, ring in enumerate(comparison.ring_downs):
-            ring_down(comparison, "frequency", number=number, legend=False, ax=panels[2 * number])
-            ring_down(comparison, "damping", number=number, legend=False, ax=panels[2 * number + 1])
-            panels[2 * number].set_title(ring_name(ring), loc="left")
-    return figure
+    shown: product[tuple[int, OfMode]] = product(range(len(comparison.ring_downs)), ("frequency", "damping"))
+    draws = [partial(ring_down, comparison, quantity, number=number) for number, quantity in shown]
+    titles = [text for ring in comparison.ring_downs for text in (ring_name(ring), "")]
+    return pictures(draws, height=(0.6, 1.9), titles=titles, legend_columns=0)
 
 
 _AT_REST = 0.05  # of the largest velocity: samples that show the force of the stiffness alone
@@ -328,4 +324,4 @@ def acceleration_surfaces_figure(comparison: LevelComparison) -> Figure:
     """Restoring force per mass at each sensor that moves most, over displacement and velocity and at no velocity."""
     shown = product(range(len(comparison.surfaces)), (False, True))
     draws = [partial(acceleration_surface, comparison, number=n, section=section) for n, section in shown]
-    return pictures(draws, height=(0.6, 2.4), legend=False)
+    return pictures(draws, height=(0.6, 2.4), legend_columns=0)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -32,11 +33,12 @@ from linkwise.plot.style import (
     legend_below,
     literal,
     log_scale,
+    pictures,
     scale,
     scattered,
     sheet,
+    single,
     wrap_title,
-    wrapped,
 )
 
 if TYPE_CHECKING:
@@ -105,17 +107,11 @@ def force(
 
 def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = None) -> Figure:
     """The force of a link on a figure of its own, with a second panel near the wells where there are two or more."""
-    near = force_curve(estimate, link, truth).between_wells
-    with sheet(columns=1 if near is None else 2) as (figure, panels):
-        force(estimate, link, truth=truth, legend=False, ax=panels[0])
-        if near is not None:
-            force(estimate, link, truth=truth, near_wells=True, legend=False, ax=panels[1])
-            panels[0].set_title("")
-            panels[1].set_title("near the wells")
-            title = wrapped(force_title(estimate.link(link).link), figure.get_figwidth())
-            heading(figure, title)
-        legend_below(figure, panels[0])
-    return figure
+    draw = partial(force, estimate, link, truth=truth)
+    if force_curve(estimate, link, truth).between_wells is None:
+        return single(draw)
+    title = force_title(estimate.link(link).link)
+    return pictures([draw, partial(draw, near_wells=True)], titles=("", "near the wells"), title=title)
 
 
 def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:
@@ -229,15 +225,8 @@ def loop(
 
 def loop_figure(estimate: Estimate, link: str) -> Figure:
     """The force of a link over its elongation and over its rate, on a figure of its own."""
-    with sheet(columns=2) as (figure, panels):
-        loop(estimate, link, legend=False, ax=panels[0])
-        loop(estimate, link, over="v", legend=False, ax=panels[1])
-        for panel in panels:
-            panel.set_title("")
-        title = f"{force_title(estimate.link(link).link)}; {force_loop(estimate, link).energy_text}"
-        heading(figure, wrapped(title, figure.get_figwidth()))
-        legend_below(figure, panels[0])
-    return figure
+    title = f"{force_title(estimate.link(link).link)}; {force_loop(estimate, link).energy_text}"
+    return pictures([partial(loop, estimate, link, over=over) for over in "dv"], titles=("", ""), title=title)
 
 
 _SURFACE_POINTS = 81  # points of the surface either way

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from linkwise.arrays import Floats
 from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, strips
 from linkwise.records.channel_units import unit_in
-from linkwise.response.free_motion import Backbone, Basins
+from linkwise.response.backbone import Backbone
+from linkwise.response.basins_of_attraction import Basins
 from linkwise.response.measured import MeasuredPoints
 from linkwise.response.result import FOLD, Branch, Response, ResponseLevel
 

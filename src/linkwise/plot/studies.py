@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from itertools import cycle
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -18,9 +20,9 @@ from linkwise.plot.style import (
     WELL,
     axes_for,
     label,
-    legend_below,
     literal,
     log_scale,
+    pictures,
     sheet,
 )
 from linkwise.study.row import Row
@@ -96,19 +98,11 @@ def study(
 def accuracy_figure(result: StudySummary | Iterable[Row]) -> Figure:
     """The error over the structures, a panel for each noise level, and the time of one estimate at the last of them."""
     table = _table(result)
-    count = len(table.decibels) + 1
-    rows = -(-count // 2)
-    with sheet(rows, 2, height=0.9 + 2.3 * rows) as (figure, panels):
-        for letter, axes, decibel in zip("abcdefghijklmnopqrstuvwxyz", panels, table.decibels, strict=False):
-            study(table, snr_db=decibel, legend=False, ax=axes)
-            axes.set_title(f"{letter}  {decibel:g} dB")
-        last = panels[count - 1]
-        study(table, "seconds", snr_db=table.decibels[-1], legend=False, ax=last)
-        last.set_title(f"{chr(ord('a') + count - 1)}  time of one estimate, {table.decibels[-1]:g} dB")
-        for axes in panels[count:]:
-            axes.set_visible(False)
-        legend_below(figure, *panels[:count])
-    return figure
+    shown = [("nmse", level, f"{level:g} dB") for level in table.decibels]
+    shown.append(("seconds", table.decibels[-1], f"time of one estimate, {table.decibels[-1]:g} dB"))
+    draws = [partial(study, table, quantity, snr_db=level) for quantity, level, _ in shown]
+    titles = [f"{letter}  {title}" for letter, (*_, title) in zip(ascii_lowercase, shown, strict=False)]
+    return pictures(draws, height=(0.9, 2.3), titles=titles)
 
 
 def curve_styles(methods: Sequence[str]) -> dict[str, CurveStyle]:

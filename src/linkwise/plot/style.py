@@ -72,20 +72,31 @@ def pictures(
     width: float = 6.3,
     height: tuple[float, float] = (0.0, 3.6),
     columns: int = 2,
-    legend: bool = True,
+    titles: Sequence[str] = (),
+    title: str = "",
+    outer: bool = False,
+    legend_columns: int = 3,
 ) -> Figure:
-    """A figure of pictures by ``draw(legend=False, ax=axes)``, row by row, with the legend of the first below.
+    """A figure of pictures by ``draw(legend=False, ax=axes)``, row by row, with one legend below, unless that has no columns.
 
-    `height` inches stand around all rows and are of each.
+    `height` inches stand around all rows and are of each. `titles` stand in place of those of the pictures, a `title` above
+    all; with `outer` only those at the left and at the bottom label their axes.
     """
     rows = -(-len(draws) // columns)
     with sheet(rows, columns, width=width, height=height[0] + height[1] * rows) as (figure, panels):
-        for axes, draw in zip(panels, draws, strict=False):
+        shown = panels[: len(draws)]
+        for axes, draw in zip(shown, draws, strict=True):
             draw(legend=False, ax=axes)
+            if outer:
+                axes.label_outer()
+        for axes, text in zip(shown, titles, strict=False):
+            axes.set_title(text)
         for axes in panels[len(draws) :]:
             axes.remove()
-        if legend:
-            legend_below(figure, panels[0])
+        if title:
+            heading(figure, wrapped(title, width))
+        if legend_columns:
+            legend_below(figure, *shown, columns=legend_columns)
     return figure
 
 

@@ -13,14 +13,8 @@ from linkwise.plot.responses import backbone_figure, basins, response_figure
 from linkwise.plot.style import scale, single
 from linkwise.records.channel_units import unit_in
 from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
-from linkwise.response.free_motion import (
-    Backbone,
-    Basins,
-    backbone_headline,
-    backbone_rows,
-    basins_headline,
-    basins_rows,
-)
+from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
+from linkwise.response.basins_of_attraction import Basins, basins_headline, basins_rows
 from linkwise.response.result import Branch, Response, headline, peak_rows
 
 _LEVELS, _CHANNELS = 4, 3  # of which the head of a page says how large the motion is

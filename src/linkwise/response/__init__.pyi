@@ -1,8 +1,8 @@
 """The public names, one a line; `__init__.py` reads the module of each from here (`linkwise.registry`)."""
 
-from linkwise.response.free_motion import Backbone as Backbone
-from linkwise.response.free_motion import Basins as Basins
-from linkwise.response.free_motion import basins as basins
+from linkwise.response.backbone import Backbone as Backbone
+from linkwise.response.basins_of_attraction import Basins as Basins
+from linkwise.response.basins_of_attraction import basins as basins
 from linkwise.response.measured import MeasuredPoints as MeasuredPoints
 from linkwise.response.options import Drive as Drive
 from linkwise.response.options import ResponseOptions as ResponseOptions

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
+from linkwise.errors import StructureError
 from linkwise.expression import Number
-from linkwise.model.structure import Structure
+from linkwise.model.structure import LinkShape, Structure
 from linkwise.records.channel import Channel
 from linkwise.response.continuation import Point
 from linkwise.response.options import FORCE, Drive
@@ -43,6 +44,24 @@ def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
         inputs.append((BASE_INPUT, Number(0.0)))
     shape = SystemShape(*structure.shape_key, tuple(inputs))
     return None if compiled_system(shape).kinks else phase_integrator(shape)
+
+
+def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseIntegrator:
+    """The compiled equations of free motion with links of these shapes. Raises StructureError for laws with kinks."""
+    inputs = ((BASE_INPUT, Number(0.0)),) if np.any(structure.base_incidence) else ()
+    shape = SystemShape(structure.size, links, inputs)
+    motion = compiled_system(shape)
+    if motion.kinks:
+        number = motion.link_of(0)
+        link = structure.links[0 if number is None else number]
+        raise StructureError(
+            f"the law {link.law.text} is not smooth (abs, sign, max, min, or flat parts of exp and tanh); free vibration is "
+            "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
+            f'link "{link.name}"',
+        )
+    integrator = phase_integrator(shape)
+    integrator.set_parameters(run_time_parameters(structure, integrator.layout))
+    return integrator
 
 
 def channel_rows(structure: Structure, channels: Sequence[Channel]) -> Floats:

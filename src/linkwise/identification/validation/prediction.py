@@ -54,17 +54,14 @@ _FARTHEST = 1e100  # times its unit: how far a departure that grows without end 
 
 @dataclass(frozen=True, eq=False)
 class WindowPrediction:
-    """K windows of M samples and C channels: what the sensors would show (M, C, K) in SI units, and variances of it from
-    the fitted state, the coefficients and the stated error of the laws. `motion` (M, 2, n, K) are displacements in m and
-    velocities in m/s, `state` (2 n + S, K) is that at the first sample, the states of links last, `state_root` (K, 2 n +
-    S, 2 n + S) the root R of its covariance R R', and `state_by_coefficients` (K, 2 n + S, p) how it follows the
-    coefficients.
+    """K windows of M samples and C channels: what the sensors would show (M, C, K) in SI units, and `variances` (M, 3, C, K)
+    of it from the fitted state, the coefficients and the stated error of the laws. `motion` (M, 2, n, K) are displacements in
+    m and velocities in m/s, `state` (2 n + S, K) is that at the first sample, the states of links last, `state_root` (2 n + S,
+    2 n + S, K) the root R of its covariance R R', and `state_by_coefficients` (2 n + S, p, K) how it follows the coefficients.
     """
 
     predicted: Floats
-    by_state: Floats
-    by_coefficients: Floats
-    by_laws: Floats
+    variances: Floats
     motion: Floats
     state: Floats
     state_root: Floats
@@ -92,15 +89,15 @@ class WindowPredictor:
         size = max(1, _NUMBERS // (samples * count * (count + len(self.values) + 1)))
         parts = [firsts[first : first + size] for first in range(0, len(firsts), size)]
         refine = self._refinement(self._guess, firsts, samples)
-        pieces = [self._predicted(part, burn, samples, refine) for part in parts]
-        return WindowPrediction(
-            *(np.concatenate([piece[i] for piece in pieces], axis=-1) for i in range(6)),
-            *(np.concatenate([piece[i] for piece in pieces], axis=0) for i in (6, 7)),
-        )
+        try:
+            pieces = [self._predicted(part, burn, samples, refine) for part in parts]
+        except np.linalg.LinAlgError as error:  # of sensitivities so large that their squares hide all else
+            raise no_state(burn) from error
+        return WindowPrediction(*(np.concatenate(fields, axis=-1) for fields in zip(*pieces, strict=True)))
 
     @np.errstate(over="ignore", invalid="ignore")
-    def variances_along(self, states: Floats, root: Floats, follow: Floats) -> tuple[Floats, Floats, Floats]:
-        """Variances (N, C) of what a run with these `states` (2 n + S, N) of the whole record shows, by its start, the
+    def variances_along(self, states: Floats, root: Floats, follow: Floats) -> Floats:
+        """Variances (N, 3, C) of what a run with these `states` (2 n + S, N) of the whole record shows, by its start, the
         coefficients and the laws.
 
         `root` (2 n + S, 2 n + S) is that of the covariance of the first state, which follows the coefficients by `follow` (2 n
@@ -130,14 +127,18 @@ class WindowPredictor:
                 by_forces = slopes[k, :, : len(prior)] @ by_laws
                 by_forces += np.transpose(of_laws or np.zeros((0, len(slopes[k]))))
                 shown = by_both[:, : len(root)], by_both[:, len(root) :], by_forces
-                parts.append([np.sum(part**2, axis=1) for part in shown])
+                parts.append([np.sum(part**2, axis=1).reshape(samples, -1) for part in shown])
                 by_laws = ends[k, :, : len(prior)] @ by_laws
                 for number, (_, end) in enumerate(changes):
                     by_laws[:, number] += end[:, k] / self._prior
                 moved = np.clip(ends[k] @ total, -_FARTHEST, _FARTHEST)
-        joined = map(np.concatenate, zip(*parts, strict=True))
-        by_start, by_theta, by_force = (part.reshape(-1, len(self.sigma))[:count] for part in joined)
-        return by_start, by_theta, by_force
+        return np.concatenate(parts, axis=1)[:, :count].transpose(1, 0, 2)
+
+    @cached_property
+    def valued(self) -> Structure:
+        """The structure with its values."""
+        names = [parameter.name for parameter in self.structure.parameters]
+        return self.structure.with_values(dict(zip(names, map(float, self.values), strict=True)))
 
     @cached_property
     def _system(self) -> System:
@@ -159,10 +160,8 @@ class WindowPredictor:
     @cached_property
     def _guess(self) -> Floats:
         """(2 n + S, N) rough states at all samples."""
-        names = [parameter.name for parameter in self.structure.parameters]
-        valued = self.structure.with_values(dict(zip(names, map(float, self.values), strict=True)))
         noise: dict[str, float] = dict(zip(self.record.responses, map(float, self.sigma), strict=True))
-        rough = start_states(self.record, valued, noise, samples=5)
+        rough = start_states(self.record, self.valued, noise, samples=5)
         return np.concatenate([rough.x, rough.v, rough.memory])
 
     @cached_property
@@ -290,20 +289,18 @@ class WindowPredictor:
         by_state = np.sum((slopes[..., :m] @ state_root) ** 2, axis=2)
         total = slopes[..., m:] + slopes[..., :m] @ follow
         by_theta = np.sum((total @ (self.root / self._unit[:, None])) ** 2, axis=2)
-        shape = (K, samples, C)
-        changes = self._changed_by_laws(nodes, inputs, orbit, samples, refine)
+        variances = np.zeros((samples, 3, C, K))
+        variances[:, 0], variances[:, 1] = (
+            variance.reshape(K, samples, C).transpose(1, 2, 0) for variance in (by_state, by_theta)
+        )
+        for change, _ in self._changed_by_laws(nodes, inputs, orbit, samples, refine):
+            variances[:, 2] += change**2
         motion = orbit.states[: len(orbit.middle_links) : refine].copy()
         motion[:, 1] *= refine * self.record.rate
+        root, follow = self._prior[:, None] * state_root, self._prior[:, None] * follow / self._unit
         return (
-            self._shown(orbit, refine),
-            by_state.reshape(shape).transpose(1, 2, 0),
-            by_theta.reshape(shape).transpose(1, 2, 0),
-            sum((change**2 for change, _ in changes), np.zeros((samples, C, K))),
-            motion,
-            nodes,
-            self._prior[:, None] * state_root,
-            self._prior[:, None] * follow / self._unit,
-        )
+            self._shown(orbit, refine), variances, motion, nodes, root.transpose(1, 2, 0), follow.transpose(1, 2, 0),
+        )  # fmt: skip
 
     def _changed_by_laws(
         self, nodes: Floats, inputs: Inputs, orbit: Trajectories, samples: int, refine: int
@@ -370,6 +367,14 @@ class WindowPredictor:
             orbit = orbit.replaced(new_orbit, better)
             left, cost = np.where(better, new_left, left), np.where(better, new_cost, cost)
         return states
+
+
+def no_state(samples: int) -> SimulationError:
+    """The error of an answer whose laws run away before so many samples are over."""
+    return SimulationError(
+        f"no state is found from which the answer follows {samples} samples of the record: its laws run away along that "
+        "motion; check its coefficients and their units, or identify again"
+    )
 
 
 def _at(record: Record, name: str, index: Floats, order: int = 0) -> Floats:
@@ -560,26 +565,18 @@ _MOST_STEPS = 4000  # predictions one step ahead
 class Prediction:
     """N samples of C responses as a structure predicts them, (N, C) in SI units, NaN where nothing is predicted.
 
-    `by_state`, `by_coefficients` and `by_laws` (N, C) are variances of it from the state at the start, the coefficients
-    and the stated error of the laws; `d` in m and `v` in m/s (N, L) the motion of the links. It runs from `starts`
-    independent states, each for a `window` in s, or None for one free run, which the growth of the error of its state
-    hides a `horizon` in s after the burn, or never.
+    `variances` (N, 3, C) of it are from the state at the start, the coefficients and the stated error of the laws; `d` in m
+    and `v` in m/s (N, L) the motion of the links. It runs from `starts` independent states, each for a `window` in s, or None
+    for one free run, which the growth of the error of its state hides a `horizon` in s after the burn, or never.
     """
 
     predicted: Floats
-    by_state: Floats
-    by_coefficients: Floats
-    by_laws: Floats
+    variances: Floats
     d: Floats
     v: Floats
     starts: int = 1
     window: float | None = None
     horizon: float | None = None
-
-    @property
-    def variance(self) -> Floats:
-        """The variance (N, C) of the prediction, of all that is not exact."""
-        return self.by_state + self.by_coefficients + self.by_laws
 
 
 def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Prediction:
@@ -599,9 +596,9 @@ def predict(predictor: WindowPredictor, burn: int, progress: Progress) -> Predic
 
 def _horizon(run: Prediction, burn: int, size: Floats) -> int | None:
     """Samples after the burn from which a run has lost the state, beside channels of that `size` (C,); None for none."""
-    deviation = np.sqrt(run.by_state)
+    deviation = np.sqrt(run.variances[:, 0])
     span = max(burn, _FEWEST)
-    early = np.sqrt(np.mean(run.by_state[:span], axis=0))
+    early = np.sqrt(np.mean(run.variances[:span, 0], axis=0))
     lost = (deviation > _LOST * size) & (deviation > _GROWN * early)
     lost = (lost & (_ahead(lost, span) > _STAYS)).any(axis=1)
     lost[:burn] = False
@@ -621,7 +618,7 @@ def one_step(predictor: WindowPredictor, burn: int) -> tuple[Floats, Floats]:
     shape = (len(record), len(record.responses))
     predicted, variance = np.full(shape, np.nan), np.full(shape, np.nan)
     predicted[targets] = prediction.predicted[-1].T
-    variance[targets] = (prediction.by_state + prediction.by_coefficients + prediction.by_laws)[-1].T
+    variance[targets] = prediction.variances[-1].sum(axis=0).T
     return predicted, variance
 
 
@@ -630,29 +627,20 @@ def _free_run(predictor: WindowPredictor, burn: int, samples: int, progress: Pro
     record, structure = predictor.record[:samples], predictor.structure
     channels = record.responses
     start = predictor(np.zeros(1, dtype=int), burn, burn)
-    state, root = start.state[:, 0], start.state_root[0]
+    state, root = start.state[:, 0], start.state_root[..., 0]
     if not (np.isfinite(state).all() and np.isfinite(root).all()):
-        raise SimulationError(
-            f"no state is found from which the answer follows the first {burn} samples of the record: its laws run away along "
-            "that motion; check its coefficients and their units, or identify again"
-        )
-    names = [parameter.name for parameter in structure.parameters]
-    valued = structure.with_values(dict(zip(names, map(float, predictor.values), strict=True)))
+        raise no_state(burn)
     progress(ProgressReport(0.2, "free run"))
-    run = _free(valued, record, state)
+    run = _free(predictor.valued, record, state)
     truth = run.simulated
     assert truth is not None
     progress(ProgressReport(0.5, "what errors change of it"))
     states = [*truth.displacement.T, *truth.velocity.T, *truth.states.values()]
     predicted = run.select(channels).values.copy()
     predicted[:burn] = np.nan
-    return Prediction(
-        predicted,
-        *replace(predictor, record=record).variances_along(
-            np.array(states), root, start.state_by_coefficients[0]
-        ),
-        *_along(record, structure, truth.displacement, truth.velocity),
-    )
+    of_record = replace(predictor, record=record)
+    variances = of_record.variances_along(np.array(states), root, start.state_by_coefficients[..., 0])
+    return Prediction(predicted, variances, *_along(record, structure, truth.displacement, truth.velocity))
 
 
 def _along(record: Record, structure: Structure, x: Floats, v: Floats) -> tuple[Floats, Floats]:
@@ -671,8 +659,8 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
         settle = min(burn, max(_HISTORY, samples), _SETTLE)
         firsts = np.arange(burn, len(record), samples) - settle
         prediction = predictor(firsts, settle, settle + samples)
-        deviation = np.sqrt(prediction.by_state[settle:])  # (M, C, K)
-        early = np.sqrt(np.mean(prediction.by_state[:settle], axis=0))
+        by_state = prediction.variances[:, 0]  # (M, C, K)
+        deviation, early = np.sqrt(by_state[settle:]), np.sqrt(np.mean(by_state[:settle], axis=0))
         lost = ((deviation > _LOST * size[:, None]) & (deviation > _GROWN * early)).any(axis=1)
         lost = np.maximum.accumulate(lost, axis=0)  # (M, K)
         if 1.0 - np.mean(lost) >= _WITHIN or samples == _SHORTEST:
@@ -697,9 +685,7 @@ def _windows(predictor: WindowPredictor, burn: int, horizon: int, size: Floats) 
     d, v = _along(record, structure, motion[:, 0], motion[:, 1])
     return Prediction(
         predicted=joined(prediction.predicted),
-        by_state=joined(prediction.by_state),
-        by_coefficients=joined(prediction.by_coefficients),
-        by_laws=joined(prediction.by_laws),
+        variances=joined(prediction.variances),
         d=d,
         v=v,
         starts=len(firsts),

@@ -70,16 +70,16 @@ def with_stated_sensors(prediction: Prediction, record: Record) -> Prediction:
     if not record.uncertainty:
         return prediction
     common = record.uncertainty.get(COMMON, SensorUncertainty()).gain
-    variance = np.zeros_like(prediction.by_laws)
+    variances = prediction.variances.copy()
     for column, name in enumerate(record.responses):
         known, shown = record.uncertainty.get(name, SensorUncertainty()), prediction.predicted[:, column]
         gain, shared, offset, delay = (
             0.0 if isinf(sigma) else sigma for sigma in (known.gain, common, known.offset, known.delay)
         )
-        variance[:, column] = (gain**2 + shared**2) * shown**2 + offset**2
+        variances[:, 2, column] += (gain**2 + shared**2) * shown**2 + offset**2
         if delay:
-            variance[:, column] += (delay * _largest_rate(shown, record.step)) ** 2
-    return replace(prediction, by_laws=prediction.by_laws + variance)
+            variances[:, 2, column] += (delay * _largest_rate(shown, record.step)) ** 2
+    return replace(prediction, variances=variances)
 
 
 def _largest_rate(shown: Floats, step: float) -> Floats:
@@ -123,10 +123,7 @@ def channel_scores(
         error = measured - prediction.predicted[:, column]
         scored = np.isfinite(error)
         count, mean_square = int(scored.sum()), float(np.mean(error[scored] ** 2))
-        parts = [
-            float(np.mean(variance[scored, column]))
-            for variance in (prediction.by_state, prediction.by_coefficients, prediction.by_laws)
-        ]
+        parts = np.mean(prediction.variances[scored, :, column], axis=0).tolist()
         square = noise[name] ** 2
         allowed = square if name in record.noise else square * _ESTIMATED_NOISE**2
         allowed *= float(scipy.special.chdtri(count, level)) / count
@@ -313,7 +310,7 @@ def validate(
             remarks = (*remarks, f"The coefficients cannot be estimated from this record alone: {error}")
     prediction = with_stated_sensors(prediction, scored)
     sigma = np.array([noise[name] for name in scored.responses])
-    deviation = np.sqrt(sigma**2 + prediction.variance)
+    deviation = np.sqrt(sigma**2 + prediction.variances.sum(axis=1))
     deviation[np.isnan(prediction.predicted)] = np.nan
     return Validation(
         structure=structure,
@@ -362,7 +359,7 @@ def _on_rig(
     samples = _burn_samples(scored, burn)
     prediction, noise = _rig_prediction(scored, given, samples, law_error)
     progress(ProgressReport(1.0, "forces along the motion"))
-    variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variance)
+    variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variances.sum(axis=1))
     return samples, prediction, (prediction.predicted, variance), noise
 
 
@@ -450,7 +447,8 @@ def _rig_prediction(
     minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
     count, cells = len(record), len(problem.links)
     slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
-    of_states, of_coefficients = slopes[..., len(theta) :], slopes[..., : len(theta)]
+    of_states = slopes[..., len(theta) :], covariance
+    of_coefficients = slopes[..., : len(theta)], known
     moved = motion_deviations(problem, minimum).reshape(cells, count)
     every = problem.records[0].motion.substeps
     predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
@@ -459,9 +457,7 @@ def _rig_prediction(
     motion = problem.records[0].motion
     prediction = Prediction(
         predicted=predicted,
-        by_state=_variance(of_states, covariance),
-        by_coefficients=_variance(of_coefficients, known),
-        by_laws=spread**2,
+        variances=np.stack([_variance(*of_states), _variance(*of_coefficients), spread**2], axis=1),
         d=np.outer(motion.d[::every], structure.base_incidence),
         v=np.outer(motion.v[::every], structure.base_incidence),
     )
