@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_154  # lines of all files of tests
+TESTS = 35_204  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 522),
     "cli": (20, 1866),
     "discovery": (18, 3511),
-    "estimates": (7, 1438),
+    "estimates": (7, 1439),
     "export": (8, 768),
     "expression": (6, 1084),
     "files": (14, 1943),
     "identification": (14, 2414),
-    "inspection": (10, 1858),
-    "likelihood": (63, 13864),
+    "inspection": (10, 1897),
+    "likelihood": (63, 13911),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
@@ -30,7 +30,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "records": (7, 1375),
     "report": (10, 1003),
     "response": (11, 1719),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (13, 997),
+    "root": (13, 998),
     "signals": (6, 905),
     "simulation": (9, 1661),
     "sindy": (9, 1090),
