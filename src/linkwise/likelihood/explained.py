@@ -196,7 +196,7 @@ class _Model:
         asked = structure or self.structure, options or self.options, records or self.records
         try:
             answer = self.answered(*asked)
-        except (IdentificationError, np.linalg.LinAlgError):
+        except (LinkwiseError, np.linalg.LinAlgError):
             return None
         return _Model(self.answered, *asked, answer, (*self.added, *causes))
 
