@@ -143,7 +143,8 @@ class Verdict(Enum):
     )
     COLOURED_RESIDUALS = (
         "The residuals are not white, as the noise is taken to be, so intervals would be too narrow. Check the sensors for "
-        "a filter or a drift, and the laws for a missing term."
+        "a filter or a drift, and the laws for a missing term.",
+        Grade.APPROXIMATE,
     )
     SEVERAL_OPTIMA = (
         "Around the estimates the likelihood has other optima, or is not quadratic, as intervals assume. Give closer starting "

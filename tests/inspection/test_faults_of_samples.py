@@ -53,6 +53,26 @@ def test_a_fault_is_told_and_nothing_else(kind: str, name: str) -> None:
     assert kind in alerts
 
 
+def write_twice(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
+    return np.concatenate([values[:364], values[300:-64]])
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_buffer_that_was_written_twice_is_told(name: str) -> None:
+    """Bit for bit, which noise never repeats; a motion without noise does, wherever it is periodic."""
+    record = faulty(RECORDS[name](), CHANNEL, write_twice)
+    [alert] = [alert for alert in lw.inspect(record).alerts if alert.kind == "doubled"]
+    then, now = (record.start + sample / record.rate for sample in (300, 364))
+    assert alert.message.startswith(f"64 samples from {now:g} s on are those from {then:g} s on, bit for bit")
+
+
+def test_a_motion_that_repeats_itself_was_not_written_twice() -> None:
+    period = np.sin(2.0 * np.pi * np.arange(250.0) / 250.0)
+    for values in (np.tile(period, 12), np.rint(100.0 * np.tile(period, 12)) / 100.0):
+        alerts = lw.inspect(lw.Record(0.0, 1000.0, ("x:m1",), values[:, None])).alerts
+        assert "bit for bit" not in " ".join(alert.message for alert in alerts)
+
+
 @pytest.mark.parametrize("samples", [5, 10])
 @pytest.mark.parametrize("name", [name for name in RECORDS if "40 dB" in name])
 def test_samples_that_a_logger_lost_are_no_spikes(samples: int, name: str) -> None:

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from random_signals import random_force
 from structures import link, oscillator, structure
 from within import assert_within
 
@@ -260,6 +261,24 @@ def test_a_wrong_mass_is_no_gain_of_a_noisy_force() -> None:
     record = driven("force:m1", 0.02, 1)
     light = replace(mounted("ground"), masses=(lw.Mass("m1", lw.Coefficient.number(0.8)),))
     assert not lw.identify(record, light.unknown("all")).trusted
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.1])
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_mass_is_tested_with_what_noise_of_a_force_makes_of_the_likelihood(
+    seed: int, factor: float
+) -> None:
+    """A light mass behind it was told to be off by 3 to 15 %, as its score lacked the slope of the log determinant."""
+    chain = lw.bnes_chain(2)
+    force = random_force(np.random.default_rng(seed), 4.0, 1000.0, highest=60.0, rms=140.0)
+    record = lw.simulate(chain, forces={"m1": force}, duration=4.0, rate=1000.0).with_noise(34.0, seed=seed)
+    values = record.values.copy()
+    values[:, record.channels.index("force:m1")] += 1.4 * np.random.default_rng(seed).normal(size=len(values))
+    noisy = replace(record, values=values, simulated=None)
+    stated = replace(chain, masses=(chain.masses[0], lw.Mass("m2", factor * 0.01)))
+    fit = lw.identify(noisy, stated.unknown("all"), input_noise={"force:m1": 1.4}, as_stated=True)
+    assert fit.trusted == (factor == 1.0), fit.message
+    assert [cause.kind for cause in fit.diagnosis[:1]] == ["mass"] * (factor > 1.0)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

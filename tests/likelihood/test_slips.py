@@ -54,3 +54,30 @@ def test_it_is_put_back_in_its_place() -> None:
     assert (slip.kind, slip.where, slip.size) == ("slip", "x:m1", -2)
     assert fit.trusted and np.abs(errors(fit, SPRING)).max() < 4.0
     assert not fit.alerts  # of samples that are left out around it
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_samples_that_were_written_twice_are_left_out(late: bool) -> None:
+    """Whether those behind them come late, or the buffer took the place of another one."""
+    record = shaken()
+    values = np.insert(record.values, 600, record.values[400:600], axis=0)
+    if not late:
+        values = np.delete(values, slice(800, 1000), axis=0)
+    twice = replace(record, values=values)
+    assert lw.identify(twice, SPRING.unknown("all"), as_stated=True).grade is lw.Grade.REFUSED
+    fit = lw.identify(twice, SPRING.unknown("all"))
+    assert [(slip.kind, slip.where, slip.size) for slip in fit.added] == [("slip", "x:m1", -200)]
+    assert fit.trusted and np.abs(errors(fit, SPRING)).max() < 4.0
+    assert [len(part) for part in (fit.record, *fit.more_records)] == [600, 401 if late else 201]
+
+
+def test_many_samples_that_were_lost_are_in_neither_part() -> None:
+    """The windows tell the moment to within as many."""
+    record = shaken()
+    values, column = record.values.copy(), list(map(str, record.channels)).index("x:m1")
+    values[AT:-60, column] = values[AT + 60 :, column]
+    values[-60:, column] = np.nan
+    _, mended = next(slips(replace(record, values=values), SPRING.unknown("all"), TRUE))
+    shown = mended.channel("x:m1")
+    there = np.isfinite(shown)
+    assert np.array_equal(shown[there], record.channel("x:m1")[there]) and there.mean() > 0.7

@@ -200,6 +200,7 @@ CLOCK: Final = "clock"
 CROSSTALK: Final = "crosstalk"
 SLIP: Final = "slip"
 EVENT: Final = "event"
+AMBIENT: Final = "ambient"
 HARMONIC: Final = "harmonic force"
 CLIPPED: Final = "clipped"
 HITS: Final = "hits"
@@ -246,7 +247,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         ),
         "force delay": CauseKind("a force {size_ms:.3g} ms {later} than {0.where} shows{remark}", "s"),
         "input noise": CauseKind(f"noise of {_SIZED}"),
-        "ambient": CauseKind(f"an ambient force on {_SIZED}"),
+        AMBIENT: CauseKind(f"an ambient force on {_SIZED}"),
         HARMONIC: CauseKind(
             "a harmonic force of {0.size:.3g} Hz on {0.where} ({0.source}) that was not recorded; try --harmonic "
             "{0.where}={0.size:.4g}Hz",

@@ -10,15 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, stretches
 from linkwise.errors import RecordError
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.relations import delay, drift, drift_at_rest, gain, offset, offset_at_rest
 from linkwise.inspection.result import Alert, ChannelSummary, Inspection
 from linkwise.inspection.samples import (
+    BUFFER,
     clipped,
     clipped_readings,
     clipped_samples,
+    copied,
+    copies,
     dead,
     doubled,
     dropped,
@@ -48,6 +51,7 @@ CHECKS: Registry[Check] = Registry(
         "dropped": dropped,
         "lost": lost,
         "doubled": doubled,
+        "copied": copied,
         "quantised": quantised,
         "spikes": spikes,
         "delay": delay,
@@ -243,6 +247,17 @@ def _clipped(
         old = np.isfinite(before.readings)
         readings, sides = np.where(old, before.readings, readings), np.where(old, before.sides, sides)
     return ClippedSamples(samples, readings, sides) if np.isfinite(readings).any() else None
+
+
+def without_copies(record: Record) -> tuple[list[Record], dict[str, int]]:
+    """The parts of a record before and behind samples that were there before, and how many these are, by response."""
+    again, counts = np.zeros(len(record), dtype=bool), dict[str, int]()
+    for signal in RecordSignals.of(record).responses:
+        for _, copy in copies(signal):
+            again[copy] = True
+            counts[signal.channel] = counts.get(signal.channel, 0) + copy.stop - copy.start
+    parts = [part for part in stretches(~again) if part.stop - part.start > BUFFER]
+    return [record[part] for part in parts] if counts else [record], counts
 
 
 def marked_samples(record: Record) -> dict[str, int]:

@@ -388,6 +388,47 @@ def _moves(steps: Floats) -> Bools:
     return np.asarray((after >= _HALF // 3) & (before >= _HALF // 3))
 
 
+BUFFER = 32
+"""Samples: what is written twice is as long at least."""
+_CHANGING = 24  # of them, that differ from the one before: with noise of three steps chance repeats none in 1e20 stretches
+_SEED = 20261130  # of the weights by which stretches are compared
+
+
+def copies(signal: ChannelSignal) -> list[tuple[int, slice]]:
+    """The stretches of samples that were there before, bit for bit, each with the first sample of the one before.
+
+    None of a channel whose noise is as small as its steps: that repeats wherever the motion does.
+    """
+    grain = max(float(np.median(signal.grain)), signal.step) if signal.observed.size else 0.0
+    noisy = np.nan_to_num(signal.sigma) > max(_FINER * grain, _NOISY * signal.rms)
+    if not noisy or len(signal.values) < 2 * BUFFER:
+        return []
+    weights = np.random.default_rng(_SEED).integers(1, 2**63, BUFFER, dtype=np.uint64)
+    windows = np.lib.stride_tricks.sliding_window_view(signal.filled.view(np.uint64), BUFFER)
+    _, first, which = np.unique(windows @ weights, return_index=True, return_inverse=True)
+    before = first[which]
+    changing = np.convolve(np.diff(signal.filled) != 0.0, np.ones(BUFFER - 1), "valid")
+    again = (before < np.arange(len(before))) & (changing >= _CHANGING)
+    return [(int(before[run.start]), slice(run.start, run.stop + BUFFER - 1)) for run in stretches(again)]
+
+
+def copied(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of responses with samples that were there before, as of a buffer that was written twice."""
+    for signal in signals.responses:
+        found = copies(signal)
+        if not found:
+            continue
+        count = sum(copy.stop - copy.start for _, copy in found)
+        first, copy = found[0]
+        then, now = (signal.start + sample / signal.rate for sample in (first, copy.start))
+        message = (
+            f"{count} samples from {now:g} s on are those from {then:g} s on, bit for bit: a buffer was written twice, so "
+            "that one measurement counts as two and the motion begins anew there; cut the record to a piece without them"
+        )
+        size = float((count / len(signal.values)) ** 0.5)
+        yield Alert("doubled", signal.channel, message, size, arguments=("earliest", "latest"))
+
+
 _NAMED = 3  # jumps whose times are told
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
+    AMBIENT,
     CLIPPED,
     CLOCK,
     CROSSTALK,
@@ -28,12 +29,13 @@ from linkwise.estimates.causes import (
     HIGH_PASS,
     HITS,
     HUM,
+    SLIP,
     SPIKES,
     Cause,
     SensorErrorEstimate,
 )
 from linkwise.estimates.estimate import Estimate
-from linkwise.inspection.inspect import mark_missing, marked_samples
+from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
 from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Answer, Report, Search, with_delays
@@ -46,7 +48,7 @@ from linkwise.likelihood.options import (
     require_known_kinds,
     with_error,
 )
-from linkwise.likelihood.random_forces import noise_of_channels, random_forces
+from linkwise.likelihood.random_forces import ALL, noise_of_channels, random_forces
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.terms import (
     ERRORS,
@@ -194,7 +196,7 @@ class _Model:
         asked = structure or self.structure, options or self.options, records or self.records
         try:
             answer = self.answered(*asked)
-        except (IdentificationError, np.linalg.LinAlgError):
+        except (LinkwiseError, np.linalg.LinAlgError):
             return None
         return _Model(self.answered, *asked, answer, (*self.added, *causes))
 
@@ -275,7 +277,7 @@ def explained_answer(
     answer = found.reported
     as_stated = all(
         cause.is_instrument
-        and cause.kind not in FREED
+        and cause.kind not in (*FREED, AMBIENT)
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
         for cause in answer.added
     )
@@ -305,6 +307,14 @@ def _by_alerts(model: _Model) -> _Model | None:
         return None
     options = replace(model.options, errors=(*model.options.errors, *hums))
     beside = model.beside(*causes, options=options, records=records)
+    return None if beside is None else _with_errors(beside)
+
+
+def _by_copies(first: _Model) -> _Model | None:
+    """The parts of the records before and behind samples that were written twice, and errors of sensors beside that."""
+    twice = [cause for cause in first.answer.diagnosis if cause.kind == SLIP]
+    parts = [part for record in first.records for part in without_copies(record)[0]] if twice else []
+    beside = first.beside(*twice, records=parts) if parts else None
     return None if beside is None else _with_errors(beside)
 
 
@@ -408,7 +418,29 @@ def _by_causes(first: _Model) -> _Model | None:
     )
 
 
+def _by_ambient(first: _Model) -> _Model | None:
+    """White forces on masses that nobody recorded, where laws leave more than noise that nothing else explains: a second
+    answer, as a law of another form may leave the like.
+    """
+    answer, options = first.answer, first.options
+    unnamed = answer.fit_verdicts[0] is Verdict.MODEL_ERROR_NEEDED and not answer.diagnosis
+    beside = options.errors or options.random or options.harmonics or first.structure.hosts
+    if not unnamed or beside or not isinstance(options.loss, Gaussian):
+        return None
+    random = random_forces((ALL,), (), first.records[0], first.structure)
+    forced = first.beside(options=replace(options, random=random))
+    if forced is None:
+        return None
+    added = (
+        Cause(AMBIENT, force.where, force.spectral_density, f"{force.unit}/sqrt(Hz)", 0.0, 0.0)
+        for force in forced.answer.random_forces
+        if force.deviation > 0.0
+    )
+    return replace(forced, added=(*forced.added, *added))
+
+
 LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
+    _by_copies,
     _by_alerts,
     _by_channel,
     _by_slip,
@@ -417,8 +449,9 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_high_pass,
     _with_errors,
     _by_causes,
+    _by_ambient,
 )
-"""What is tried in turn where laws as stated leave more than noise; of a search that does not converge the first two."""
+"""What is tried in turn where laws as stated leave more than noise; of a search that does not converge two."""
 
 
 def beside_exchange(

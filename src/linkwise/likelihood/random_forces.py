@@ -36,8 +36,9 @@ _INPUT = "force:"
 # of the force of inertia, by root mean square: where the search for an ambient force starts
 _FIRST_GUESS = 0.3
 _FIRST_NOISE = 0.01  # of an input: where the search for the noise of its channel starts
-# of an input, by root mean square: a level above it may be the input itself, which fills the band
-_FLOOR = 0.1
+NOISIEST_INPUT = 0.15
+"""Of an input, by root mean square: noise of 20 dB is 0.1, which a record of some seconds shows to within a third. A level
+above it may be the input itself, which fills the band, or an error of the laws."""
 _ROUNDING = 1e-6  # of an input: a level below it is that of rounded numbers
 _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 """Law of a link to the ground that carries a force; the force is constant within a segment."""
@@ -205,7 +206,7 @@ def _noise_power(record: Record, channel: str) -> float:
     power = float(noise_variance(record, [channel], values[None])[0])
     size = float(np.mean(values**2))
     stated = channel in record.noise
-    return power if stated or _ROUNDING**2 * size < power < _FLOOR**2 * size else 0.0
+    return power if stated or _ROUNDING**2 * size < power < NOISIEST_INPUT**2 * size else 0.0
 
 
 def exciting_base(record: Record, structure: Structure) -> str | None:

@@ -369,6 +369,15 @@ class Drift(Disturbance):
             f"than {MOST_PIECES} of them would follow the motion"
         )
 
+    def beside(self, errors: Sequence[Term], record: Record) -> tuple[Term, ...] | None:
+        """The errors with a drift in one piece, or in more where that is there: these may follow the motion."""
+        there = [one for one in of_kind(errors, Drift) if one.channel == self.channel]
+        if not there:
+            line = replace(self, seconds=record.duration)
+            return Term.beside(line, errors, record)
+        others = tuple(one for one in errors if one not in there)
+        return (*others, self) if there[0].seconds == record.duration else None
+
     def description(self, found: Found, unit: str) -> str:
         path = np.concatenate([[] if self.anywhere else [0.0], np.cumsum(found.sizes)])
         return (

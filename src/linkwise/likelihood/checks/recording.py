@@ -17,9 +17,9 @@ import numpy as np
 import scipy
 
 from linkwise.errors import LinkwiseError
-from linkwise.estimates.causes import DEGREES, Cause
+from linkwise.estimates.causes import DEGREES, SLIP, Cause
 from linkwise.inspection.channel_signal import RecordSignals
-from linkwise.inspection.inspect import inspect
+from linkwise.inspection.inspect import inspect, without_copies
 from linkwise.inspection.samples import rails
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
@@ -86,6 +86,23 @@ def uneven_samples(of: Examined, before: Judgement) -> Judgement | None:
             f"As it stands: {before.message[:1].lower()}{before.message[1:]}"
         ),
     )
+
+
+def samples_written_twice(of: Examined) -> Judgement | None:
+    """Whether samples are there twice, bit for bit, so that one measurement counts as two and the motion begins anew."""
+    copies = [without_copies(record)[1] for record in of.records]
+    twice = [
+        Cause(SLIP, name, -float(count), "1", 0.0, 0.0, source=f"{record.start:.4g} s or later")
+        for record, counts in zip(of.records, copies, strict=True)
+        for name, count in counts.items()
+    ]
+    if not twice:
+        return None
+    message = (
+        f"The record holds {' and '.join(cause.description for cause in twice)}, bit for bit: noise repeats none, intervals "
+        "take them for a second measurement, and the motion begins anew. Identify the parts of the record without them."
+    )
+    return Judgement(Verdict.MEASUREMENT_ERROR, message, of.share, tuple(twice))
 
 
 _LARGEST = 12  # masses up to which the weak form is fast enough for all hypotheses

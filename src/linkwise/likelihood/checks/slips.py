@@ -81,10 +81,14 @@ def _is_driven(record: Record, sample: int) -> bool:
 
 
 def without_slip(record: Record, name: str, sample: int, shift: int, margin: int) -> Record:
-    """The record with a channel later by `shift` samples from one `sample` on, and without a `margin` around that."""
+    """The record with a channel later by `shift` samples from one `sample` on, and without a `margin` around that.
+
+    Samples that were lost are in neither part, so that the windows tell the moment to within as many.
+    """
     values, column = record.values.copy(), list(map(str, record.channels)).index(name)
     values[sample:, column] = _shifted(record.values[:, column], shift)[sample:]
-    values[max(0, sample - margin) : sample + max(shift, 0) + margin, column] = np.nan
+    margin += max(shift, 0)
+    values[max(0, sample - margin) : sample + margin, column] = np.nan
     return replace(record, values=values, simulated=None)
 
 

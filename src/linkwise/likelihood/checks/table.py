@@ -11,6 +11,7 @@ from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 
 VERDICTS = (
+    Check("samples written twice", "refuses", recording.samples_written_twice),
     Check("convergence", "refuses", verdicts.convergence),
     Check("standard errors", "refuses", verdicts.standard_errors),
     Check("event", "approximates", verdicts.event),
@@ -20,8 +21,8 @@ VERDICTS = (
     Check("unexplained forces", "approximates", verdicts.unexplained_forces),
     Check("systematic misfit", "approximates", verdicts.systematic_misfit),
     Check("spectra of random forces", "approximates", verdicts.spectra_of_forces),
-    Check("filter of all sensors", "refuses", verdicts.filter_of_all_sensors),
-    Check("whiteness", "refuses", verdicts.whiteness),
+    Check("filter of all sensors", "approximates", verdicts.filter_of_all_sensors),
+    Check("whiteness", "approximates", verdicts.whiteness),
     Check("values far away", "refuses", verdicts.values_far_away),
     Check("another position of rest", "refuses", verdicts.another_rest),
     Check("regularity", "refuses", verdicts.regularity),

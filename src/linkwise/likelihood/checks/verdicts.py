@@ -24,6 +24,7 @@ from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_coloured
 from linkwise.likelihood.optima.hidden_wells import about_another_rest
 from linkwise.likelihood.optima.other_optima import is_regular, undetermined_far_away, with_faint_modes
+from linkwise.likelihood.random_forces import NOISIEST_INPUT
 from linkwise.likelihood.search import BlockScatter
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import hinted_errors as errors_of
@@ -41,7 +42,6 @@ from linkwise.verdict import Verdict
 _NEXT_TO_NOTHING = 0.01  # of the noise: memory over 100 samples makes residuals no larger than that
 _LARGEST_ERROR = 0.1
 """Relative to the forces on a mass: the largest model error beside which the values are close to those of exact laws."""
-_NOISIEST_INPUT = 0.15  # of it: noise of 20 dB is 0.1, which a record of some seconds shows to within a third
 # of the energy at the start: over 30 periods a damping ratio of 0.1 % takes off a fifth
 _MANY_PERIODS, _GOES_ON = (30, 0.85)
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
@@ -181,13 +181,13 @@ def noise_found_of_inputs(of: Examined) -> Judgement | None:
     """Whether inputs have more noise, as it was found, than measured inputs have."""
     rms = {name: size for name, size, _ in input_kicks(of.fit.optimum, of.identified, of.channels)}
     found = (force for force in of.fit.random_forces if force.found and not force.ambient)
-    noisy = [force.where for force in found if force.deviation > _NOISIEST_INPUT * rms[force.where]]
+    noisy = [force.where for force in found if force.deviation > NOISIEST_INPUT * rms[force.where]]
     if not noisy:
         return None
     return _found(
         of,
         Verdict.UNEXPLAINED_FORCES,
-        f"{of.explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * _NOISIEST_INPUT:.0f} % of it: "
+        f"{of.explained}, but the noise found of {', '.join(noisy)} exceeds {100.0 * NOISIEST_INPUT:.0f} % of it: "
         f"it stands for errors of the laws, which intervals would take for noise.{likeliest(of.causes)}",
     )
 

@@ -466,7 +466,7 @@ def tested_causes(
     p = len(unknowns) - len(columns.hypotheses)
     quadratic = replace(whole.within(unknowns[: p + h]), model=whole.model) if others else whole
     if fit.random_forces:
-        quadratic = _with_determinants(quadratic, fit, identified, lacking)
+        quadratic = _with_determinants(quadratic, fit, identified, lacking, columns, channels)
     named = columns.hypotheses[:h], columns.units[:h]
     asked = whole.within(np.r_[:p, p + h : len(unknowns)]), columns.units[h:]
     return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified, asked if others else None)
@@ -485,17 +485,33 @@ def _beside_ambient_forces(fit: LikelihoodFit, identified: Structure) -> TestedC
 
 
 def _with_determinants(
-    quadratic: Quadratic, fit: LikelihoodFit, identified: Structure, lacking: Lacking
+    quadratic: Quadratic,
+    fit: LikelihoodFit,
+    identified: Structure,
+    lacking: Lacking,
+    columns: TestedColumns | None = None,
+    channels: Sequence[Channel] = (),
 ) -> Quadratic:
-    """The cost of the marginal likelihood beside random forces, in which missing forces follow the parameters."""
-    optimum, forces = fit.optimum, [force for _, force in lacking]
-    first, last = len(fit.values), len(fit.values) + len(forces)
+    """The cost of the marginal likelihood beside random forces, in which missing forces follow the parameters, and after them
+    the errors of masses and gains among `columns`.
+    """
+    optimum, forces, p = fit.optimum, [force for _, force in lacking], len(fit.values)
     _, norms = forces_along(optimum.segments, optimum.misfit, forces)
-    deviations = (quadratic.tests(first).deviations[: len(forces)] * norms).tolist()
+    units, numbers = norms, list(range(len(forces)))
+    responses = [str(channel) for channel in channels if not channel.is_input]
+    candidates: list[CandidateForce | Hypothesis] = [*forces]
+    if columns is not None:
+        named = enumerate(columns.hypotheses)
+        errors = [
+            k for k, one in named if one.kind == MASS or (one.kind == "gain" and one.where in responses)
+        ]
+        numbers, units = numbers + errors, np.concatenate([norms, columns.units[errors]])
+        candidates += [columns.hypotheses[k] for k in errors]
+    deviations = (quadratic.tests(p).deviations[numbers] * units).tolist()
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
     slope = quadratic.slope.copy()
-    slope[first:last] += norms * determinant_slopes(
-        optimum, identified, masses, list(zip(forces, deviations, strict=True))
+    slope[p + np.array(numbers, dtype=int)] += units * determinant_slopes(
+        optimum, identified, masses, list(zip(candidates, deviations, strict=True)), responses
     )
     return replace(quadratic, slope=slope)
 

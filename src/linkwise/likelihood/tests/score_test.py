@@ -36,6 +36,7 @@ from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, l
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single
+from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.rotations import differ_in_unit
@@ -535,13 +536,17 @@ def _missing_links(structure: Structure) -> Lacking:
 
 
 _STEP = 0.5  # deviations of its size: for the difference of the log determinant
+_LARGEST_STEP = (
+    0.05  # of a mass, which coefficients make up for nearly all of, so that its size may hardly be known
+)
 
 
 def determinant_slopes(
     optimum: Optimum,
     identified: Structure,
     masses: Sequence[str],
-    candidates: Sequence[tuple[CandidateForce, float]],
+    candidates: Sequence[tuple[CandidateForce | Hypothesis, float]],
+    channels: Sequence[str] = (),
 ) -> Floats:
     """What the log determinant of the equations of the states adds to the gradient J'r.
 
@@ -553,23 +558,43 @@ def determinant_slopes(
         The structure with its values there.
     masses : sequence of str
         The masses that the random forces act on.
-    candidates : sequence of (CandidateForce, float)
-        The c candidate terms, and the standard deviations of their coefficients.
+    candidates : sequence of (CandidateForce or Hypothesis, float)
+        The c candidate terms, and relative errors of masses and gains, with the standard deviations of their sizes.
+    channels : sequence of str, optional
+        The responses, of whose gains there are errors.
 
     Returns
     -------
     array of shape (c,)
-        The addition for each candidate, by its coefficient.
+        The addition for each candidate, by its size.
     """
     # parts do not stand for the whole: log det with a term changes with the size of the motion
     whole = _without_unknowns(optimum)
     still = _log_determinant(whole, identified, masses)
     slopes = []
-    for force, deviation in candidates:
-        size = _STEP * deviation
-        changed = _log_determinant(whole, _with_term(identified, force, size), masses)
-        slopes.append(-0.5 * (changed - still) / size)
+    for candidate, deviation in candidates:
+        size, changed, at = _STEP * deviation, identified, whole
+        if isinstance(candidate, CandidateForce):
+            changed = _with_term(identified, candidate, size)
+        elif candidate.kind == MASS:
+            size = min(size, _LARGEST_STEP)
+            changed = _with_heavier(identified, candidate.where, 1.0 + size)
+        else:
+            sigma = whole.scales.sigma.copy()
+            sigma[channels.index(candidate.where)] /= 1.0 + size
+            at = replace(whole, scales=replace(whole.scales, sigma=sigma))
+        slopes.append(-0.5 * (_log_determinant(at, changed, masses) - still) / size)
     return np.asarray(np.nan_to_num(np.array(slopes)))
+
+
+def _with_heavier(structure: Structure, name: str, factor: float) -> Structure:
+    """The structure, which has values, with one mass times a factor."""
+    values = dict(zip(structure.mass_names, structure.mass_values.tolist(), strict=True))
+    masses = (
+        replace(mass, mass=Coefficient.number(factor * values[name])) if mass.name == name else mass
+        for mass in structure.masses
+    )
+    return replace(structure, masses=tuple(masses))
 
 
 def _without_unknowns(optimum: Optimum) -> Optimum:
