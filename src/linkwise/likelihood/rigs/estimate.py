@@ -41,6 +41,7 @@ from linkwise.likelihood.rigs.problem import (
     starts,
 )
 from linkwise.likelihood.shooting.segmentation import require_same_channels
+from linkwise.likelihood.starts.memory import unit_sizes
 from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
 from linkwise.model.law import Law
 from linkwise.model.structure import Structure
@@ -183,7 +184,10 @@ def rig_fit(
     minima = [own for own in minima if np.isfinite(problem.residuals(own.unknowns, own.paths)).all()]
     if not minima:
         raise IdentificationError(_not_finite(problem))
-    problem, best = refined(problem, min(minima, key=lambda minimum: minimum.cost), cells)
+    best = min(minima, key=lambda minimum: minimum.cost)
+    if _levels(problem, best, cells)[1] > 0.0:
+        best = _from_sizes(problem, best, level, progress)
+    problem, best = refined(problem, best, cells)
     deviations, model = _levels(problem, best, cells)
     for _ in range(_REWEIGHTED):
         best = minimise(problem, best.unknowns, 1.0 / np.hypot(deviations, model))
@@ -200,6 +204,26 @@ def rig_fit(
     return RigFit(
         problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
     )
+
+
+def _from_sizes(problem: RigProblem, best: Minimum, level: float, progress: Progress) -> Minimum:
+    """The lowest of minima near one that leaves more than noise, each from it with one parameter, in which forces are not
+    linear, at the size that its unit implies: what a start does not depend on may be decades off.
+    """
+    structure, motion = problem.structure, problem.records[0].motion
+    sizes = unit_sizes(problem.parameters, motion.d, motion.v, level)
+    curved = [
+        number
+        for number, parameter in enumerate(problem.parameters)
+        if any(key not in structure.links[link].law.linear for link, key in parameter.members)
+    ]
+    weights, minima = np.full(len(problem.measured), 1.0 / level), [best]
+    for count, number in enumerate(curved, start=1):
+        unknowns = best.unknowns.copy()
+        unknowns[number] = sizes[problem.parameters[number].name]
+        minima.append(minimise(problem, unknowns, weights, steps=_WHOLE_STEPS))
+        progress(ProgressReport(count / len(curved), "searching from other sizes"))
+    return min(minima, key=lambda minimum: minimum.cost)
 
 
 def _not_finite(problem: RigProblem) -> str:

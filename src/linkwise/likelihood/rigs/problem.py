@@ -492,6 +492,7 @@ def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, flo
 
 
 _SEARCHED = 4096  # samples of a record in which starts are searched for
+_OF_PERIOD = 256  # of them in a period of the motion: more make the search longer, and show no more of a law
 _LAST_STEPS = 300
 # residual, relative to the forces, of a trial whose states run away or whose laws are not finite
 _RUNAWAY = 1e6
@@ -560,17 +561,18 @@ def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]
     They are searched for in the liveliest part of the first record, without the means of the forces where a zero is unknown.
     """
     record, links = problem.records[0], problem.structure.links
-    motion, count = record.motion, min(_SEARCHED, len(next(iter(record.cells.values()))))
+    motion, thinned = record.motion, max(record.motion.period // _OF_PERIOD, 1)
+    count = min(_SEARCHED * thinned, len(next(iter(record.cells.values()))))
     first = motion.liveliest(count)
+    searched = slice(first, first + count, thinned)
     d, v = (
-        np.outer(along[:: motion.substeps][first : first + count], problem.structure.base_incidence)
+        np.outer(along[:: motion.substeps][searched], problem.structure.base_incidence)
         for along in (motion.d, motion.v)
     )
     shown = {
-        f"f:{links[link].name}": bridged(force[None], ~np.isfinite(force[None]))[0, first : first + count]
+        f"f:{links[link].name}": bridged(force[None], ~np.isfinite(force[None]))[0, searched]
         for link, force in record.cells.items()
     }
     slow = int(bool(problem.cell_offsets) or problem.motion_offset)
-    return MemorySearch(
-        problem.structure, motion.step * motion.substeps, d, v, (), shown, given, {}, slow, sharp=True
-    ).minima()
+    step = thinned * motion.step * motion.substeps
+    return MemorySearch(problem.structure, step, d, v, (), shown, given, {}, slow, sharp=True).minima()
