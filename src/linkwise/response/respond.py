@@ -36,7 +36,7 @@ from linkwise.response.search import (
     IrregularMotion,
     LevelSearch,
     random_starts,
-    with_peak,
+    with_extremes,
 )
 from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes, channel_rows, driven_phase
 
@@ -113,7 +113,7 @@ def respond(
             search = _balanced(balance, before, within)
         else:
             search = _searched(Shooting(*driven, integrator), chosen, before, within)
-        before = [shown.with_peaks(curve) for curve in search.curves]
+        before = [shown.with_extremes(curve) for curve in search.curves]
         branches = [shown.branch(curve) for curve in before]
         if asked.posterior is not None:
             branches = banded(asked.posterior, before, branches, shown.rows, chosen)
@@ -238,10 +238,10 @@ class _Shown:
         base, _ = equations.base(omega, phases)
         return self.asked.farthest(structure.elongations(motion[:, : structure.size], base))
 
-    def with_peaks(self, curve: Curve) -> Curve:
-        """The curve with points at the peak of each channel."""
+    def with_extremes(self, curve: Curve) -> Curve:
+        """The curve with points at the peak and the antiresonances of each channel."""
         for column in range(len(self.rows)):
-            curve = with_peak(curve, partial(self._amplitude, curve.equations, column))
+            curve = with_extremes(curve, partial(self._amplitude, curve.equations, column))
         return curve
 
     def _amplitude(self, equations: PeriodicEquations, column: int, point: Point) -> float:
