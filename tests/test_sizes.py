@@ -8,18 +8,18 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_188  # lines of all files of tests
+TESTS = 35_211  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2211),
     "analysis": (4, 522),
-    "cli": (20, 1866),
+    "cli": (20, 1873),
     "discovery": (18, 3511),
     "estimates": (7, 1438),
     "export": (8, 768),
     "expression": (6, 1084),
-    "files": (14, 1943),
+    "files": (14, 1965),
     "identification": (14, 2414),
     "inspection": (10, 1858),
     "likelihood": (63, 13864),
