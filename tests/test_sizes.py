@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_211  # lines of all files of tests
+TESTS = 35_232  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -26,10 +26,10 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
-    "plot": (12, 1912),
+    "plot": (12, 1916),
     "records": (7, 1375),
-    "report": (10, 1003),
-    "response": (11, 1740),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "report": (10, 1033),
+    "response": (11, 1748),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 997),
     "signals": (6, 905),
     "simulation": (9, 1661),
