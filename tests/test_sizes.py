@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_232  # lines of all files of tests
+TESTS = 35_247  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1916),
     "records": (7, 1375),
     "report": (10, 1033),
-    "response": (11, 1748),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (11, 1762),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 997),
     "signals": (6, 905),
     "simulation": (9, 1661),

@@ -58,6 +58,11 @@ def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseInteg
             f'link "{link.name}"',
         )
     integrator = phase_integrator(shape)
+    if integrator is None:
+        raise SimulationError(
+            "free vibration of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
+            "wheels (Linux), or conda install heyoka.py"
+        )
     integrator.set_parameters(run_time_parameters(structure, integrator.layout))
     return integrator
 

@@ -41,7 +41,11 @@ from linkwise.response.search import (
 from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes, channel_rows, driven_phase
 
 _FREQUENCIES = 12  # at which motions are looked for
-_HARMONICS = 25  # of harmonic balance, where laws have kinks
+_HARMONICS = 25  # of harmonic balance, where laws have kinks, or heyoka is missing
+_BALANCED = (
+    "Harmonic balance follows motions from rest: branches that do not pass there, as isolated ones, and motion that does not "
+    "repeat were not looked for."
+)
 _GROWN = 4  # frequencies at which harmonic balance follows motions from a small excitation on
 _MOST_WELLS = 6  # in which motions begin
 
@@ -125,7 +129,10 @@ def respond(
         )
     draws = 0 if asked.posterior is None else chosen.draws
     seconds = time.perf_counter() - started
-    return Response(structure, chosen.drive, shown.channels, tuple(levels), draws, seconds, basis=asked.basis)
+    remark = "" if integrator else _BALANCED
+    return Response(
+        structure, chosen.drive, shown.channels, tuple(levels), draws, seconds, None, asked.basis, remark
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of motions from states at random that diverge

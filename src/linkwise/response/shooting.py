@@ -36,7 +36,7 @@ _LEAST = 1e-12  # m: a motion that is smaller has this size
 
 
 def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
-    """The compiled equations of a driven structure; None for laws with kinks."""
+    """The compiled equations of a driven structure; None for laws with kinks, and where heyoka is missing."""
     topology = structure.topology
     inputs = [(topology.weights(topology.index[drive.place]), drive.expression)]
     if drive.kind == FORCE and np.any(structure.base_incidence):

@@ -19,7 +19,6 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache, cached_property, lru_cache
-from importlib.util import find_spec
 from math import prod
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, Protocol
@@ -28,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import SimulationError
 from linkwise.expression import (
     FUNCTIONS,
     Call,
@@ -550,9 +548,11 @@ _HOME = "linkwise.simulation.integrator"
 @cache
 def _kind() -> Callable[[SystemShape], CompiledSystem]:
     """The class of systems that is available."""
-    kind: Callable[[SystemShape], CompiledSystem] = resolve_name(
-        f"{_HOME}.taylor:HeyokaSystem" if find_spec("heyoka") else f"{_HOME}.dop853:ScipySystem"
-    )
+    kind: Callable[[SystemShape], CompiledSystem]
+    try:
+        kind = resolve_name(f"{_HOME}.taylor:HeyokaSystem")
+    except ImportError:  # no heyoka, or one whose libraries are not there
+        kind = resolve_name(f"{_HOME}.dop853:ScipySystem")
     return kind
 
 
@@ -567,12 +567,10 @@ def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
     return _kind()(shape)
 
 
-def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
-    """The equations of a shape without kinks over phase; SimulationError where heyoka, which integrates them, is missing."""
-    if find_spec("heyoka") is None:
-        raise SimulationError(
-            "periodic motion of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
-            "wheels (Linux), or conda install heyoka.py"
-        )
-    kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
+def phase_integrator(shape: SystemShape) -> PhaseIntegrator | None:
+    """The equations of a shape without kinks over phase; None where heyoka, which integrates them, is missing."""
+    try:
+        kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
+    except ImportError:
+        return None
     return kind(shape)
