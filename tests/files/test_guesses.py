@@ -9,7 +9,15 @@ import scipy
 from nptdms import ChannelObject, TdmsWriter
 
 from linkwise.files import read_table
-from linkwise.files.guesses import NO_MASS, NO_QUANTITY, NO_UNIT, TWICE, guessed_columns, proposed_masses
+from linkwise.files.guesses import (
+    NO_MASS,
+    NO_QUANTITY,
+    NO_UNIT,
+    OTHER_TIME,
+    TWICE,
+    guessed_columns,
+    proposed_masses,
+)
 
 RATE, COUNT = 500.0, 40
 
@@ -30,7 +38,13 @@ def table(
 
 def held(path: Path, masses: tuple[str, ...]) -> list[str]:
     """What each column holds, with its unit and a mark for each doubt."""
-    marks = {NO_UNIT: " unit?", NO_QUANTITY: " quantity?", NO_MASS: " mass?", TWICE: " twice?"}
+    marks = {
+        NO_UNIT: " unit?",
+        NO_QUANTITY: " quantity?",
+        NO_MASS: " mass?",
+        TWICE: " twice?",
+        OTHER_TIME: " other?",
+    }
     return [
         f"{guess.name or '-'}{f'[{guess.unit}]' if guess.unit else ''}{''.join(marks[doubt] for doubt in guess.doubts)}"
         for guess in guessed_columns(read_table(path, None), masses)
@@ -39,6 +53,10 @@ def held(path: Path, masses: tuple[str, ...]) -> list[str]:
 
 RIG = ("frame", "sink")
 HEADERS = [
+    ("Zeit in s,Weg Rahmen in mm,Weg Tilger in mm", ("rahmen", "tilger"), "time[s] x:rahmen[mm] x:tilger[mm]"),
+    ("Zeit/s,s1/µm,s2/µm", ("s1", "s2"), "time[s] x:s1[µm] x:s2[µm]"),
+    ("Channel,frame,sink\nUnit,mm,mm", RIG, "time x:frame[mm] x:sink[mm]"),
+    ("Time 1 (s),frame (mm),Time 2 (s),sink (mm)", RIG, "time[s] x:frame[mm] -[s] other? x:sink[mm]"),
     ("Time [s],Laser frame [mm],Laser sink [mm],Hammer [N]", RIG, "time[s] x:frame[mm] x:sink[mm] force:frame[N] mass?"),
     ("Time [s],Laser frame [mm],Laser 2 [mm],Force sink [N]", RIG, "time[s] x:frame[mm] x:sink[mm] force:sink[N]"),
     ("Time [s],Laser 1 [mm],Laser 2 [mm]", RIG, "time[s] x:frame[mm] mass? x:sink[mm] mass?"),
@@ -71,6 +89,11 @@ def test_headers_are_read_or_in_doubt(
     header: str, masses: tuple[str, ...], expected: str, tmp_path: Path
 ) -> None:
     assert " ".join(held(table(tmp_path / "run.csv", header), masses)) == expected
+
+
+def test_units_behind_an_underscore_name_no_mass(tmp_path: Path) -> None:
+    path = table(tmp_path / "run.csv", "time,disp_frame_mm,disp_sink_mm")
+    assert proposed_masses(guessed_columns(read_table(path, None))) == ("frame", "sink")
 
 
 def test_german_files_units_below_headers_and_times_in_another_unit(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from scipy.special import ellipk
 from structures import HARDENING, oscillator, row_of_masses
 
 import linkwise as lw
+from linkwise.analysis.linear_modes import modes
 from linkwise.model.coefficient import Name
 from linkwise.response import basins
 
@@ -89,6 +90,20 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     assert np.all((curve.lower < curve.hz) & (curve.hz < curve.upper))
     assert set(curve.to_dict()["points"][0]) == {"hz", "energy", "lower_hz", "upper_hz", "amplitude"}
     assert "95 % band" in str(curve)
+
+
+def test_the_band_of_a_curve_that_comes_back_has_two_frequencies_at_an_energy() -> None:
+    """From a well to the barrier and back; each way its own motions count."""
+    chain = lw.bnes_chain(2)
+    bounds = np.array([-np.inf]), np.array([np.inf])
+    answer = lw.estimates.Posterior(chain, (Name("nes1", "alpha"),), np.array([[0.01]]), *bounds)
+    curve = lw.backbone(answer, 1, to_amplitude={"x:m1": 0.01})
+    assert curve.lower is not None and curve.upper is not None
+    width = (curve.upper - curve.lower) / curve.hz
+    assert np.diff(curve.energy).min() < 0.0 and np.all((curve.lower <= curve.hz) & (curve.hz <= curve.upper))
+    low, high = (modes(chain.with_values({"nes1.alpha": a})).frequencies[0] for a in (-99.9, -100.1))
+    assert width[0] == pytest.approx(1.96 * (high - low) / curve.hz[0], rel=0.02)  # 60 draws in pairs
+    assert width[-1] == pytest.approx(width[0], rel=0.02) and width.max() < 10.0 * width[0]
 
 
 PLANE = {"x:m1": (-0.025, 0.02), "v:m1": (-0.6, 0.5)}

@@ -5,8 +5,9 @@ import pytest
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
+from linkwise.errors import SimulationError
 from linkwise.response.harmonic_balance import HarmonicBalance
-from linkwise.response.options import Drive
+from linkwise.response.options import Drive, ResponseKeywords
 
 BOUC_WEN = {"z": "(v - s*abs(v)*z - (1 - s)*v*abs(z))/x0"}
 JOINT = structure(
@@ -73,3 +74,17 @@ def test_a_law_that_jumps_is_refused() -> None:
     rubbing = oscillator("k*d + F*sign(v)", k=400.0, F=0.1)
     with pytest.raises(lw.StructureError, match=r"jumps \(sign\); steady motion needs a steep slope"):
         lw.respond(rubbing, force={"m1": 1.0}, hz=(1.0, 2.0))
+
+
+def test_smooth_laws_are_balanced_where_heyoka_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = lw.bnes_chain(2)
+    asked: ResponseKeywords = {"force": {"m1": 0.1}, "hz": (20.0, 24.0), "starts": 0}
+    shot = lw.respond(pair, **asked)
+    monkeypatch.setattr("linkwise.response.shooting.phase_integrator", lambda shape: None)
+    balanced = lw.respond(pair, **asked)
+    by_shooting, by_balance = (r.levels[0].branches[0].amplitude.max(axis=0) for r in (shot, balanced))
+    np.testing.assert_allclose(by_balance, by_shooting, rtol=1e-6)
+    assert not shot.findings and "were not looked for" in str(balanced)
+    monkeypatch.setattr("linkwise.response.free_motion.phase_integrator", lambda shape: None)
+    with pytest.raises(SimulationError, match="heyoka"):
+        lw.backbone(pair, 1, to_energy=1e-3)

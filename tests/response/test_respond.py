@@ -8,7 +8,9 @@ from scipy.optimize import minimize_scalar
 from structures import HARDENING, link, oscillator, structure
 
 import linkwise as lw
+from linkwise.arrays import Floats
 from linkwise.model.coefficient import Name
+from linkwise.response.bands import band_ends, drawn_structures
 from linkwise.response.search import LevelSearch
 from linkwise.response.shooting import Shooting, driven_phase
 
@@ -99,6 +101,35 @@ def test_a_band_is_as_wide_as_the_uncertain_stiffness_moves_the_transfer_functio
     half = 0.5 * np.log(branch.upper / branch.lower)[:, 0]
     # to first order in the relative deviation of 0.5 %; between stations by interpolation
     np.testing.assert_allclose(half, 1.96 * 2.0 * np.abs(sensitivity), rtol=0.02, atol=2e-5)
+
+
+def test_a_band_beside_an_antiresonance_is_that_of_draws_solved_for_there() -> None:
+    pair = lw.rig(
+        {"m1": 1.0, "m2": 0.3},
+        {"leaf": "m1 - ground: k*d + c*v", "joint": "m2 - m1: k*d + c*v"},
+        {"leaf.k": 900.0, "leaf.c": 1.5, "joint.k": 400.0, "joint.c": 0.5},
+    )
+    answer = lw.estimates.Posterior(
+        pair, (Name("joint", "k"),), np.array([[4.0]]), np.array([0.0]), np.array([np.inf])
+    )
+    branch = (
+        lw.respond(answer, force={"m1": 1.0}, hz=(2.0, 9.0), show=["x:m1"], starts=0).levels[0].branches[0]
+    )
+    assert branch.lower is not None and branch.upper is not None
+    omega = 2 * np.pi * branch.hz
+
+    def receptance(stiffness: float, omega: Floats = omega) -> Floats:
+        joint = stiffness + 0.5j * omega
+        return np.abs(1 / (900 + 1.5j * omega - omega**2 + 1 / (1 / joint - 1 / (0.3 * omega**2))))
+
+    np.testing.assert_allclose(branch.amplitude[:, 0], receptance(400.0), rtol=1e-8)
+    lowest = minimize_scalar(lambda w: receptance(400.0, w), bounds=(34.0, 38.0), method="bounded").fun
+    assert branch.amplitude.min() == pytest.approx(lowest, rel=1e-4)
+    drawn = np.array([receptance(s.link("joint").values["k"]) for s in drawn_structures(answer, 100, seed=0)])
+    lower, upper = band_ends(drawn / receptance(400.0))
+    width = upper - lower
+    assert np.abs(branch.lower[:, 0] / branch.amplitude[:, 0] - lower).max() < 0.05 * width.max()
+    assert (np.abs(branch.upper[:, 0] / branch.amplitude[:, 0] - upper) < 0.2 * width).all()
 
 
 @pytest.mark.parametrize(("kind", "order"), [("x", 0), ("v", 1), ("a", 2)])

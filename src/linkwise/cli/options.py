@@ -204,7 +204,7 @@ def header_line(context: click.Context, option: click.Parameter, text: str | Non
 
 FLAGS = {
     "channels": "--channel NAME=COLUMN",
-    "mapping": "--mapping FILE (inspect --write-mapping FILE writes a first one)",
+    "mapping": "--mapping FILE (linkwise start asks what columns hold; inspect --write-mapping FILE writes a first mapping)",
     "header": "--header LINE",
     "rate": "--rate HZ",
     "resample": "--resample HZ",

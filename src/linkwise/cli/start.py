@@ -309,12 +309,19 @@ def _of_doubts(doubtful: Sequence[columns.ColumnGuess], masses: Mapping[str, flo
     doubts = {one.label: "; ".join([_quantity(one)[0] or "no guess", *one.doubts]) for one in doubtful}
     said = [f"{label} ({text})" for label, text in doubts.items()]
     example = f"x:{next(iter(masses))}[mm]"
-    named = [guess for guess in doubtful if guess.name] or doubtful[:1]
+    leave_out = f"--leave-out {shlex.quote(str(doubtful[-1].label))}"
+    open_ = [guess for guess in doubtful if columns.OTHER_TIME not in guess.doubts]
+    if not open_:
+        return (
+            f"What columns hold is in doubt: {', '.join(said)}. Write a row for every sample of the fastest, with empty cells "
+            f"of the others, or {leave_out} if the channels share the other times."
+        )
+    named = [guess for guess in open_ if guess.name] or open_[:1]
     stated = (shlex.quote(f"{_key(guess) or example}={guess.label}") for guess in named)
     options = " ".join(f"--channel {text}" for text in stated)
     return (
         f"What columns hold is in doubt: {', '.join(said)}. State it, for example by {options} (x, v, a or force; masses are "
-        f"{quoted(masses)}), or --leave-out {shlex.quote(str(doubtful[-1].label))}."
+        f"{quoted(masses)}), or {leave_out}."
     )
 
 

@@ -23,6 +23,7 @@ from linkwise.records.channel import BASE, KINDS, MOTIONS, Channel, is_angular
 from linkwise.units import converts, factor_to_si
 
 NO_UNIT, NO_QUANTITY, NO_MASS, TWICE = "in which unit?", "which quantity?", "of which mass?", "twice"
+OTHER_TIME = "other times than the first column of them"
 """Doubts of a guess."""
 
 
@@ -105,14 +106,7 @@ def guessed_columns(
     for number in out:
         guesses[number] = replace(guesses[number], name="")
         del headers[number]
-    for number, header in headers.items():
-        named = _TIMES.match(header.name) and converts(header.unit or "s", "s")
-        if not guesses[number].name and named and "time" not in _names(guesses):
-            guesses[number] = replace(guesses[number], name="time", why="name")
-    for number, header in headers.items():
-        if guesses[number].name == "time" and not guesses[number].unit:
-            unsaid = () if _is_plausible(table, number, header.unit) else (NO_UNIT,)
-            guesses[number] = replace(guesses[number], unit=header.unit, doubts=unsaid)
+    _guess_time(table, headers, guesses)
     kinds = {number: _guessed(header) for number, header in headers.items() if not guesses[number].name}
     for forces in (False, True):  # which act on masses that move
         for number, (kind, why) in kinds.items():
@@ -123,6 +117,8 @@ def guessed_columns(
                 doubts = (*_doubts_of_quantity(headers[number], kind, by, others), *doubts)
                 name, unit = Channel(kind, place), headers[number].unit
                 guesses[number] = replace(guesses[number], name=name, unit=unit, why=why, doubts=doubts)
+            elif not kind and converts(headers[number].unit, "s") and _is_apart(table, number, guesses):
+                guesses[number] = replace(guesses[number], doubts=(OTHER_TIME,))
             elif not kind and {*_BASES, *masses} & set(_words(guesses[number].header)):
                 guesses[number] = replace(guesses[number], doubts=(NO_QUANTITY,))
     times = Counter(_names(guesses))
@@ -130,6 +126,23 @@ def guessed_columns(
         replace(guess, doubts=(*guess.doubts, TWICE)) if guess.name and times[guess.name] > 1 else guess
         for guess in guesses.values()
     )
+
+
+def _guess_time(table: Table, headers: Mapping[int, ColumnHeader], guesses: dict[int, ColumnGuess]) -> None:
+    """Guess which column is the time, by its name or by its values, and whether its unit is in doubt."""
+    for number, header in headers.items():
+        named = _TIMES.match(header.name) and converts(header.unit or "s", "s")
+        if not guesses[number].name and named and "time" not in _names(guesses):
+            guesses[number] = replace(guesses[number], name="time", why="name")
+    even = (
+        number for number in headers if not guesses[number].name and _is_clock(table.columns[number].values)
+    )
+    if "time" not in _names(guesses) and table.rate is None and (first := next(even, None)) is not None:
+        guesses[first] = replace(guesses[first], name="time", why="values")
+    for number, header in headers.items():
+        if guesses[number].name == "time" and not guesses[number].unit:
+            unsaid = () if _is_plausible(table, number, header.unit) else (NO_UNIT,)
+            guesses[number] = replace(guesses[number], unit=header.unit, doubts=unsaid)
 
 
 def not_numbers(table: Table) -> str:
@@ -158,6 +171,21 @@ def _parsed(text: str) -> ColumnHeader:
     name, _, unit = leaf.name.rpartition("_")
     stated = leaf.unit or leaf.channel or not name
     return leaf if stated or not (_kind_of_unit(unit) or converts(unit, "s")) else ColumnHeader(name, unit)
+
+
+def _is_clock(values: object) -> bool:
+    """Whether values grow by even steps, and do not count samples."""
+    steps = np.diff(np.asarray(values, dtype=float))
+    return len(steps) > 0 and 0.0 < steps.max() < _EVEN * steps.min() and not np.all(steps == 1.0)
+
+
+def _is_apart(table: Table, number: int, guesses: Mapping[int, ColumnGuess]) -> bool:
+    """Whether a column of times is of other moments than the column that was chosen as the time, but for their beginning."""
+    chosen = next((column for column, guess in guesses.items() if guess.name == "time"), number)
+    first, other = (
+        np.diff(np.asarray(table.columns[column].values, dtype=float)) for column in (chosen, number)
+    )
+    return not np.allclose(first, other, rtol=0.1, equal_nan=True)
 
 
 def _is_plausible(table: Table, number: int, unit: str) -> bool:
@@ -247,7 +275,7 @@ def proposed_masses(guesses: Iterable[ColumnGuess]) -> tuple[str, ...]:
     for guess in guesses:
         if not isinstance(guess.name, Channel) or not guess.name.is_motion or guess.name.place == BASE:
             continue
-        words = _words(ColumnHeader.parse(guess.header).leaf.name)
+        words = _words(_parsed(guess.header).name)
         words = [word for word in words if not (word.isdecimal() or word in _SENSORS or _kind_of_name(word))]
         names.append(words[-1] if words and guess.why else guess.name.place)
     return tuple(dict.fromkeys(names))
@@ -302,11 +330,9 @@ def _placeholders(table: Table, guesses: Sequence[ColumnGuess]) -> tuple[ColumnG
     columns = [column.values for column in table.columns if column.values is not None]
     for guess, values in zip(guesses, columns, strict=True):
         names = [other.name for other in (*placed, *guesses)]
-        steps = np.diff(np.asarray(values, dtype=float))
-        even = len(steps) > 0 and 0.0 < steps.max() < _EVEN * steps.min() and not np.all(steps == 1.0)
         if guess.name:
             placed.append(guess)
-        elif even and "time" not in names:
+        elif _is_clock(values) and "time" not in names:
             placed.append(replace(guess, name="time", why="values"))
         else:
             placed.append(replace(guess, name=Channel("x", _free_mass(names)), why=_NOTHING))

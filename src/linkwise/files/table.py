@@ -102,7 +102,9 @@ class Table:
 
 
 _UNIT = re.compile(r"^(.*?)\s*(?:\[([^\[\]]*)\]|\(([^():,]*)\))$", re.DOTALL)
-_QUOTIENT = re.compile(r"^(.*\S) / (\S+)$", re.DOTALL)  # as DIN 1313 writes a quantity over its unit
+_QUOTIENT = re.compile(
+    r"^(.*\S) (?:/|in) (\S+)$", re.DOTALL
+)  # as DIN 1313 writes a quantity: over its unit, or in it
 
 
 @dataclass(frozen=True)

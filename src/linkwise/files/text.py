@@ -168,7 +168,7 @@ def _encoding(content: bytes, path: Path) -> str:
 
 
 _COMMENTS = ("#", "%", "//")
-_NO_UNIT = ("", "-", "1", "none")
+_NO_UNIT = ("", "-", "1", "none", "unit", "units", "einheit", "einheiten")
 _PREAMBLE = 100  # lines searched for a header
 
 
@@ -201,7 +201,7 @@ def table_of(
     opening = lines[first].strip() if header is None else _uncommented(lines[header])
     dialect = Dialect.of(opening, body)
     cells = dialect.split(opening)
-    headers = [str(i + 1) for i in range(len(cells))] if header is None else cells
+    headers = [str(i + 1) for i in range(len(cells))] if header is None else list(map(_bracketed, cells))
     if header is not None and not headers[-1] and len(dialect.split(body[0])) == len(headers) - 1:
         headers.pop()  # a trailing delimiter in the header only
     data_lines += lines_before
@@ -226,13 +226,19 @@ def table_of(
     )
 
 
+def _bracketed(header: str) -> str:
+    """The header with its unit in brackets where it stands below a stroke without spaces, as in s1/mm."""
+    name, stroke, unit = header.partition("/")
+    return f"{name}[{unit}]" if name.strip() and stroke and "(" not in name and is_unit(unit) else header
+
+
 def _units(cells: list[str], headers: list[str]) -> list[str] | None:
     """The headers with the units that a line of `cells` below them states; None where it states none."""
     numbers = any(parse_number(cell) is not None for cell in cells if cell)
     if numbers or len(cells) != len(headers) or not any(cells):
         return None
-    bare = [cell.strip("[]() ") for cell in cells]
-    if not all(is_unit(unit) for unit in bare if unit not in _NO_UNIT):
+    bare = ["" if cell.lower() in _NO_UNIT else cell.strip("[]() ") for cell in cells]
+    if not any(bare) or not all(is_unit(unit) for unit in bare if unit not in _NO_UNIT):
         return None
     return [
         header if unit in _NO_UNIT or ColumnHeader.parse(header).unit else f"{header}[{unit}]"

@@ -153,7 +153,7 @@ def spectrum(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes drawn on: frequency in Hz, density in the unit of the channel per root Hz.
+        The axes drawn on: frequency in Hz, density per root Hz in the unit of the channel, with a prefix.
 
     Examples
     --------
@@ -164,7 +164,8 @@ def spectrum(
     'frequency, Hz'
     """
     spectrogram = Spectrogram.of(record.channel(name), record.rate)
-    density = np.sqrt(spectrogram.mean[1:-1])
+    factor, unit = scale(float(np.nanmax(np.abs(record.channel(name)), initial=0.0)), record.unit(name))
+    density = np.sqrt(spectrogram.mean[1:-1]) * factor
     color = SERIES[record.channels.index(name) % len(SERIES)]
     noisy = noise is not None and noise > 0.0 and bool(density.any())
     with axes_for(ax, legend=legend and noisy) as axes:
@@ -172,11 +173,11 @@ def spectrum(
             axes.plot(spectrogram.frequency[1:-1], density, color=color, lw=0.9, label=label(name))
             log_scale(axes, "y")
         if noise is not None and noisy:
-            level = noise * (2.0 / record.rate) ** 0.5
+            level = factor * noise * (2.0 / record.rate) ** 0.5
             axes.axhline(level, color=WELL if color != WELL else MEASURED, ls="--", lw=0.8, label="noise")
         axes.set(xlim=spectrogram.frequency[[1, -2]], xlabel="frequency, Hz")
         log_scale(axes, "x")
-        axes.set_ylabel(f"{literal(name)}\n{record.unit(name)}/√Hz")
+        axes.set_ylabel(f"{literal(name)}\n{unit}/√Hz")
     return axes
 
 

@@ -208,7 +208,7 @@ def prediction_spectrum(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes drawn on: frequency in Hz, and density in the square of the unit of the channel over Hz.
+        The axes drawn on: frequency in Hz, and density over Hz in the square of the unit of the channel, with a prefix.
 
     Raises
     ------
@@ -226,11 +226,14 @@ def prediction_spectrum(
     require_known("spectrum of", channel, validation.spectra, RecordError)
     spectrum, score = validation.spectra[channel], validation.channels[channel]
     noise = 2.0 * score.noise**2 / validation.record.rate
-    power = f"{score.unit}²" if score.unit.isalpha() else f"({score.unit})²"
+    factor, unit = scale(
+        float(np.nanmax(np.abs(validation.record.channel(channel)), initial=0.0)), score.unit
+    )
+    power = f"{unit}²" if unit.isalpha() else f"({unit})²"
     with axes_for(ax, legend=legend) as axes:
-        axes.plot(spectrum.frequency, spectrum.measured, color=MEASURED, lw=1.4, label="measured")
-        axes.plot(spectrum.frequency, spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
-        axes.axhline(noise, color=WELL, ls=(0, (4, 3)), lw=1.0, label="noise")
+        axes.plot(spectrum.frequency, factor**2 * spectrum.measured, color=MEASURED, lw=1.4, label="measured")
+        axes.plot(spectrum.frequency, factor**2 * spectrum.error, color=IDENTIFIED, lw=1.0, label="error")
+        axes.axhline(factor**2 * noise, color=WELL, ls=(0, (4, 3)), lw=1.0, label="noise")
         log_scale(axes, "y")
         axes.set(xlim=spectrum.frequency[[1, -1]], xlabel="frequency, Hz")
         log_scale(axes, "x")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -192,6 +192,43 @@ def in_units_of_figures(rows: Sequence[Sequence[str]], columns: slice) -> list[t
     return scaled
 
 
+_NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+_LENGTHS = re.compile(rf"(?<![\w.=^])({_NUMBER}(?:(?:, | to | and | ± | … ){_NUMBER})*) (m/s|m)(?![\w/^])")
+
+
+def lengths_as_in_figures(texts: Sequence[str]) -> list[str]:
+    """Texts with the lengths and velocities in them in the unit that figures of them have: 2.98 mm for 0.00298 m."""
+    sizes: dict[str, float] = {}
+    for match in (match for text in texts for match in _LENGTHS.finditer(text)):
+        largest = max(abs(float(number)) for number in re.findall(_NUMBER, match[1]))
+        sizes[match[2]] = max(sizes.get(match[2], 0.0), largest)
+
+    def shown(match: re.Match[str]) -> str:
+        factor, unit = style.scale(sizes[match[2]], match[2])
+        return f"{re.sub(_NUMBER, lambda number: _times(factor, number[0]), match[1])} {unit}"
+
+    return [_LENGTHS.sub(shown, text) for text in texts]
+
+
+def _times(factor: float, number: str) -> str:
+    """A number by a factor, with its digits."""
+    digits = len(number.partition("e")[0].replace(".", "").lstrip("-0")) or 1
+    return f"{factor * float(number):.{max(digits, 3)}g}"
+
+
+def _table_as_in_figures(rows: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
+    """A table with its lengths and velocities, by column, in the unit that figures of them have."""
+    columns = []
+    for title, *cells in zip(*rows, strict=True):
+        name, comma, unit = title.rpartition(", ")
+        if comma and unit in ("m", "m/s"):
+            scaled = lengths_as_in_figures([f"{cell} {unit}" for cell in cells])
+            cells = [cell.rpartition(" ")[0] for cell in scaled]
+            title = f"{name}, {scaled[0].rpartition(' ')[2] if scaled else unit}"
+        columns.append([title, *lengths_as_in_figures(cells)])
+    return list(zip(*columns, strict=True))
+
+
 _DESIGN = ("find the coefficients and masses at which the sinks absorb best (design).",)
 _FOLLOWING = {
     "Absorption": _DESIGN,
@@ -232,6 +269,12 @@ def sectioned(
     def page(reported: Reported[R], sections: Mapping[str, Section], pictures: Mapping[str, Markup]) -> str:
         result: Any = reported.result
         shown = head(result)
+        verdict, findings = map(lengths_as_in_figures, (shown.verdict, shown.findings))
+        shown = replace(shown, verdict=verdict, findings=findings)
+        sections = {
+            name: replace(section, rows=_table_as_in_figures(section.rows))
+            for name, section in sections.items()
+        }
         return rendered(
             "section_page.html.jinja",
             title=shown.title or (shown.structure and shown.structure.name) or "structure",

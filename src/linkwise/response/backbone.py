@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,11 @@ _LINEAR, _TRIALS = (
 _LONGEST = 0.08  # step along the curve
 _MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
-_DRAWS, _STATIONS = 60, 12  # of an answer, and points of its curve near which they have motions
+_DRAWS, _STATIONS, _FEWEST = (
+    60,
+    12,
+    3,
+)  # of an answer, and points of its curve, and of a piece, near which they have motions
 _FREQUENCY = 0.2  # of omega: its size
 
 
@@ -366,22 +371,26 @@ def _band(
     """The ends (P,) in Hz of the band that draws of an answer have at energies (P,) of its curve.
 
     Each draw has a motion across the curve near some of its points. What counts is the ratio of its frequency to that of the
-    curve at the same energy, by interpolation.
+    curve at the same energy, by interpolation, between two extremes of the energy along the curve.
     """
     hz = np.array([point.parameter for point in points])
-    stations = [points[k] for k in np.unique(np.linspace(0, len(points) - 1, _STATIONS).round().astype(int))]
-    ratios = []
-    for drawn in drawn_structures(posterior, _DRAWS, seed=0):
+    extremes = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
+    ratios = np.full((_DRAWS, len(points)), np.nan)
+    for row, drawn in zip(ratios, drawn_structures(posterior, _DRAWS, seed=0), strict=True):
         own = FreeMotion(drawn, free.integrator)
-        moved = [solve(own, point.unknowns, point.tangent) for point in stations]
-        found = [point for point in moved if point is not None]
-        at = np.array([own.energy(point) for point in found])
-        ratio = np.array([point.parameter for point in found]) / np.interp(at, energy, hz)
-        order = np.argsort(at)
-        ratios.append(
-            np.interp(energy, at[order], ratio[order]) if len(found) > 1 else np.full(len(hz), np.nan)
-        )
-    lower, upper = band_ends(np.array(ratios))
+        for first, last in pairwise([0, *extremes.tolist(), len(points) - 1]):
+            piece = slice(first, last + 1)
+            share = max(round(_STATIONS * (last - first) / (len(points) - 1)), _FEWEST)
+            stations = np.unique(np.linspace(first, last, share).round().astype(int))
+            moved = [solve(own, points[k].unknowns, points[k].tangent) for k in stations]
+            found = [point for point in moved if point is not None]
+            if len(found) > 1:
+                at = np.array([own.energy(point) for point in found])
+                rising = np.argsort(energy[piece])
+                there = np.interp(at, energy[piece][rising], hz[piece][rising])
+                ratio, order = np.array([point.parameter for point in found]) / there, np.argsort(at)
+                row[piece] = np.interp(energy[piece], at[order], ratio[order])
+    lower, upper = band_ends(ratios)
     return lower * hz / (2.0 * np.pi), upper * hz / (2.0 * np.pi)
 
 

@@ -2,8 +2,8 @@
 
 Each draw starts from the motion of the identified structure, moved as at the point before. Where a fold has moved, a draw
 has no motion at a frequency and is left out there. Stable motion alone has bands. A draw is solved for at some points of a
-branch; between them its ratio to the amplitude of the branch is interpolated, draw by draw: a quantile turns sharply where
-draws cross each other, each of them does not.
+branch; between them what its motion is off that of the branch is interpolated, draw by draw: a quantile turns sharply where
+draws cross each other, and an amplitude at an antiresonance; motion does not.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from linkwise.response.continuation import Point, solve
 from linkwise.response.options import ResponseOptions
 from linkwise.response.result import Branch
 from linkwise.response.search import Curve, repeats_sooner
-from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes
+from linkwise.response.shooting import PeriodicEquations, Shooting, half_height
 
 _DEVIATIONS = 1.96  # on either side: 95 % of normal draws
 _SAMPLES = 64  # of a turn
@@ -65,8 +65,10 @@ def _with_band(
     points = [curve.points[number][0] for number in at.tolist()]
     ways = [(b.unknowns - a.unknowns) / a.sizes for (a, _), (b, _) in pairwise(curve.points)]
     along = np.append(0.0, np.cumsum(np.linalg.norm(ways, axis=1)))
-    of_draws = (_drawn(curve.equations.of(one), points, rows) / branch.amplitude[at] for one in drawn)
-    lower, upper = band_ends(np.array([_everywhere(ratios, at, along) for ratios in of_draws]))
+    motions = np.array([_shown(curve.equations, point.unknowns, rows) for point, _ in curve.points])
+    of_draws = (_drawn(curve.equations.of(one), points, rows) - motions[at] for one in drawn)
+    ratios = [half_height(motions + _everywhere(off, at, along)) / branch.amplitude for off in of_draws]
+    lower, upper = band_ends(np.array(ratios))
     lower[~branch.stable] = upper[~branch.stable] = np.nan
     return replace(branch, lower=lower * branch.amplitude, upper=upper * branch.amplitude)
 
@@ -93,31 +95,35 @@ def band_ends(ratios: Floats) -> tuple[Floats, Floats]:
     return ends[0], ends[1]
 
 
-def _everywhere(ratios: Floats, at: Indices, along: Floats) -> Floats:
-    """(M, C) the ratios (P, C) of a draw at the points `at` of a curve at all its points, `along` it (M,); NaN near those at
-    which the draw has no motion.
+def _everywhere(off: Floats, at: Indices, along: Floats) -> Floats:
+    """(M, S, C) what the motion of a draw is off at all points of a curve, `along` it (M,), from what it is `off` (P, S, C)
+    at the points `at`; NaN near those at which the draw has no motion.
     """
-    known = np.isfinite(ratios).all(axis=1)
+    known = np.isfinite(off).all(axis=(1, 2))
     if known.sum() < 2:
-        return np.full((len(along), ratios.shape[1]), np.nan)
-    between = Akima1DInterpolator(along[at[known]], np.log(ratios[known]), method="makima", extrapolate=True)
+        return np.full((len(along), *off.shape[1:]), np.nan)
+    between = Akima1DInterpolator(along[at[known]], off[known], method="makima", extrapolate=True)
     near = np.interp(along, along[at], known) > 0.5
-    return np.where(near[:, None], np.exp(between(along)), np.nan)
+    return np.where(near[:, None, None], between(along), np.nan)
 
 
 def _drawn(equations: PeriodicEquations, points: Sequence[Point], rows: Floats) -> Floats:
-    """(P, C) the amplitudes of one draw at points of a curve, NaN where it has no motion near."""
-    values = np.full((len(points), len(rows)), np.nan)
+    """(P, S, C) the motions of one draw at points of a curve, NaN where it has none near."""
+    values = np.full((len(points), _SAMPLES * equations.turns, len(rows)), np.nan)
     moved = np.zeros(len(points[0].unknowns) - 1)
     for number, point in enumerate(points):
         unknowns = point.unknowns.copy()
         unknowns[:-1] += moved
         solved = _on_same_side(equations, point, unknowns)
         if solved is not None:
-            motion = equations.motion(solved, _SAMPLES)
-            values[number] = amplitudes(motion, rows, equations.turns)[0]
+            values[number] = _shown(equations, solved, rows)
         moved = 0.0 * moved if solved is None else solved[:-1] - point.unknowns[:-1]
     return values
+
+
+def _shown(equations: PeriodicEquations, unknowns: Floats, rows: Floats) -> Floats:
+    """(S, C) a motion over its period in channels that are `rows` (C, N) of states."""
+    return equations.motion(unknowns, _SAMPLES)[:-1] @ rows.T
 
 
 def _on_same_side(equations: PeriodicEquations, point: Point, unknowns: Floats) -> Floats | None:

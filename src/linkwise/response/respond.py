@@ -36,12 +36,16 @@ from linkwise.response.search import (
     IrregularMotion,
     LevelSearch,
     random_starts,
-    with_peak,
+    with_extremes,
 )
 from linkwise.response.shooting import PeriodicEquations, Shooting, amplitudes, channel_rows, driven_phase
 
 _FREQUENCIES = 12  # at which motions are looked for
-_HARMONICS = 25  # of harmonic balance, where laws have kinks
+_HARMONICS = 25  # of harmonic balance, where laws have kinks, or heyoka is missing
+_BALANCED = (
+    "Harmonic balance follows motions from rest: branches that do not pass there, as isolated ones, and motion that does not "
+    "repeat were not looked for."
+)
 _GROWN = 4  # frequencies at which harmonic balance follows motions from a small excitation on
 _MOST_WELLS = 6  # in which motions begin
 
@@ -113,7 +117,7 @@ def respond(
             search = _balanced(balance, before, within)
         else:
             search = _searched(Shooting(*driven, integrator), chosen, before, within)
-        before = [shown.with_peaks(curve) for curve in search.curves]
+        before = [shown.with_extremes(curve) for curve in search.curves]
         branches = [shown.branch(curve) for curve in before]
         if asked.posterior is not None:
             branches = banded(asked.posterior, before, branches, shown.rows, chosen)
@@ -125,7 +129,10 @@ def respond(
         )
     draws = 0 if asked.posterior is None else chosen.draws
     seconds = time.perf_counter() - started
-    return Response(structure, chosen.drive, shown.channels, tuple(levels), draws, seconds, basis=asked.basis)
+    remark = "" if integrator else _BALANCED
+    return Response(
+        structure, chosen.drive, shown.channels, tuple(levels), draws, seconds, None, asked.basis, remark
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of motions from states at random that diverge
@@ -238,10 +245,10 @@ class _Shown:
         base, _ = equations.base(omega, phases)
         return self.asked.farthest(structure.elongations(motion[:, : structure.size], base))
 
-    def with_peaks(self, curve: Curve) -> Curve:
-        """The curve with points at the peak of each channel."""
+    def with_extremes(self, curve: Curve) -> Curve:
+        """The curve with points at the peak and the antiresonances of each channel."""
         for column in range(len(self.rows)):
-            curve = with_peak(curve, partial(self._amplitude, curve.equations, column))
+            curve = with_extremes(curve, partial(self._amplitude, curve.equations, column))
         return curve
 
     def _amplitude(self, equations: PeriodicEquations, column: int, point: Point) -> float:

@@ -168,6 +168,8 @@ class Response(JudgedView):
         Points of a record beside the curves.
     basis : Basis
         The answer that the structure comes from.
+    remark : str
+        What the method does not look for; empty for shooting.
 
     Examples
     --------
@@ -187,6 +189,7 @@ class Response(JudgedView):
     seconds: float = 0.0
     measured: MeasuredPoints | None = None
     basis: Basis = UNGRADED
+    remark: str = ""
 
     def beside(self, record: Record) -> Response:
         """The same with the points of a stepped or slowly swept sine.
@@ -216,8 +219,9 @@ class Response(JudgedView):
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """Where the curves leave the range of the record, and where motion is not periodic, in sentences."""
-        return tuple(sentence for level in self.levels for sentence in _findings(self, level))
+        """Where the curves leave the range of the record, where motion is not periodic, and what was not looked for."""
+        findings = (sentence for level in self.levels for sentence in _findings(self, level))
+        return (*findings, *([self.remark] if self.remark else []))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data.

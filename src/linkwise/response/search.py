@@ -38,6 +38,7 @@ _WILD = 100.0  # multiplier from which a motion is one of the endless unstable o
 _BRANCH_STEPS = (_LONGEST, _LONGEST / 4, _LONGEST / 16)  # onto another curve
 _MOST_CURVES, _MOST_POINTS = 24, 600  # at a level, and of a curve each way
 _PEAK_STEPS, _PEAK = 4, 1e-6  # parabolas to a peak, and the part of a step that a further one must move it
+_SHARP = 1.01  # amplitude beside a minimum over that there: of an antiresonance, which steps along the curve pass over
 _EXPONENT_TURNS = 200
 _REGULAR = 3e-3  # growth in a turn: a motion whose neighbours come nearer faster is still settling
 _CHAOTIC = 1e-2  # the same of one whose neighbours part
@@ -196,31 +197,49 @@ def whole_curve(equations: PeriodicEquations, start: Point) -> Curve:
     return Curve(equations, tuple(_confirmed(equations, marked)), closed)
 
 
-def with_peak(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
-    """The curve with points at the largest of a smooth `amplitude`, where that is inside, by parabolas."""
+def with_extremes(curve: Curve, amplitude: Callable[[Point], float]) -> Curve:
+    """The curve with points at the largest of a smooth `amplitude`, where that is inside, and at its antiresonances."""
     points = list(curve.points)
     values = [amplitude(point) for point, _ in points]
+    top = int(np.argmax(values))
+    sharp = [
+        number
+        for number, (before, here, after) in enumerate(zip(values, values[1:], values[2:], strict=False), 1)
+        if here < min(before, after) and _SHARP * here < max(before, after)
+    ]
+    for number in sorted([top, *sharp], reverse=True):  # points that are added do not move those before them
+        # about an antiresonance the square of an amplitude is a parabola
+        height = amplitude if number == top else lambda point: -(amplitude(point) ** 2)
+        _add_vertex(curve.equations, points, number, height)
+    return replace(curve, points=tuple(points))
+
+
+def _add_vertex(
+    equations: PeriodicEquations, points: list[tuple[Point, str]], top: int, height: Callable[[Point], float]
+) -> None:
+    """Add points of a curve beside the highest one, `top`, by parabolas, until they move it no further."""
     for _ in range(_PEAK_STEPS):
-        top = int(np.argmax(values))
         if not 0 < top < len(points) - 1:
-            break
+            return
         three = [point for point, _ in points[top - 1 : top + 2]]
         lengths = [
             float(np.linalg.norm((b.unknowns - a.unknowns) / three[1].sizes)) for a, b in pairwise(three)
         ]
         if min(lengths) == 0.0:
-            break
-        way = _vertex(lengths, values[top - 1 : top + 2])
+            return
+        way = _vertex(lengths, [height(point) for point in three])
         first = top - 1 if way < 0.0 else top
         part = 1.0 + way / lengths[0] if way < 0.0 else way / lengths[1]
         if not _PEAK < part < 1.0 - _PEAK:
-            break
-        found = between(curve.equations, points[first][0], points[first + 1][0], part)
+            return
+        found = between(equations, points[first][0], points[first + 1][0], part)
         if found is None:
-            break
+            return
         points.insert(first + 1, (found, ""))
-        values.insert(first + 1, amplitude(found))
-    return replace(curve, points=tuple(points))
+        if height(found) > height(three[1]):
+            top = first + 1
+        elif way < 0.0:
+            top += 1
 
 
 def _vertex(lengths: Sequence[float], values: Sequence[float]) -> float:

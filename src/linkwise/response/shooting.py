@@ -37,7 +37,7 @@ _LEAST = 1e-12  # m: a motion that is smaller has this size
 
 
 def driven_phase(structure: Structure, drive: Drive) -> PhaseIntegrator | None:
-    """The compiled equations of a driven structure; None for laws with kinks."""
+    """The compiled equations of a driven structure; None for laws with kinks, and where heyoka is missing."""
     topology = structure.topology
     inputs = [(topology.weights(topology.index[drive.place]), drive.expression)]
     if drive.kind == FORCE and np.any(structure.base_incidence):
@@ -60,6 +60,11 @@ def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseInteg
             f'link "{link.name}"',
         )
     integrator = phase_integrator(shape)
+    if integrator is None:
+        raise SimulationError(
+            "free vibration of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
+            "wheels (Linux), or conda install heyoka.py"
+        )
     integrator.set_parameters(run_time_parameters(structure, integrator.layout))
     return integrator
 
@@ -180,22 +185,27 @@ def frequency_size(omega: float, bounds: tuple[float, float]) -> float:
 
 
 def amplitudes(motion: Floats, rows: Floats, turns: int) -> tuple[Floats, NDArray[np.complex128]]:
-    """Half of peak to peak (C,) and first harmonic (C,) of channels that are `rows` (C, N) of states (M + 1, N) over a period.
-
-    Peaks between samples are those of the trigonometric interpolation.
+    """Half of peak to peak (C,) and first harmonic (C,) of channels that are `rows` (C, N) of states (M + 1, N) over a
+    period.
     """
     values = motion[:-1] @ rows.T
-    spectrum = np.fft.rfft(values, axis=0)
-    fine = np.fft.irfft(spectrum, _FINER * len(values), axis=0) * _FINER
-    harmonic = 2.0 * spectrum[turns] / len(values)
-    return 0.5 * (_peak(fine) + _peak(-fine)), harmonic
+    return half_height(values), 2.0 * np.fft.rfft(values, axis=0)[turns] / len(values)
+
+
+def half_height(values: Floats) -> Floats:
+    """Half of peak to peak (..., C) of periodic samples (..., M, C): of their trigonometric interpolation."""
+    count = values.shape[-2]
+    fine = np.fft.irfft(np.fft.rfft(values, axis=-2), _FINER * count, axis=-2) * _FINER
+    return 0.5 * (_peak(fine) + _peak(-fine))
 
 
 def _peak(values: Floats) -> Floats:
-    """The largest value (C,) of periodic samples (M, C), by a parabola through the three about it."""
-    columns = np.arange(values.shape[1])
-    at = values.argmax(axis=0)
-    before, here, after = (values[(at + shift) % len(values), columns] for shift in (-1, 0, 1))
+    """The largest value (..., C) of periodic samples (..., M, C), by a parabola through the three about it."""
+    at = values.argmax(axis=-2, keepdims=True)
+    before, here, after = (
+        np.take_along_axis(values, (at + shift) % values.shape[-2], axis=-2)[..., 0, :]
+        for shift in (-1, 0, 1)
+    )
     slope, bend = 0.5 * (after - before), after - 2.0 * here + before
     with np.errstate(divide="ignore", invalid="ignore"):
         rise = np.where(bend < 0.0, -0.5 * slope**2 / bend, 0.0)

@@ -15,11 +15,10 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property, lru_cache
-from importlib.util import find_spec
+from functools import cache, cached_property, lru_cache
 from math import prod
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, Protocol
@@ -28,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import SimulationError
 from linkwise.expression import (
     FUNCTIONS,
     Call,
@@ -547,6 +545,17 @@ def _integer_power(base: Formula, exponent: int) -> Formula:
 _HOME = "linkwise.simulation.integrator"
 
 
+@cache
+def _kind() -> Callable[[SystemShape], CompiledSystem]:
+    """The class of systems that is available."""
+    kind: Callable[[SystemShape], CompiledSystem]
+    try:
+        kind = resolve_name(f"{_HOME}.taylor:HeyokaSystem")
+    except ImportError:  # no heyoka, or one whose libraries are not there
+        kind = resolve_name(f"{_HOME}.dop853:ScipySystem")
+    return kind
+
+
 def compiled_system(shape: SystemShape) -> CompiledSystem:
     """The compiled equations of a shape, kept for this thread."""
     return system_of_thread(shape, threading.get_ident())
@@ -555,17 +564,13 @@ def compiled_system(shape: SystemShape) -> CompiledSystem:
 @lru_cache(maxsize=128)
 def system_of_thread(shape: SystemShape, thread: Hashable) -> CompiledSystem:
     """The compiled equations of a shape for one thread."""
-    kind = "taylor:HeyokaSystem" if find_spec("heyoka") else "dop853:ScipySystem"
-    system: CompiledSystem = resolve_name(f"{_HOME}.{kind}")(shape)
-    return system
+    return _kind()(shape)
 
 
-def phase_integrator(shape: SystemShape) -> PhaseIntegrator:
-    """The equations of a shape without kinks over phase; SimulationError where heyoka, which integrates them, is missing."""
-    if find_spec("heyoka") is None:
-        raise SimulationError(
-            "periodic motion of smooth laws is computed with heyoka, which is not installed: pip install heyoka where it has "
-            "wheels (Linux), or conda install heyoka.py"
-        )
-    integrator: PhaseIntegrator = resolve_name(f"{_HOME}.taylor:HeyokaPhase")(shape)
-    return integrator
+def phase_integrator(shape: SystemShape) -> PhaseIntegrator | None:
+    """The equations of a shape without kinks over phase; None where heyoka, which integrates them, is missing."""
+    try:
+        kind: Callable[[SystemShape], PhaseIntegrator] = resolve_name(f"{_HOME}.taylor:HeyokaPhase")
+    except ImportError:
+        return None
+    return kind(shape)
