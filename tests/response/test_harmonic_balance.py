@@ -85,6 +85,6 @@ def test_smooth_laws_are_balanced_where_heyoka_is_missing(monkeypatch: pytest.Mo
     by_shooting, by_balance = (r.levels[0].branches[0].amplitude.max(axis=0) for r in (shot, balanced))
     np.testing.assert_allclose(by_balance, by_shooting, rtol=1e-6)
     assert not shot.findings and "were not looked for" in str(balanced)
-    monkeypatch.setattr("linkwise.response.free_motion.phase_integrator", lambda shape: None)
+    monkeypatch.setattr("linkwise.response.shooting.phase_integrator", lambda shape: None)
     with pytest.raises(SimulationError, match="heyoka"):
         lw.backbone(pair, 1, to_energy=1e-3)

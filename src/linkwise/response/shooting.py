@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Floats
-from linkwise.errors import StructureError
+from linkwise.errors import SimulationError, StructureError
 from linkwise.expression import Number
 from linkwise.model.structure import LinkShape, Structure
 from linkwise.records.channel import Channel
