@@ -382,10 +382,6 @@ class MaximumLikelihood(AskedFor, Estimator):
         """The kinds of errors that may be added."""
         return (self.admit,) if isinstance(self.admit, str) else self.admit
 
-    def _errors_to_find(self, records: Sequence[Record]) -> tuple[Term, ...]:
-        """The errors of sensors that are asked for, and those that the records state."""
-        return errors_to_find(records, self)
-
     def _in_motion(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of a structure whose masses move."""
         for record in records:
@@ -397,7 +393,7 @@ class MaximumLikelihood(AskedFor, Estimator):
                 )
                 require_supported(framed(record, structure, integrated=True).record, structure)
         structure = held_where_unseen(structure, records[0].channels)
-        errors = self._errors_to_find(records)
+        errors = errors_to_find(records, self)
         records, input_noise = with_noise_of_signals(records, self.input_noise or (), structure)
         if not self.ambient:
             require_force_scale(records, structure, unknown_gains(errors))
@@ -433,7 +429,7 @@ class MaximumLikelihood(AskedFor, Estimator):
 
     def _on_rig(self, records: Sequence[Record], structure: Structure, progress: Progress) -> Estimate:
         """The estimate of links alone on a rig, of which errors of sensors other than offsets are not found."""
-        errors, admitted = self._errors_to_find(records), self._admitted
+        errors, admitted = errors_to_find(records, self), self._admitted
         require_known_kinds(admitted)
         offsets = [one.channel for one in of_kind(errors, Offset)]
         requests = {

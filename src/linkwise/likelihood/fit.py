@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from math import inf, isinf
 from typing import TypeVar
@@ -174,12 +174,12 @@ class LikelihoodFit:
     noise_from_misfit: bool = False
     options: LikelihoodOptions = field(default_factory=LikelihoodOptions)
 
-    @property
+    @cached_property
     def values(self) -> Floats:
         """(p,) the estimates."""
         return self.optimum.point.theta
 
-    @property
+    @cached_property
     def segments(self) -> Segments:
         """The records in segments."""
         return self.optimum.segments
@@ -206,7 +206,7 @@ class LikelihoodFit:
         of_delays = (one for one in self.found if isinstance(one.term, Delay))
         return {one.term.channel: float(one.sizes[0]) for one in of_delays}
 
-    @property
+    @cached_property
     def misfit(self) -> Misfit:
         """The residuals and defects at the maximum."""
         return self.optimum.misfit

@@ -42,6 +42,7 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
+_TOGETHER = 24  # masses up to which they are tested with the other causes
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 _CHANCE = 16.0
@@ -163,9 +164,11 @@ class Lines:
         return cls(records, lines, looked_at, forces, hums) if lines else None
 
     def columns(self, optimum: Optimum) -> Iterator[Added]:
-        """A cosine and a sine in each record of each; none where the segments of an optimum do not tell their time."""
+        """A cosine and a sine in each record of each; none where the segments of an optimum do not tell their time, and of
+        many masses, whose other causes take all the memory that there is.
+        """
         segments = optimum.segments
-        if not _tells_time(segments, self.records):
+        if not _tells_time(segments, self.records) or len(segments.system.incidence) > _TOGETHER:
             return
         forces, units = _columns(optimum, self.records, self.forces)
         along = in_turn(forces.starts, forces.middles)

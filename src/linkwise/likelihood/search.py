@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -89,7 +90,7 @@ class Optimum:
     coloured: ColouredNoise | None = None
     of_white: Floats | None = None
 
-    @property
+    @cached_property
     def point(self) -> Iterate:
         """The unknowns."""
         return self.misfit.point

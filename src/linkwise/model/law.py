@@ -402,7 +402,7 @@ class Law:
     def __hash__(self) -> int:
         return hash(self.text)
 
-    @property
+    @cached_property
     def states(self) -> tuple[str, ...]:
         """Names of the states of a link with memory, in the order of all arrays."""
         return tuple(rate.name for rate in self.rates)

@@ -388,7 +388,7 @@ class Record(NotebookView):
         (mask := np.isnan(self.values)).setflags(write=False)
         return mask
 
-    @property
+    @cached_property
     def responses(self) -> tuple[Channel, ...]:
         """Channels that measure the motion of the masses, and the forces and states of links."""
         return tuple(channel for channel in self.channels if not channel.is_input)
@@ -426,8 +426,8 @@ class Record(NotebookView):
         tuple of Channel
             Those that there are.
         """
-        every = (Channel(kind, place) for kind in MOTIONS)
-        return tuple(channel for channel in every if channel in self.channels)
+        there = {channel.kind: channel for channel in self.channels if channel.place == place}
+        return tuple(there[kind] for kind in MOTIONS if kind in there)
 
     def unit(self, name: str) -> str:
         """SI unit of a channel.

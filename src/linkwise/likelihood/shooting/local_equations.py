@@ -69,7 +69,8 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
             _put(model, part, (first, second), shown)
             states = len(first.states), len(second.states)
             for corners, both in ((model.of_data, shown), (model.of_defects, moving)):
-                corner = _corners_of(both, states, pieces)
+                (a, b), (own_rows, other_rows) = states, both
+                corner = np.stack([_summed(own_rows[at, :, a:], other_rows[at, :, b:]) for at in pieces])
                 own_columns, others = first.border[: corner.shape[1]], second.border[: corner.shape[2]]
                 by_blocks = _by_blocks(corner, estimated[own_columns], estimated[others])
                 for at, own_places, other_places, added in by_blocks:
@@ -153,14 +154,6 @@ def _gradient(rows: NDArray[Any], missed: NDArray[Any]) -> NDArray[Any]:
     """(k, P) products of rows (k, ..., P) with what they leave (k, ...)."""
     k, size = len(rows), rows.shape[-1]
     return np.asarray((missed.reshape(k, 1, -1) @ rows.reshape(k, -1, size))[:, 0])
-
-
-def _corners_of(
-    rows: tuple[NDArray[Any], NDArray[Any]], states: tuple[int, int], pieces: Sequence[slice]
-) -> Floats:
-    """(b, q, q') products of the border in `rows` (k, r, a + q) and (k, r, b + q') of two groups, over pieces of a chunk."""
-    (first, second), (a, b) = rows, states
-    return np.stack([_summed(first[piece, :, a:], second[piece, :, b:]) for piece in pieces])
 
 
 def _common_rows(

@@ -321,7 +321,9 @@ class LocalRows:
             starts, middles = (
                 force.within(group.masses, group.links, group.memory, columns) for force in forces
             )
-            steps = march(_transfer(mechanics, group), starts, middles, *self._units(group, step, width))
+            inside = np.ix_(group.masses, group.links)
+            transfer = Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])
+            steps = march(transfer, starts, middles, *self._units(group, step, width))
             shown = self._shown_by(group, step)
             for number, tangent in enumerate(steps):
                 sample, between = divmod(number, segments.tangent_refine)
@@ -396,9 +398,3 @@ def as_slice(numbers: Indices) -> Indices | slice:
     if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1 and (np.diff(numbers) == 1).all():
         return slice(int(numbers[0]), int(numbers[-1]) + 1)
     return numbers
-
-
-def _transfer(mechanics: NumericSystem, group: Neighbourhood) -> Transfer:
-    """The part of the structure that a group reaches."""
-    inside = np.ix_(group.masses, group.links)
-    return Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])

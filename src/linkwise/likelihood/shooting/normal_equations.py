@@ -121,25 +121,6 @@ def add_errors_of_sensors(
         jacobian[:, :, channel, first + number] = column.T
 
 
-def tangents_of_channels(
-    motions: Sequence[Single],
-    kind: int,
-    channels: Indices,
-    sensors: Sensors,
-    point: Iterate,
-    rate: float | Floats,
-) -> Single:
-    """(c, P, k) tangents of what the `channels` of one `kind` show; those that are late to first order in the delay."""
-    rows = motions[kind][as_slice(sensors.mass[channels])]
-    late = sensors.delay[channels] >= 0 if kind < A and len(sensors.delay) else np.zeros(0, dtype=bool)
-    if late.any():
-        rows = rows.copy()
-    for number in np.flatnonzero(late).tolist():
-        delay, mass = point.delays[sensors.delay[channels[number]]], sensors.mass[channels[number]]
-        rows[number] -= (delay * rate * motions[kind + 1][mass]).astype(rows.dtype)
-    return rows
-
-
 def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:
     """What sensors show of random forces directly, in segments of one sample."""
     assert random.shown is not None
@@ -410,15 +391,9 @@ def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, sc
 
 def add_prior_curvature(matrix: Floats, prior: Prior, scales: Scales, parameters: int) -> Indices:
     """Add the priors to a square matrix: parameters come first in it, offsets, gains and delays last; gives their columns."""
-    columns = border_columns(scales, parameters, len(matrix))
-    matrix[columns, columns] += prior.curvature(scales.theta)
-    return columns
-
-
-def border_columns(scales: Scales, parameters: int, size: int) -> Indices:
-    """The columns in a border of a `size` of what `scales` are of: parameters come first in it, the others last."""
     columns = np.arange(len(scales.theta))
-    columns[parameters:] += size - len(columns)
+    columns[parameters:] += len(matrix) - len(columns)
+    matrix[columns, columns] += prior.curvature(scales.theta)
     return columns
 
 
@@ -480,20 +455,32 @@ def _put_marched(
     n, p = segments.system.incidence.shape[0], segments.system.parameters.size
     rates = (1.0, 1.0 / step, 1.0 / step**2, 1.0 / step**2, 1.0)
     shown = [
-        (kind, channels, as_slice(channels), (whiten[:, channels] * rates[kind]).astype(np.float32))
+        (
+            kind,
+            as_slice(sensors.mass[channels]),
+            _late(sensors, misfit.point, kind, channels),
+            as_slice(channels),
+            (whiten[:, channels] * rates[kind]).astype(np.float32),
+        )
         for kind in (X, V, A, F, S)
         if len(channels := np.flatnonzero(sensors.kind == kind))
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
     steps = tangents(mechanics, orbit, step, scales.state, scales.theta[:p], forces, inputs=inputs)
+    refine, before = segments.tangent_refine, segments.tangents_before
     for number, tangent in enumerate(steps):
-        sample, between = divmod(number - segments.tangents_before, segments.tangent_refine)
+        sample, between = divmod(number - before, refine)
         if tangent.acceleration is None or between:
             continue
-        motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
-        for kind, channels, places, factors in shown:
-            rows = tangents_of_channels(motions, kind, channels, sensors, misfit.point, rates[V])
+        motions: Sequence[Single] = tangent.shown()
+        if sensors.shapes is not None:
+            motions = shown_tangents(sensors, tangent, mechanics, orbit, number, (step, scales.theta))
+        for kind, sources, late, places, factors in shown:
+            rows = motions[kind][sources]
+            rows = rows.copy() if late else rows
+            for channel, delay, mass in late:
+                rows[channel] -= (delay * rates[V] * motions[kind + 1][mass]).astype(rows.dtype)
             whitened = (rows * factors[sample, :, None]).transpose(2, 0, 1)
             _put(jacobian, (slice(None), sample, places), whitened, columns)
     ends = np.zeros((len(jacobian), segments.system.dimension, jacobian.shape[-1] - 1))
@@ -501,6 +488,18 @@ def _put_marched(
     for own, change in zip((slice(0, n), slice(n, 2 * n), slice(2 * n, None)), moved, strict=True):
         _put(ends, (slice(None), own), change.transpose(2, 0, 1), columns)
     return ends
+
+
+def _late(
+    sensors: Sensors, point: Iterate, kind: int, channels: Indices
+) -> list[tuple[int, np.floating[Any], int]]:
+    """Of `channels` of one kind those that are late: the place among them, the delay in s to first order, and the mass."""
+    if kind >= A or not len(sensors.delay):
+        return []
+    late = ((place, int(channel)) for place, channel in enumerate(channels) if sensors.delay[channel] >= 0)
+    return [
+        (place, point.delays[sensors.delay[channel]], int(sensors.mass[channel])) for place, channel in late
+    ]
 
 
 def _acting(

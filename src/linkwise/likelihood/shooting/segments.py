@@ -102,20 +102,20 @@ class Sensors:
         """Unknown constant offsets."""
         return int(self.offset.max(initial=-1)) + 1
 
-    @property
+    @cached_property
     def offsets(self) -> int:
         """Unknown offsets: constant ones, then sizes of waveforms."""
         return self.constants + self.waveforms
 
-    @property
+    @cached_property
     def gains(self) -> int:
         return int(self.gain.shape[1])
 
-    @property
+    @cached_property
     def delays(self) -> int:
         return max(int(self.delay.max(initial=-1)) + 1, self.late_inputs)
 
-    @property
+    @cached_property
     def unknowns(self) -> int:
         """Unknown offsets, gains and delays."""
         return self.offsets + self.gains + self.delays
@@ -125,7 +125,7 @@ class Sensors:
         """Channels with an unknown delay."""
         return np.flatnonzero(self.delay >= 0)
 
-    @property
+    @cached_property
     def scaled(self) -> Indices:
         """Channels with an unknown gain."""
         return np.flatnonzero(self.gain.any(axis=1))
@@ -169,30 +169,30 @@ class Segments:
     clipped: ClippedReadings | None = None
     centred: bool = False
 
-    @property
+    @cached_property
     def at_samples(self) -> slice:
         """The steps of the flow at whose start there is a sample."""
         return slice(self.refine // 2 if self.centred else 0, self.steps, self.refine)
 
-    @property
+    @cached_property
     def tangents_before(self) -> int:
         """Steps of the tangents in a segment before its first sample."""
         return self.tangent_refine // 2 if self.centred else 0
 
-    @property
+    @cached_property
     def count(self) -> int:
         return int(self.samples.shape[-1])
 
-    @property
+    @cached_property
     def steps(self) -> int:
         return len(self.samples) * self.refine
 
-    @property
+    @cached_property
     def flow_steps_per_tangent(self) -> int:
         """Steps of the flow in one step of its tangents."""
         return self.refine // self.tangent_refine
 
-    @property
+    @cached_property
     def parameters(self) -> int:
         return int(self.system.parameters.size + self.sensors.unknowns)
 

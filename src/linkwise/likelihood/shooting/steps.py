@@ -199,25 +199,6 @@ def full_reduction(
     return float("inf") if attempt is None else attempt[1]
 
 
-def change_of_defects(linear: Linearization, nodes: Floats, border: Floats) -> Floats:
-    """What a step adds to the linearised defects.
-
-    Parameters
-    ----------
-    linear : Linearization
-        The linearised problem.
-    nodes, border : array of shape (K, m) and (p,)
-        The step in scaled unknowns.
-
-    Returns
-    -------
-    array of shape (K - 1, m)
-        The change.
-    """
-    change = linear.joined * nodes[1:] - (linear.state_ends @ nodes[:-1, :, None])[..., 0]
-    return np.asarray(change - linear.right_ends[..., :-1] @ border)
-
-
 def pull_of_defects(linear: Linearization, defects: Floats) -> tuple[Floats, Floats]:
     """What defects add to the gradient of the cost, which normal equations have on their right-hand side.
 
@@ -557,7 +538,8 @@ def _added_defects(linear: Linearization, misfit: Misfit, moved: Misfit, scales:
     nodes = ((moved.point.nodes - misfit.point.nodes) / scales.state[:, None]).T
     border = (moved.point.border - misfit.point.border) / scales.theta
     added = (moved.defects - misfit.defects).reshape(nodes.shape[1], -1).T
-    return np.asarray(added - change_of_defects(linear, nodes, border))
+    change = linear.joined * nodes[1:] - (linear.state_ends @ nodes[:-1, :, None])[..., 0]
+    return np.asarray(added - (change - linear.right_ends[..., :-1] @ border))
 
 
 def _with_defects(

@@ -55,12 +55,12 @@ class LawGroup:
     free: tuple[str, ...]
     lag: float | None = None
 
-    @property
+    @cached_property
     def states(self) -> slice:
         """Positions of the states of these links."""
         return slice(self.first_state, self.first_state + len(self.law.states) * self.size)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of links."""
         return int(self.links.stop - self.links.start)
@@ -76,10 +76,6 @@ class LawGroup:
         then of each rate.
         """
         return _slope_program(self.law, self.free, self.lag)
-
-    def slope_by(self, signal: int) -> Program:
-        """Program for the derivative of the force with respect to the signal at a position, from what `force` takes."""
-        return _slope_by_signal(self.law, self.law.signals[self.signals.index(signal)])
 
     @property
     def rows(self) -> slice:
@@ -263,7 +259,7 @@ class Parameters:
     lower: Floats
     upper: Floats
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of parameters p."""
         return len(self.names)
@@ -390,7 +386,7 @@ class System:
     shapes: ShapeParameters | None = None
     base_error: int | None = None
 
-    @property
+    @cached_property
     def dimension(self) -> int:
         """Displacements, velocities and states of links, 2n + S."""
         return 2 * len(self.incidence) + len(self.states)
@@ -671,5 +667,6 @@ class NumericSystem:
         for group, values in zip(self.system.groups, self._values, strict=True):
             if signal in group.signals:
                 which = group.which
-                (slopes[which],) = group.slope_by(signal)(d[which], v[which], *group.inside(states), *values)
+                slope = _slope_by_signal(group.law, group.law.signals[group.signals.index(signal)])
+                (slopes[which],) = slope(d[which], v[which], *group.inside(states), *values)
         return slopes
