@@ -21,7 +21,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (6, 1083),
     "files": (14, 1908),
     "identification": (14, 2414),
-    "inspection": (10, 1831),
+    "inspection": (10, 1833),
     "likelihood": (63, 13864),
     "modal": (5, 853),
     "model": (17, 2981),
