@@ -21,7 +21,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (6, 1083),
     "files": (14, 1930),
     "identification": (13, 2395),
-    "inspection": (10, 1870),
+    "inspection": (10, 1872),
     "likelihood": (63, 13979),
     "modal": (5, 853),
     "model": (17, 2981),

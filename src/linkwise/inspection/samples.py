@@ -251,6 +251,8 @@ def jumps(signal: ChannelSignal) -> Indices:
 def _spikes(signal: ChannelSignal) -> Indices:
     """The outliers that stand alone, not those at which the motion jumps or turns, as by dry friction or a stop."""
     values, rows = signal.filled, _outliers(signal)
+    if not len(rows):  # of a record shorter than the neighbours of a sample, too
+        return rows
     size = np.abs(_deviations(values))
     smooth = [row for row in rows.tolist() if _left_by_neighbours(values, row) < _ROUGH * size[row] ** 2]
     return np.array([row for row in smooth if _jump(values, row) is None], dtype=int)
