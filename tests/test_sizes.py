@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_936  # lines of all files of tests
+TESTS = 34_919  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -34,7 +34,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "signals": (6, 905),
     "simulation": (9, 1661),
     "sindy": (9, 1090),
-    "study": (10, 1510),
+    "study": (10, 1461),
     "weak": (11, 1872),
 }
 
