@@ -14,7 +14,7 @@ TESTS = 34_919  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2196),
     "analysis": (4, 522),
-    "cli": (20, 1866),
+    "cli": (20, 1853),
     "discovery": (18, 3511),
     "estimates": (7, 1438),
     "export": (8, 768),
