@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_919  # lines of all files of tests
+TESTS = 34_897  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -20,7 +20,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "export": (8, 768),
     "expression": (6, 1084),
     "files": (14, 1943),
-    "identification": (13, 2395),
+    "identification": (13, 2390),
     "inspection": (10, 1858),
     "likelihood": (63, 13864),
     "modal": (5, 867),
