@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1857),
     "records": (7, 1375),
     "report": (10, 997),
-    "response": (12, 1712),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (12, 1699),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (13, 997),
     "signals": (6, 905),
     "simulation": (9, 1661),
