@@ -74,7 +74,7 @@ def test_a_backbone_is_printed(chain_file: Path) -> None:
         (f"respond FILE {RANGE}", "On the command line: --force MASS=N or --base x|v|a=SIZE."),
         (f"respond FILE --force m1=0 {RANGE}", "must be positive, got 0.0. On the command line: --levels"),
         (f"respond FILE --base a=1 {RANGE}", 'no link has "base" as an end'),
-        (f"respond FILE --force m1=1 --show a:m1 {RANGE}", "On the command line: --show x:m1"),
+        (f"respond FILE --force m1=1 --show a:m1 {RANGE}", "On the command line: --show CHANNEL"),
         ("backbone FILE --mode 3", "there is no vibration in mode 3"),
         ("backbone FILE --mode 1 --to-amplitude x:m1=nan", "got nan. On the command line: --to-amplitude"),
         ("backbone FILE --mode 1 --to-amplitude x:m9=1", "unknown mass 'm9' in the end of a backbone"),

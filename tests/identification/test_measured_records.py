@@ -4,16 +4,14 @@ The figures are those of the records' own description: of the circuit, per mass,
 k2 = -6.37e3, k3 = 7.294e5, with a constant force of about 5 mV, and a free run of 0.3 mV for these coefficients.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from present import present, some
+from present import present
 from structures import asked_oscillator, link, structure
 
 import linkwise as lw
-from linkwise.cli import run
 
 pytestmark = pytest.mark.slow
 
@@ -81,23 +79,3 @@ def test_more_terms_explain_more_of_the_beam(beam: lw.Record) -> None:
     assert 30.0 < small < 42.05  # Hz: it hardens, and was driven near its resonance at 42.05 Hz
     # four standard deviations of the estimate, as tests/signals/test_noise.py has them
     assert fits[0].noise["x:m1"].sigma == pytest.approx(3.7e-7, rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("file", "asked"), [("silverbox_multisine.csv", CIRCUIT), ("magnet_beam_decay.csv", BEAM)]
-)
-def test_from_the_command_line(
-    shared_data: Path, tmp_path: Path, file: str, asked: lw.Structure, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Neither file is edited; the answer is written, and exit code 3 says that the laws leave more than noise."""
-    lw.write_structure(asked, tmp_path / "unknown.toml")
-    paths = [str(path) for path in (shared_data / file, tmp_path / "unknown.toml", tmp_path / "answer")]
-    assert run(["identify", *paths[:2], "--method", "weak", "-o", paths[2]]) == 3
-    assert "weak, chi-square off, NOT to be trusted" in capsys.readouterr().out
-    result = json.loads((tmp_path / "answer" / "result.json").read_text(encoding="utf-8"))
-    assert result["status"] == "chi-square off"
-    known = lw.read_structure(tmp_path / "answer" / "structure.toml")
-    assert known.parameters == ()
-    for answer in some(result["links"]):
-        values = {name: coefficient["value"] for name, coefficient in answer["coefficients"].items()}
-        assert known.link(answer["name"]).values == pytest.approx(values)

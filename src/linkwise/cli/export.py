@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -10,7 +9,7 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import note
-from linkwise.cli.options import FILE, STRUCTURE, grouped, listing, typed
+from linkwise.cli.options import FILE, STRUCTURE, listing
 from linkwise.export import answer as exports
 from linkwise.export import equations as motions
 from linkwise.export.fmu import compiler
@@ -23,27 +22,15 @@ def _formats() -> list[str]:
     return [*listed(exports.EXPORTS), "and of --equations", *listed(motions.EQUATIONS)]
 
 
-@dataclass(frozen=True)
-class FileOptions:
-    """Further files, and how what was written is said.
-
-    Parameters
-    ----------
-    equations : tuple[Path, ...]
-        Write the equations of motion, z' = f(t, z, u), with their Jacobian: .py, .m, .c or .fmu. May be repeated.
-    as_json : bool
-        Print the files written as JSON and nothing else.
-    """
-
-    equations: tuple[Path, ...] = typed("FILE", multiple=True, type=FILE)
-    as_json: bool = typed(None, "--json", is_flag=True)
+_EQUATIONS = "Write the equations of motion, z' = f(t, z, u), with their Jacobian: .py, .m, .c or .fmu. May be repeated."
 
 
 @click.command(cls=listing("FORMATS", _formats))
 @click.argument("answer", type=STRUCTURE)
 @click.argument("files", metavar="[FILE]...", nargs=-1, type=FILE)
-@grouped(FileOptions, "asked")
-def export(answer: Path, files: tuple[Path, ...], asked: FileOptions) -> int:
+@click.option("--equations", metavar="FILE", multiple=True, type=FILE, help=_EQUATIONS)
+@click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON and nothing else.")
+def export(answer: Path, files: tuple[Path, ...], equations: tuple[Path, ...], as_json: bool) -> int:
     """Write an answer for other programs, each FILE in the format of its suffix.
 
     ANSWER is the folder that identify or discover wrote, or a structure file in which every coefficient is a number.
@@ -60,7 +47,6 @@ def export(answer: Path, files: tuple[Path, ...], asked: FileOptions) -> int:
       linkwise export answer --equations motion.py
       linkwise export answer --equations motion.c --equations motion.fmu
     """
-    equations = asked.equations
     if not files and not equations:
         raise UsageError("nothing to write: name a FILE for forces and coefficients, or --equations FILE")
     for file in files:
@@ -74,7 +60,7 @@ def export(answer: Path, files: tuple[Path, ...], asked: FileOptions) -> int:
     written += [motions.export_equations(answer, file) for file in equations]
     if any(file.suffix.lower() == ".fmu" for file in equations) and compiler() is None:
         note("there is no C compiler here (CC, cc, gcc or clang), so that the unit has sources and no binary")
-    if asked.as_json:
+    if as_json:
         click.echo(to_json({"files": [str(file) for file in written]}))
     else:
         click.echo("\n".join(f"written to {file}" for file in written))

@@ -219,11 +219,9 @@ FLAGS = {
     "harmonic": "--from HZ --to HZ",
     "excitation": "--force MASS=N or --base x|v|a=SIZE",
     "levels": "--levels SIZE,SIZE",
-    "show": "--show x:m1",
     "plane": "--plane x:m2=-0.02:0.02,v:m2=-2:2",
     "end": "--to-amplitude x:m1=0.01 or --to-energy J",
     "within": "--within force=20 --within stroke=0.01",
-    "starts": "--starts N",
 }
 """Flag by name of the argument of a public function (`LinkwiseError.arguments`)."""
 

@@ -18,10 +18,10 @@ from linkwise.cli.options import (
     STRUCTURE,
     comma_separated,
     grouped,
+    method_options,
     number,
     numbers,
     ranges,
-    stated,
     typed,
     unstarted_is_usage,
 )
@@ -46,17 +46,6 @@ class HarmonicOptions:
         Highest frequency of the excitation.
     levels : tuple[str, ...]
         Amplitudes of the excitation in place of the one of --force or --base.
-    show : tuple[str, ...]
-        Displacements and velocities that are shown (default: the displacements of all masses and points).
-    starts : int | None
-        Simulations from states at random at each of several frequencies, in search of further motions (default 3).
-    seed : int | None
-        Seed of these states and of draws (default 0).
-    draws : int | None
-        Draws from an identified structure, for bands (default 100).
-    harmonics : int | None
-        Use harmonic balance with so many harmonics (default: 25 where a law has kinks or flat parts, as friction has,
-        else shooting).
     record : Path | None
         A record of a stepped or slowly swept sine, with its excitation, whose points are laid over the curves.
     mapping : Path | None
@@ -68,29 +57,21 @@ class HarmonicOptions:
     start: float = typed("HZ", "--from", type=POSITIVE, required=True)
     stop: float = typed("HZ", "--to", type=POSITIVE, required=True)
     levels: tuple[str, ...] = typed("SIZE,SIZE", multiple=True, callback=comma_separated)
-    show: tuple[str, ...] = typed("CHANNEL", multiple=True, callback=comma_separated)
-    starts: int | None = typed("N", type=click.IntRange(min=0))
-    seed: int | None = typed("N", type=click.IntRange(min=0))
-    draws: int | None = typed("N", type=click.IntRange(min=2))
-    harmonics: int | None = typed("N", type=click.IntRange(min=1))
     record: Path | None = typed("FILE", type=FILE)
     mapping: Path | None = typed("FILE", type=FILE)
 
     def keywords(self) -> dict[str, Any]:
-        """Keyword arguments of `linkwise.respond`."""
-        return {
-            **harmonic_excitation(self.force, self.base, (self.start, self.stop)),
-            "levels": tuple(number(size, "--levels", "0.5,1,2") for size in self.levels),
-            "show": self.show,
-            **stated({name: getattr(self, name) for name in ("starts", "seed", "draws", "harmonics")}),
-        }
+        """Keyword arguments of `linkwise.respond` for what drives the structure."""
+        levels = tuple(number(size, "--levels", "0.5,1,2") for size in self.levels)
+        return {**harmonic_excitation(self.force, self.base, (self.start, self.stop)), "levels": levels}
 
 
 @click.command()
 @click.argument("structure", type=STRUCTURE)
 @grouped(HarmonicOptions, "harmonic")
+@method_options(lw.response.ResponseOptions, "options")
 @answer_options(RESPONSE)
-def respond(structure: Path, harmonic: HarmonicOptions, delivery: Delivery) -> int:
+def respond(structure: Path, harmonic: HarmonicOptions, options: dict[str, Any], delivery: Delivery) -> int:
     """Compute the steady motion of STRUCTURE under a harmonic force or motion of its base, over frequency.
 
     The result holds every branch that was found, stable and unstable, with the frequencies at which motion jumps (folds),
@@ -106,7 +87,7 @@ def respond(structure: Path, harmonic: HarmonicOptions, delivery: Delivery) -> i
     """
     measured = None if harmonic.record is None else lw.read_record(harmonic.record, mapping=harmonic.mapping)
     with progress("steady motion") as step, unstarted_is_usage():
-        result = lw.respond(structure, progress=step, **harmonic.keywords())
+        result = lw.respond(structure, progress=step, **harmonic.keywords(), **options)
     result = result if measured is None else result.beside(measured)
     tell_grade(structure)
     tell_of_hosts(result.structure.hosts)

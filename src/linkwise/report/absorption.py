@@ -93,13 +93,15 @@ def _write_data(result: Answer, folder: Path) -> None:
     csv_table(folder / "crossings.csv", ("sink", "time"), crossings)
 
 
-ABSORPTION_FOLDER = sectioned(ABSORPTION, _head, _sections, _write_data)
+_FOLLOWING = ("find the coefficients and masses at which the sinks absorb best (design).",)
+ABSORPTION_FOLDER = sectioned(ABSORPTION, _head, _sections, _FOLLOWING, _write_data)
 """What `absorb` hands over of a comparison."""
 
 MAP_FOLDER: ResultFolder[AbsorptionMap] = sectioned(
     ABSORPTION,
     lambda swept: Head(map_headline(swept), swept.structure, swept.findings),
     lambda swept: {"map": Section("Map", rows=map_rows(swept), figure=partial(map_figure, swept))},
+    _FOLLOWING,
     _write_map,
 )
 """What `absorb` hands over of a sweep."""
@@ -132,6 +134,9 @@ DESIGN_FOLDER: ResultFolder[Design] = sectioned(
     DESIGN,
     lambda result: Head(design_headline(result), result.structure, result.findings),
     _design_sections,
+    [
+        "structure.toml is the best design: compare it with and without its sinks (absorb), or under a force (respond)."
+    ],
     _write_designs,
 )
 """What `design` hands over."""

@@ -305,5 +305,9 @@ COMPARISON_FOLDER: ResultFolder[Comparison] = sectioned(
     COMPARISON,
     lambda result: Head(result.head, result.best.structure, basis=Basis(result.grade, result.best.status)),
     _compared,
+    [
+        "predict a second record with structure.toml, the answer of maximum likelihood (validate).",
+        "add what is missing to the structure, and identify again.",
+    ],
 )
 """What `compare` hands over."""

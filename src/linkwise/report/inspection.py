@@ -120,5 +120,9 @@ def _head(inspection: Inspection) -> Head:
     return Head(verdict, title="Inspection")
 
 
-INSPECTION_FOLDER = sectioned(INSPECTION, _head, inspection_sections)
+_FOLLOWING = (
+    "identify a structure from the record (identify), or find its links (discover).",
+    "mend what the alerts name, or state it (--sensor), and inspect again.",
+)
+INSPECTION_FOLDER = sectioned(INSPECTION, _head, inspection_sections, _FOLLOWING)
 """What `inspect` hands over."""

@@ -229,42 +229,16 @@ def _table_as_in_figures(rows: Sequence[Sequence[str]]) -> list[tuple[str, ...]]
     return list(zip(*columns, strict=True))
 
 
-_DESIGN = ("find the coefficients and masses at which the sinks absorb best (design).",)
-_FOLLOWING = {
-    "Absorption": _DESIGN,
-    "AbsorptionIntervals": _DESIGN,
-    "AbsorptionMap": _DESIGN,
-    "Backbone": (
-        "lay a measured decay over the curve (backbone --levels), or compute what a force does (respond).",
-    ),
-    "Basins": ("compute what a force does there (respond).",),
-    "Comparison": (
-        "predict a second record with structure.toml, the answer of maximum likelihood (validate).",
-        "add what is missing to the structure, and identify again.",
-    ),
-    "Design": (
-        "structure.toml is the best design: compare it with and without its sinks (absorb), or under a force (respond).",
-    ),
-    "Inspection": (
-        "identify a structure from the record (identify), or find its links (discover).",
-        "mend what the alerts name, or state it (--sensor), and inspect again.",
-    ),
-    "Response": ("sweep slowly over a fold in a test and lay it over these curves (respond --record).",),
-    "Validation": (
-        "compute with the answer; respond, absorb, design and export take its folder.",
-        "see below where in the motion it fails, and identify again with what acts there.",
-    ),
-}
-"""What to do next by the type of a result; the last is for one that is not trusted."""
-
-
 def sectioned(
     mark: str,
     head: Callable[[R], Head],
     sections: Callable[[R], Mapping[str, Section]],
+    following: Sequence[str],
     data: Callable[[R, Path], None] = lambda result, folder: None,
 ) -> ResultFolder[R]:
-    """The folder of a result whose page is its head and its sections, HTML that carries everything in itself."""
+    """The folder of a result whose page is its head and its sections, HTML that carries everything in itself; `following` is
+    what to do next, the last for a result that is not trusted.
+    """
 
     def page(reported: Reported[R], sections: Mapping[str, Section], pictures: Mapping[str, Markup]) -> str:
         result: Any = reported.result
@@ -281,7 +255,7 @@ def sectioned(
             head=shown,
             grade=result.grade.value,
             basis=result.basis.remark,
-            following=_FOLLOWING[type(result).__name__][0 if result.trusted else -1],
+            following=following[0 if result.trusted else -1],
             sections=sections,
             pictures=pictures,
             structure="" if shown.structure is None else format_structure(shown.structure),

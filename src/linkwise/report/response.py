@@ -79,6 +79,7 @@ RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
     RESPONSE,
     lambda result: Head((*headline(result), *_largest(result)), result.structure, result.findings),
     amplitude_sections,
+    ["sweep slowly over a fold in a test and lay it over these curves (respond --record)."],
     _write_data,
 )
 """What `respond` hands over."""
@@ -104,6 +105,7 @@ BACKBONE_FOLDER: ResultFolder[Backbone] = sectioned(
     BACKBONE,
     lambda result: Head(backbone_headline(result), result.structure, result.findings),
     _curve,
+    ["lay a measured decay over the curve (backbone --levels), or compute what a force does (respond)."],
     _write_backbone_data,
 )
 """What `backbone` hands over."""
@@ -126,6 +128,7 @@ BASINS_FOLDER: ResultFolder[Basins] = sectioned(
     BASINS,
     lambda result: Head(basins_headline(result), result.structure),
     _plane,
+    ["compute what a force does there (respond)."],
     _write_basins_data,
 )
 """What `basins` hands over."""

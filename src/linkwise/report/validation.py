@@ -77,6 +77,10 @@ VALIDATION_FOLDER: ResultFolder[Validation] = sectioned(
     VALIDATION,
     lambda result: Head(headline(result), result.structure),
     _sections,
+    [
+        "compute with the answer; respond, absorb, design and export take its folder.",
+        "see below where in the motion it fails, and identify again with what acts there.",
+    ],
     _write_data,
 )
 """What `validate` hands over."""

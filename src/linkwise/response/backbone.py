@@ -252,27 +252,20 @@ def backbone_headline(result: Backbone) -> tuple[str, ...]:
 
 def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     """Some points: frequency, energy and amplitudes."""
-    amplitude = (f"{name}, {unit_in(result.structure, name)}" for name in result.channels)
-    bands = (
-        []
-        if result.lower is None or result.upper is None
-        else list(zip(result.lower, result.upper, strict=True))
-    )
-    titles = ("Hz", *(["95 % band"] if bands else []), "energy, J", *amplitude)
     which = np.unique(np.linspace(0, len(result.hz) - 1, count).round().astype(int))
-    rows = [
-        (
-            f"{result.hz[k]:.5g}",
-            *(
-                "{:.5g} to {:.5g}".format(*ends) if np.isfinite(ends).all() else "-"
-                for ends in bands[k : k + 1]
-            ),
-            f"{result.energy[k]:.3g}",
-            *(f"{value:.4g}" for value in result.amplitude[k].tolist()),
-        )
-        for k in which.tolist()
+    bands = []
+    if result.lower is not None and result.upper is not None:
+        ends = np.stack([result.lower, result.upper], axis=1)[which]
+        texts = ("{:.5g} to {:.5g}".format(*own) if np.isfinite(own).all() else "-" for own in ends)
+        bands = [("95 % band", *texts)]
+    columns = [
+        ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
+        *bands,
+        ("energy, J", *(f"{energy:.3g}" for energy in result.energy[which])),
     ]
-    return [titles, *rows]
+    for name, values in zip(result.channels, result.amplitude[which].T, strict=True):
+        columns.append((f"{name}, {unit_in(result.structure, name)}", *(f"{value:.4g}" for value in values)))
+    return list(zip(*columns, strict=True))
 
 
 def backbone(

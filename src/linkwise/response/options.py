@@ -176,17 +176,16 @@ class ResponseOptions:
     levels : sequence of float
         Amplitudes in place of the one that `force` or `base` gives.
     show : sequence of str
-        Displacements and velocities whose amplitude is shown, such as ``"x:m2"``. By default the displacements of all masses
-        and points.
+        Displacements and velocities whose amplitude is shown (default: the displacements of all masses and points).
     starts : int
-        Simulations from states at random, at each of several frequencies, in search of further motions.
+        Simulations from states at random, at each of several frequencies, in search of further motions (default 3).
     seed : int
-        Seed of these states, and of draws.
+        Seed of these states, and of draws (default 0).
     draws : int
-        Draws from the posterior of an answer, from which bands are made.
+        Draws from the posterior of an answer, from which bands are made (default 100).
     harmonics : int
-        Use harmonic balance with so many harmonics. By default, 0, it is used with 25 where a law has kinks or flat parts, as
-        friction has, and shooting everywhere else.
+        Use harmonic balance with so many harmonics (default: 25 where a law has kinks or flat parts, as friction has, else
+        shooting).
 
     Raises
     ------
@@ -204,11 +203,11 @@ class ResponseOptions:
     force: Mapping[str, float] | None = None
     base: Mapping[str, float] | None = None
     levels: Sequence[float] = ()
-    show: Sequence[str] = ()
-    starts: int = 3
-    seed: int = 0
-    draws: int = 100
-    harmonics: int = 0
+    show: Sequence[str] = field(default=(), metadata={"typed": "CHANNEL"})
+    starts: int = field(default=3, metadata={"typed": "N"})
+    seed: int = field(default=0, metadata={"typed": "N"})
+    draws: int = field(default=100, metadata={"typed": "N"})
+    harmonics: int = field(default=0, metadata={"typed": "N"})
 
     def __post_init__(self) -> None:
         given = [(FORCE, self.force), ("base", self.base)]

@@ -313,15 +313,10 @@ def headline(response: Response) -> tuple[str, ...]:
 
 def peak_rows(response: Response) -> list[tuple[str, ...]]:
     """For each branch its frequencies, largest amplitude of each channel, and bifurcations."""
-    titles = (
-        "level",
-        "branch",
-        "Hz",
-        *(f"largest {channel}" for channel in response.channels),
-        "bifurcations (Hz)",
-    )
-    rows = [titles]
+    largest = (f"largest {channel}" for channel in response.channels)
+    rows = [("level", "branch", "Hz", *largest, "bifurcations (Hz)")]
     for level in response.levels:
+        size = f"{level.size:g} {response.drive.unit}"
         for number, branch in enumerate(level.branches, start=1):
             # unstable motion, which no test shows, counts where there is no other
             shown = branch.stable | ~branch.stable.any()
@@ -332,15 +327,7 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
             ]
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
-            rows.append(
-                (
-                    f"{level.size:g} {response.drive.unit}",
-                    name,
-                    span,
-                    *cells,
-                    _bifurcation_text(branch) or "-",
-                )
-            )
+            rows.append((size, name, span, *cells, _bifurcation_text(branch) or "-"))
     return rows
 
 

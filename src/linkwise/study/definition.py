@@ -30,7 +30,6 @@ from linkwise.study.methods import (
     LinkByLink,
     MonomialMethod,
     PhysicsInformedMethod,
-    PySindyMethod,
     SindyMethod,
     StudyMethod,
 )
@@ -284,7 +283,6 @@ METHOD_KINDS: dict[str, type[StudyMethod]] = {
     "physics-informed": PhysicsInformedMethod,
     "discover": DiscoveryMethod,
     "sindy": SindyMethod,
-    "pysindy": PySindyMethod,
     "monomial": MonomialMethod,
 }
 """The class of each kind of method in a study file."""

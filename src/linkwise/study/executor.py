@@ -156,13 +156,18 @@ class Timing:
         """Whether a case of the same cell was run."""
         return self._counts[case.cell] > 0
 
-    def expected(self, case: Case) -> float:
-        """The expected time of a case in s: the mean of its cell.
+    def expected(self, cell: CellKey) -> float:
+        """The expected time in s of a case of a cell: the mean of those that were run.
 
         Without such, the mean of the same method (or any) on the largest structure so far, times the square of the ratio of
         masses.
         """
-        return self._expected(case.cell)
+        if self._counts[cell]:
+            return self._seconds[cell] / self._counts[cell]
+        known = [other for other in self._counts if other[2] == cell[2]] or list(self._counts)
+        largest = max((self._masses[structure] for structure, _, _ in known), default=1)
+        means = [self.expected(other) for other in known if self._masses[other[0]] == largest]
+        return sum(means) / max(len(means), 1) * (self._masses[cell[0]] / largest) ** 2
 
     @property
     def rate(self) -> float:
@@ -177,19 +182,11 @@ class Timing:
     @property
     def work(self) -> float:
         """The expected time in s of a single worker for all pending cases."""
-        return sum(count * self._expected(cell) for cell, count in self._left.items() if count)
+        return sum(count * self.expected(cell) for cell, count in self._left.items() if count)
 
     def _record(self, cell: CellKey, seconds: float) -> None:
         self._seconds[cell] += seconds
         self._counts[cell] += 1
-
-    def _expected(self, cell: CellKey) -> float:
-        if self._counts[cell]:
-            return self._seconds[cell] / self._counts[cell]
-        known = [other for other in self._counts if other[2] == cell[2]] or list(self._counts)
-        largest = max((self._masses[structure] for structure, _, _ in known), default=1)
-        means = [self._expected(other) for other in known if self._masses[other[0]] == largest]
-        return sum(means) / max(len(means), 1) * (self._masses[cell[0]] / largest) ** 2
 
 
 def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
@@ -198,13 +195,13 @@ def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[
     A case of a cell that was never timed, and a case in `alone`, makes a batch of its own.
     """
     chosen = [pending.popleft()]
-    total = timing.expected(chosen[0])
+    total = timing.expected(chosen[0].cell)
 
     def single(case: Case) -> bool:
         return case in alone or not timing.known(case)
 
     while pending and not single(chosen[0]) and not single(pending[0]):
-        total += timing.expected(pending[0])
+        total += timing.expected(pending[0].cell)
         if total > seconds:
             break
         chosen.append(pending.popleft())

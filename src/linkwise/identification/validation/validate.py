@@ -352,17 +352,6 @@ def _in_motion(
     return samples, prediction, (ahead + frame.shown, variance), named
 
 
-def _on_rig(
-    scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
-) -> _Predicted:
-    """The same of links along the recorded motion of a rig, whose states are estimated from the samples of the burn alone."""
-    samples = _burn_samples(scored, burn)
-    prediction, noise = _rig_prediction(scored, given, samples, law_error)
-    progress(ProgressReport(1.0, "forces along the motion"))
-    variance = np.where(np.isnan(prediction.predicted), np.nan, prediction.variances.sum(axis=1))
-    return samples, prediction, (prediction.predicted, variance), noise
-
-
 def _unscored(record: Record, scored: Record) -> tuple[str, ...]:
     """A sentence on responses that no prediction is compared with."""
     unscored = [name for name in record.responses if name not in scored.channels]
@@ -428,31 +417,32 @@ def _rig_channels(record: Record, structure: Structure) -> Record:
     return record.select([BASE_CHANNEL, *shown])
 
 
-def _rig_prediction(
-    record: Record, given: ValidatedAnswer, burn: int, law_error: float
-) -> tuple[Prediction, dict[str, float]]:
-    """The forces by the laws, with states at the start from the first `burn` samples, and the noise by channel.
+def _on_rig(
+    scored: Record, given: ValidatedAnswer, burn: float | None, law_error: float, progress: Progress
+) -> _Predicted:
+    """The same of links along the recorded motion of a rig, whose states are estimated from the samples of the burn alone.
 
-    That noise is of the load cell and of the motion, along which the forces are computed.
+    Noise is that of the load cell and of the recorded motion beside it.
     """
+    samples = _burn_samples(scored, burn)
     structure = given.structure
     try:
-        forces = rig_forces(record, structure)
+        forces = rig_forces(scored, structure)
     except IdentificationError as error:
         raise RecordError(str(error)) from None
-    noise = cell_noise([record], structure)
+    noise = cell_noise([scored], structure)
     free, theta, known = given.uncertain
     problem = RigProblem(free, (forces,)).with_substeps(_SUBSTEPS)
-    minimum, covariance = _started(RigProblem(structure, (forces,)).with_substeps(_SUBSTEPS), noise, burn)
+    minimum, covariance = _started(RigProblem(structure, (forces,)).with_substeps(_SUBSTEPS), noise, samples)
     minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
-    count, cells = len(record), len(problem.links)
+    count, cells = len(scored), len(problem.links)
     slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
     of_states = slopes[..., len(theta) :], covariance
     of_coefficients = slopes[..., : len(theta)], known
     moved = motion_deviations(problem, minimum).reshape(cells, count)
     every = problem.records[0].motion.substeps
     predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
-    predicted[:burn] = np.nan
+    predicted[:samples] = np.nan
     spread = np.zeros((count, cells)) + law_error * np.nanstd(predicted, axis=0)
     motion = problem.records[0].motion
     prediction = Prediction(
@@ -465,7 +455,9 @@ def _rig_prediction(
         cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))
         for number, link in enumerate(problem.links)
     }
-    return prediction, levels
+    progress(ProgressReport(1.0, "forces along the motion"))
+    variance = np.where(np.isnan(predicted), np.nan, prediction.variances.sum(axis=1))
+    return samples, prediction, (predicted, variance), levels
 
 
 def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
