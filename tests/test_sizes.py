@@ -34,7 +34,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "signals": (6, 831),
     "simulation": (9, 1648),
     "sindy": (9, 1063),
-    "study": (10, 1459),
+    "study": (10, 1508),
     "weak": (11, 1741),
 }
 

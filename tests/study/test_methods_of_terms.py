@@ -1,5 +1,6 @@
 """Methods that look for terms: discovery and SINDy, and how their answers are judged."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import linkwise as lw
 from linkwise.study.definition import parse_study
 from linkwise.study.methods import (
     DiscoveryMethod,
+    PySindyMethod,
     SindyMethod,
     judged,
 )
@@ -62,7 +64,20 @@ def test_a_link_is_judged_by_its_ends_in_either_order(between: str, subject: Sub
     assert links["nes1"] == pytest.approx(lw.nmse(CHAIN.link("nes1"), weaker, subject.simulate()), rel=1e-8)
 
 
-@pytest.mark.parametrize("kind", ["discover", "sindy"])
+def test_pysindy_is_named_where_it_is_missing(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pysindy", None)  # as if it were not installed
+    short = Subject("short", CHAIN, duration=0.01, rate=1000.0, release={"v:m1": 1.0})
+    driven = Subject("driven", CHAIN, duration=1.0, rate=500.0, forces={"m1": "sin(30*t)"})
+    for given, message in (
+        (subject, r"need the library pysindy; .*'linkwise\[peers\]'"),
+        (short, "11 samples are too few for smoothed differences over 11"),
+        (driven, "take no inputs, and the record has force:m1"),
+    ):
+        with pytest.raises(lw.IdentificationError, match=message):
+            PySindyMethod("peer").evaluate(given, given.simulate(), snr_db=40.0, seed=1)
+
+
+@pytest.mark.parametrize("kind", ["discover", "sindy", "pysindy"])
 def test_what_is_not_masses_on_links_is_refused(kind: str) -> None:
     joint = named("joint", "m1-ground", "bouc-wen", k=500.0, c=1.0, F=5.0, x0=5e-3, s=0.6)
     subject = Subject("joint", structure({"m1": 1.0}, joint), duration=1.0, rate=500.0, release={"v:m1": 1.0})
@@ -77,6 +92,7 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
         'kind = "discover"\nname = "few"\nterms = "linear, d**3"': DiscoveryMethod("few", "linear, d**3"),
         'kind = "sindy"': SindyMethod("sindy, links"),
         'kind = "sindy"\nname = "cut"\nthreshold = 0.05': SindyMethod("cut", threshold=0.05),
+        'kind = "pysindy"\nwindow = 15': PySindyMethod("pysindy", window=15),
         'kind = "sindy"\nlibrary = "monomials"\norder = 2\nregressor = "l1"\nderivative = "savgol"': None,
     }
     text = HEAD + "".join(f"[[method]]\n{table}\n" for table in tables)
@@ -85,13 +101,14 @@ def test_tables_make_methods_and_documents_make_them_again() -> None:
         made == expected or expected is None
         for made, expected in zip(study.methods, tables.values(), strict=True)
     )
-    assert study.methods[4].name == "sindy, monomials"
+    assert study.methods[5].name == "sindy, monomials"
     documents = [study.method(method.name).document() for method in study.methods]
     assert [each["kind"] for each in documents] == [
         "discover",
         "discover",
         "sindy",
         "sindy",
+        "pysindy",
         "sindy",
     ]
-    assert "threshold" not in documents[4] and documents[3]["threshold"] == 0.05
+    assert "threshold" not in documents[5] and documents[3]["threshold"] == 0.05

@@ -143,7 +143,7 @@ def test_the_documented_study_is_one() -> None:
     study = parse_study(page.partition("```toml\n")[2].partition("```")[0], "studies-and-clusters.md", Path())
     assert study.first_seed == 1 and study.cycles == 50 and study.quick == 3
     told = ["ml", "physics-informed", "all monomials"]
-    assert [method.name for method in study.methods] == [*told, "discover", "sindy, links"]
+    assert [method.name for method in study.methods] == [*told, "discover", "sindy, links", "pysindy"]
     assert study.subjects[0].judged_links == ("nes1", "nes2")
     for name in some(re.findall(r"\blw\.([\w.]+)", page)):
         assert attrgetter(name)(lw) is not None

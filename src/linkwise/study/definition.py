@@ -30,6 +30,7 @@ from linkwise.study.methods import (
     LinkByLink,
     MonomialMethod,
     PhysicsInformedMethod,
+    PySindyMethod,
     SindyMethod,
     StudyMethod,
 )
@@ -283,6 +284,7 @@ METHOD_KINDS: dict[str, type[StudyMethod]] = {
     "physics-informed": PhysicsInformedMethod,
     "discover": DiscoveryMethod,
     "sindy": SindyMethod,
+    "pysindy": PySindyMethod,
     "monomial": MonomialMethod,
 }
 """The class of each kind of method in a study file."""

@@ -1,11 +1,13 @@
 """The methods of a study: those that identify the coefficients of links, those that look for terms, discovery, the paper's
-monomials and SINDy, and how what they find compares with the true links and terms.
+monomials, SINDy and PySINDy (extra [peers]), and how what they find compares with the true links and terms.
 """
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
 from functools import lru_cache
+from importlib import import_module
 from time import perf_counter
 from typing import Annotated, Any, ClassVar, Literal, final
 
@@ -30,7 +32,7 @@ from linkwise.signals.states import differentiate
 from linkwise.sindy.conventions import Convention, noisy_states
 from linkwise.sindy.estimate import MAX_UNEXPLAINED, PhysicsInformedSindy
 from linkwise.sindy.force_reading import Reading, monomial_force, monomial_nmse
-from linkwise.sindy.library import link_columns, monomial_equations, tags
+from linkwise.sindy.library import Monomials, link_columns, monomial_equations, tags
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.linear_system import StreamedSystem
@@ -422,12 +424,7 @@ class SindyMethod(StudyMethod, frozen=True):
         inputs = {(f"x{named[mass]}''", f"f{named[mass]}") for mass in states.driven}
         truth = true_monomials(subject.true_structure) | inputs
         chosen = {(target, name) for target in targets for name in fit.terms(target)}
-        terms = {
-            "right": len(truth & chosen),
-            "missing": len(truth - chosen),
-            "extra": len(chosen - truth),
-        }
-        return _of_sindy(float(fit.residual.max()), seconds, terms=terms)
+        return _of_sindy(float(fit.residual.max()), seconds, terms=_counted(truth, chosen))
 
 
 def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
@@ -435,3 +432,74 @@ def _of_sindy(unexplained: float, seconds: float, **found: Any) -> MethodResult:
     verdict = Verdict.UNEXPLAINED_FORCES if unexplained > MAX_UNEXPLAINED else Verdict.CONVERGED
     reason = verdict.value if verdict.forbids else ""
     return MethodResult(status=verdict.status, seconds=seconds, reason=reason, **found)
+
+
+def _counted(truth: set[tuple[str, str]], chosen: set[tuple[str, str]]) -> dict[str, int]:
+    """The numbers of monomials as a row has them."""
+    return {"right": len(truth & chosen), "missing": len(truth - chosen), "extra": len(chosen - truth)}
+
+
+_KIND = 'methods of the kind "pysindy"'
+_RIDGE = 1e-6  # its own, 0.05, would bend columns of norm 1
+
+
+@final
+class PySindyMethod(StudyMethod, frozen=True):
+    """An equation for each mass in all monomials of all states up to `order`, by PySINDy.
+
+    Velocities and accelerations are its smoothed differences over `window` samples, states are scaled to a standard deviation
+    of 1 and columns and accelerations to a norm of 1, so that its `threshold` is a share of the right-hand side, which is how
+    its users make a threshold mean the same in every equation. Threshold and window are by default those of PySINDy.
+    """
+
+    looks_for_terms: ClassVar[bool] = True
+
+    order: Order = 3
+    threshold: Threshold = 0.1
+    window: Annotated[int, msgspec.Meta(ge=3)] = 11
+    kind: Literal["pysindy"] = "pysindy"
+
+    def evaluate(self, subject: Subject, clean: Record, snr_db: float, seed: int) -> MethodResult:
+        masses_alone(subject, _KIND)
+        record = subject.measured(clean).with_noise(snr_db, seed=seed)
+        if record.inputs:
+            raise IdentificationError(
+                f'{_KIND} take no inputs, and the record has {", ".join(record.inputs)}; use the kind "sindy"'
+            )
+        if len(record) <= self.window:
+            few = f"{len(record)} samples are too few"
+            raise IdentificationError(f"{few} for smoothed differences over {self.window}")
+        library = _pysindy()
+        masses, started = subject.true_structure.mass_names, perf_counter()
+        tagged = tags(masses)
+        smoother = {"window_length": self.window, "polyorder": min(3, self.window - 1)}
+        smooth = library.SmoothedFiniteDifference(smoother_kws=smoother)
+        x = np.column_stack([record.channel(f"x:{mass}") for mass in masses])
+        v = np.asarray(smooth(x, record.step))
+        a = np.asarray(smooth(v, record.step))
+        names = Monomials(tuple(f"{kind}{tag}" for tag in tagged for kind in "xv"), self.order).names
+        states = np.stack([x, v], axis=2).reshape(len(x), -1)
+        with warnings.catch_warnings():  # where nothing is left of an equation it warns and goes on
+            warnings.simplefilter("ignore")
+            scaled = states / np.std(states, axis=0)
+            columns = np.asarray(library.PolynomialLibrary(degree=self.order).fit_transform(scaled))
+            targets = a / np.linalg.norm(a, axis=0)
+            optimizer = library.STLSQ(threshold=self.threshold, alpha=_RIDGE, normalize_columns=True)
+            optimizer.fit(columns, targets)
+        left = np.linalg.norm(targets - columns @ optimizer.coef_.T, axis=0)
+        seconds = perf_counter() - started
+        chosen = {
+            (f"x{tag}''", names[column])
+            for tag, equation in zip(tagged, optimizer.coef_, strict=True)
+            for column in np.flatnonzero(equation)
+        }
+        truth = true_monomials(subject.true_structure)
+        return _of_sindy(float(left.max()), seconds, terms=_counted(truth, chosen))
+
+
+def _pysindy() -> Any:
+    try:
+        return import_module("pysindy")
+    except ModuleNotFoundError as error:
+        message = f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
+        raise IdentificationError(message) from error
