@@ -8,14 +8,14 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_247  # lines of all files of tests
+TESTS = 35_263  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2211),
     "analysis": (4, 522),
     "cli": (20, 1873),
-    "discovery": (18, 3511),
+    "discovery": (18, 3542),
     "estimates": (7, 1438),
     "export": (8, 768),
     "expression": (6, 1084),
