@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (10, 2196),
     "analysis": (4, 506),
     "cli": (20, 1860),
-    "discovery": (18, 3511),
+    "discovery": (18, 3542),
     "estimates": (7, 1429),
     "export": (9, 784),
     "expression": (6, 1083),
@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (9, 1648),
     "sindy": (9, 1063),
     "study": (10, 1508),
-    "weak": (11, 1741),
+    "weak": (11, 1743),
 }
 
 

@@ -38,12 +38,28 @@ def test_a_calibration_widens_what_rests_on_it() -> None:
 
 
 @pytest.mark.slow
-def test_an_admitted_error_is_found_with_the_structure() -> None:
+def test_an_error_is_found_with_the_structure_admitted_or_not() -> None:
     faulty = changed(1.1 * record().channel("x:m2"))
-    assert any('admit="gain"' in remark for remark in lw.discover(faulty, MASSES).remarks)
-    discovery = lw.discover(faulty, MASSES, admit=["gain"])
-    assert_discovered(discovery, lw.bnes_chain(2))
-    assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
+    by_itself, admitted = lw.discover(faulty, MASSES), lw.discover(faulty, MASSES, admit=["gain"])
+    for discovery in (by_itself, admitted):
+        assert_discovered(discovery, lw.bnes_chain(2))
+        assert any("estimated with the other unknowns" in finding for finding in discovery.estimate.findings)
+    (gain,) = by_itself.estimate.added
+    assert (gain.kind, gain.where, admitted.estimate.added) == ("gain", "x:m2", ())
+    assert gain.size == pytest.approx(0.1, abs=4.0 * gain.standard_error)
+
+
+@pytest.mark.slow
+def test_no_error_stands_for_a_term_that_is_not_offered() -> None:
+    masses = {"m1": 1.0, "m2": 0.3}
+    truth = lw.rig(
+        masses,
+        {"leaf": "m1 - ground: k*d + c*v", "joint": "m2 - m1: k*d + k5*d**5 + c*v"},
+        {"leaf.k": 900.0, "leaf.c": 1.5, "joint.k": 400.0, "joint.k5": 3e8, "joint.c": 0.5},
+    )
+    shaken = lw.simulate(truth, forces={"m1": "8*sin(2*pi*(2 + 0.8*t)*t)"}, duration=4.0, rate=200.0)
+    discovery = lw.discover(shaken.with_noise(45.0, seed=1), masses, terms="v, d, d**3")
+    assert not discovery.trusted and not discovery.estimate.added
 
 
 @pytest.mark.slow

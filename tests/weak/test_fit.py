@@ -168,7 +168,7 @@ def gone(record: lw.Record, missing: slice, column: int | slice) -> lw.Record:
         (gone(chain_record(2, duration=1.0), slice(None), slice(None)), "too many samples are missing|no sample"),
         (
             chain_record(2, duration=1.0, sensors=("a",)),
-            r"needs displacements, and the record has a:m1, a:m2",
+            r"neighbours, and the record has a:m1, a:m2: give x:m1, x:m2, or map",
         ),
         (
             chain_record(2, duration=1.0).select(["x:m1"]),

@@ -424,9 +424,9 @@ class DiscoveryOptions(AskedFor):
         Channels recorded by a device with a clock of its own, as of `MaximumLikelihood`, likewise.
     harmonics : mapping of str to float or sequence of float
         Frequencies in Hz of harmonic forces that no channel shows, by mass, as of `MaximumLikelihood`.
-    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock"}
+    admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
-        diagnosis names.
+        diagnosis names. By default two at most, and where they leave only noise.
     ambient : sequence of str or mapping of str to float or None
         Masses on which a random force acts that no channel shows, as of `MaximumLikelihood`: every fit of the search counts
         them in.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -31,10 +31,16 @@ from linkwise.discovery.term_parameters import select_with_parameters
 from linkwise.discovery.terms import USUAL
 from linkwise.errors import IdentificationError, options_given
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.explained import answer_with_sensors
+from linkwise.likelihood.explained import (
+    WHITE,
+    answer_with_sensors,
+    as_found,
+    distinct_error,
+    explained,
+)
 from linkwise.likelihood.fit import LikelihoodFit, with_denoised
 from linkwise.likelihood.harmonics import harmonic_forces, with_harmonics
-from linkwise.likelihood.options import LikelihoodOptions, errors_to_find
+from linkwise.likelihood.options import LikelihoodOptions, errors_to_find, with_error
 from linkwise.likelihood.problem import require_force_scale
 from linkwise.likelihood.random_forces import (
     random_forces,
@@ -63,11 +69,12 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.force_window import with_force_windows
-from linkwise.verdict import Verdict, admit_intervals
+from linkwise.verdict import Grade, Verdict, admit_intervals
 
 _SCREENED = 0.1  # of the progress, when the screen is done
 _SEARCHED = 0.99  # of the progress, when a selection is judged
 _LOOSE = 0.1  # relative deviation of the gain of a force
+_ERRORS = 2  # of sensors, that are added at most by themselves: each takes a search
 _MEMORY = 0.03  # of the forces, left without memory, from which it is looked for where it was not offered
 
 
@@ -178,10 +185,51 @@ def discover(
         return found[fit]
 
     driven, sensors = with_harmonics(search, records, sensors)
-    discovery = answer_with_sensors(search, driven, sensors, chosen.admit, report, finish=lambda fit, _: fit)
+
+    def answered(options: LikelihoodOptions) -> Discovery:
+        return answer_with_sensors(search, driven, options, chosen.admit, report, finish=lambda fit, _: fit)
+
+    discovery = answered(sensors)
+    if not (chosen.admit or sensors.random or candidates.memory):
+        discovery = _beside_errors(discovery, answered, sensors, driven)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))
     return replace(discovery, estimate=estimate, seconds=seconds)
+
+
+def _beside_errors(
+    stated: Discovery,
+    answered: Callable[[LikelihoodOptions], Discovery],
+    options: LikelihoodOptions,
+    records: Sequence[Record],
+) -> Discovery:
+    """The discovery as `stated`, or that beside errors of sensors which its diagnosis names, where they leave only noise."""
+
+    def beside(rung: _Rung) -> _Rung | None:
+        error = distinct_error(rung.discovery.estimate.diagnosis)
+        wider = None if error is None else with_error(rung.options, error, records[0])
+        if error is None or wider is None:
+            return None
+        try:
+            return _Rung(wider, answered(wider), (*rung.added, error))
+        except IdentificationError:
+            return None
+
+    first = _Rung(options, stated, ())
+    last = first if stated.grade is Grade.EXPLAINED else explained(first, beside, _ERRORS)
+    estimate = last.discovery.estimate
+    white = (estimate.chi_square_per_sample or 0.0) < WHITE
+    if last is first or last.discovery.grade is not Grade.EXPLAINED or not white:
+        return stated
+    return replace(last.discovery, estimate=replace(estimate, added=as_found(last.added, estimate)))
+
+
+class _Rung(NamedTuple):
+    """A discovery by some options, with the errors that were `added` to those stated."""
+
+    options: LikelihoodOptions
+    discovery: Discovery
+    added: tuple[Cause, ...]
 
 
 def _sensors(chosen: DiscoveryOptions, records: Sequence[Record], structure: Structure) -> LikelihoodOptions:

@@ -83,7 +83,7 @@ _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
 _CALIBRATED = (
     0.2  # relative: what sensors are off by, of which the record does not tell which, to the first order
 )
-_WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
+WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
 _BY_HITS = (
     3.0  # standard deviations of an impulse by few samples: a scale that is off by more is no matter of these
 )
@@ -138,7 +138,7 @@ def answer_with_sensors(
         rung: tuple[LikelihoodOptions, Answer, bool],
     ) -> tuple[LikelihoodOptions, Answer, bool] | None:
         options, answer, interrupted = rung
-        error = None if interrupted else _distinct_error(answer.diagnosis)
+        error = None if interrupted else distinct_error(answer.diagnosis)
         if error is None or error.kind.removeprefix(OF_FORCE) not in admitted:
             return None
         wider = with_error(options, error, records[0])
@@ -147,7 +147,7 @@ def answer_with_sensors(
     return explained(answered(options), beside, len(ERRORS) * len(records[0].channels))[1]
 
 
-def _distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
+def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
     """The first error of a sensor or a force in a diagnosis that can be estimated; None where others explain as much."""
     instruments = [cause for cause in diagnosis if cause.is_instrument and cause.kind != "input noise"]
     if not instruments or not is_admissible(instruments[0]):
@@ -205,12 +205,12 @@ class _Model:
         """Its answer, with the sizes of what was added as they were found, and what clocks leave open in its covariance."""
         changes = self._of_open_clocks
         covariance = self.answer.covariance + np.outer(changes, changes)
-        return replace(self.answer, added=_as_found(self.added, self.answer), covariance=covariance)
+        return replace(self.answer, added=as_found(self.added, self.answer), covariance=covariance)
 
     @property
     def is_explained(self) -> bool:
         """Whether noise alone is left, and beside what was added white noise: correlated noise may hold what is missing."""
-        white = not self.added or (self.answer.chi_square_per_sample or 0.0) < _WHITE
+        white = not self.added or (self.answer.chi_square_per_sample or 0.0) < WHITE
         return white and self.answer.grade is Grade.EXPLAINED
 
     @property
@@ -662,7 +662,7 @@ def _first_error(model: _Model) -> _Rung | None:
     calibrated = known_to_within(options.errors, sigmas) if gains else None
     if calibrated is not None:
         return replace(options, errors=calibrated), tuple(replace(gain, known_within=most) for gain in gains)
-    first = _distinct_error(current.diagnosis)
+    first = distinct_error(current.diagnosis)
     if first is None or first is not line or first.kind.endswith("gain"):
         return None  # a scale is that of a sensor, a force or a mass: none of them is told from the others
     if options.random and first.kind.endswith("delay"):
@@ -700,7 +700,7 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
     return tuple(named.get(name, replace(first, where=name, size=0.0)) for name in record.responses)
 
 
-def _as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
+def as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
     """What was added, with the sizes and standard errors of the answer beside it."""
     errors: Sequence[SensorErrorEstimate] = answer.sensor_errors
     found, sizes = {(error.kind, error.channel): error for error in errors}, []

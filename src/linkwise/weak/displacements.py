@@ -28,6 +28,7 @@ from linkwise.signals.states import drift_frequency, highpass, integral, smoothe
 _INDEPENDENT = 1e-4  # of the largest singular value of shapes of unit length: sensors that tell less of a mode tell noise
 _QUADRATURE_ERROR = 1e-5  # of the motion: error of the sums that approximate integrals of a smooth motion
 _NOISE_FREE = 1e-3  # of the motion (60 dB): smaller noise is neglected when a window is chosen
+_SHOWN = 4  # channels that a message lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +113,9 @@ def read_displacements(record: Record, structure: Structure) -> MeasuredDisplace
     measured = has_channel[:-1]
     if not measured[: len(structure.places)].any():
         raise IdentificationError(
-            f"the weak form needs displacements, and the record has {', '.join(record.channels)}: give a channel x:MASS, "
-            "or map a column of the file to one (`channels`)",
+            "the weak form needs the displacement of a mass and of all its neighbours, and the record has "
+            f"{', '.join(record.channels)}: give {', '.join(names[: len(structure.places)][:_SHOWN])}, or map columns of the "
+            "file to them (`channels`)",
             arguments=("channels",),
         )
     unmeasured = [name for name in names[len(structure.places) : -1] if name not in record.channels]
