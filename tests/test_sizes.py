@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (9, 1661),
     "sindy": (9, 1090),
     "study": (10, 1510),
-    "weak": (11, 1741),
+    "weak": (11, 1761),
 }
 
 
