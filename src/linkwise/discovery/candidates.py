@@ -25,7 +25,7 @@ from linkwise.discovery.terms import (
 from linkwise.errors import IdentificationError, LinkwiseError, StructureError, expect
 from linkwise.expression import Number
 from linkwise.likelihood.options import AskedFor, AskedKeywords
-from linkwise.likelihood.random_forces import Deviations
+from linkwise.likelihood.terms import Stated
 from linkwise.likelihood.tests.score_test import CandidateForce
 from linkwise.model.coefficient import Coefficient, check_unique
 from linkwise.model.host import Host
@@ -380,7 +380,7 @@ def _mass(name: str, value: float | str) -> Mass:
     return Mass(name, number, unit)
 
 
-def _copied(stated: Deviations) -> Deviations:
+def _copied(stated: Stated) -> Stated:
     """What was stated of random forces, so that it stays as it is; what is neither is refused where it is used."""
     if isinstance(stated, Mapping):
         return dict(stated)

@@ -21,8 +21,8 @@ from linkwise.arrays import Floats, Indices
 from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
-from linkwise.likelihood.starts.kalman import filtered, tuned_modes
-from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of
+from linkwise.likelihood.starts.kalman import CHANGES, likeliest_change, tuned_modes
+from linkwise.likelihood.starts.linear_part import LinearPart, samples_of
 from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
@@ -43,9 +43,8 @@ _REWEIGHTINGS = 2  # rounds of weighting the masses by their residuals
 _RIDGE = 1e-10  # of the unit diagonal: just above rounding
 _OVERLAP = 2.0  # windows overlap, so that sums of squares count every sample about twice
 _TRIED = 2000  # samples that decide which links there are
-# of a force over a sample, relative to its size: tried one after the other
-_CHANGES = 10.0 ** np.arange(-3.0, 2.0)
-_ALLOWED = 1e-3  # of the size of accelerations: white forces on the modes, which keep the filter steady
+# of the size of accelerations: small white forces on modes and masses, for what is wrong with the host
+_ALLOWED = 1e-2
 _MOST = 12  # links that are added
 _TOGETHER = 12  # masses up to which all candidates are regressed at once, without the first screen
 _ALL_LINKS = 0.8  # of the screen mass by mass: the part in which all links are on offer
@@ -237,20 +236,8 @@ def _shown_links(
 def _evidence(record: Record, linear: LinearPart, noise: Mapping[str, float], links: Sequence[int]) -> float:
     """Log likelihood of the samples with random forces in `links` alone, of the likeliest rate of their change."""
     part = replace(linear, open=tuple(links))
-    samples, inputs = samples_of(record, part), inputs_of(record)
-    size, best = linear.structure.size, -np.inf
-    for change in _CHANGES if links else _CHANGES[:1]:
-        model = part.model(record, noise, float(change))
-        # a small white random force on each mode and mass, for what is wrong with the host
-        x, v = np.sqrt(model.first.diagonal()[[0, size]])
-        process, rows = model.process.copy(), np.arange(size, 2 * size)
-        process[rows, rows] += (_ALLOWED * v**2 / x * record.step) ** 2
-        bounds = model.noise[len(model.noise) - len(links) :]  # of elongations, which are no samples
-        with np.errstate(all="ignore"):
-            likelihood = filtered(replace(model, process=process), samples, inputs).log_likelihood
-            evidence = likelihood + 0.5 * len(samples) * float(np.log(bounds).sum())
-        best = max(best, evidence) if np.isfinite(evidence) else best
-    return best
+    with np.errstate(all="ignore"):
+        return likeliest_change(record, part, noise, CHANGES[1:-1] if links else CHANGES[:1], _ALLOWED)[0]
 
 
 # times as many as additions one by one select, and so many more, that elimination may leave where it has not failed

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.terms import Disturbance, HighPass, Term, late_beside_clocks
+from linkwise.likelihood.terms import Disturbance, HighPass, Stated, Term, late_beside_clocks
 from linkwise.model.law import Law, LinkState
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.named_laws import LAG
@@ -44,8 +43,6 @@ _HELD_STATE = Law.parse("-z", {"z": LinkState("0*rate*z", unit="N")})
 """Law of a link to the ground that carries a force; the force is constant within a segment."""
 
 _OF_BASE = (f"x:{BASE}", f"a:{BASE}")
-
-Deviations: TypeAlias = str | Sequence[str] | Mapping[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ class RandomForce:
 
 
 def random_forces(
-    ambient: Deviations, input_noise: Deviations, record: Record, structure: Structure
+    ambient: Stated, input_noise: Stated, record: Record, structure: Structure
 ) -> tuple[RandomForce, ...]:
     """The random forces that a user states, in the order of the masses, that of the base last.
 
@@ -159,8 +156,8 @@ def random_forces(
 
 
 def with_noise_of_signals(
-    records: Sequence[Record], input_noise: Deviations, structure: Structure
-) -> tuple[list[Record], Deviations]:
+    records: Sequence[Record], input_noise: Stated, structure: Structure
+) -> tuple[list[Record], Stated]:
     """The records with what is stated of the noise of signals in laws, which intervals allow for, and the rest of it.
 
     What is not stated is that which the records show. Raises IdentificationError for a deviation that is not positive.
@@ -251,7 +248,7 @@ def _require_white(channel: str, record: Record, structure: Structure) -> None:
         )
 
 
-def _by_name(given: Deviations, names: Sequence[str]) -> dict[str, float | None]:
+def _by_name(given: Stated, names: Sequence[str]) -> dict[str, float | None]:
     expect("ambient and input_noise", given, str, Mapping, tuple, list)
     if isinstance(given, str):
         given = (given,)

@@ -307,7 +307,8 @@ def judged(fit: RigFit, causes: Sequence[Cause]) -> tuple[Verdict, str, float]:
             "jump.",
             0.0,
         )
-    share = _share(fit)
+    measured = float(np.nanstd(fit.problem.measured))
+    share = fit.model_force / measured if fit.model_force > 0.0 else 0.0
     verdict, words = _found(fit, causes, share)
     to_within = format_percent(share) if share > 0.0 else "the noise of force and displacement"
     return verdict, f"The laws explain the forces to within {to_within}{words}", share
@@ -337,13 +338,6 @@ def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict,
             "compared for that."
         )
     return Verdict.CONVERGED, "."
-
-
-def _share(fit: RigFit) -> float:
-    """Model error over the root mean square of the forces about their mean."""
-    if fit.model_force == 0.0:
-        return 0.0
-    return fit.model_force / float(np.nanstd(fit.problem.measured))
 
 
 _GAIN = 25.0  # in -2 log likelihood: five standard deviations

@@ -213,18 +213,22 @@ _TRIED = 2000  # samples that decide how fast the forces of links change
 _TUNED = 4000  # samples that the frequencies of modes are tuned to
 _ROUGH = 0.05  # relative size of a change of a frequency or damping without a prior
 _DIFFERENCE, _STEPS = 1e-3, 12  # of the search for them
-_CHANGES = 10.0 ** np.arange(
-    -4.0, 3.0
-)  # of a force over a sample, relative to its size: tried one after the other
+CHANGES: Floats = 10.0 ** np.arange(-4.0, 3.0)
+"""Of a force over a sample, relative to its size: tried one after the other."""
 
 
-def likeliest_change(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> tuple[float, float]:
-    """The log likelihood, and by how much the forces of open links then change in a sample, relative to their size."""
+def likeliest_change(
+    record: Record, linear: LinearPart, sigma: Mapping[str, float], tried: Floats = CHANGES, white: float = 0
+) -> tuple[float, float]:
+    """The log likelihood of the samples, and by how much the forces of open links then change in a sample, relative to their
+    size: one of those `tried`, beside `white` forces as of `LinearPart.model`.
+    """
     samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
-    return max(
-        (filtered(linear.model(record, sigma, change), samples, inputs).log_likelihood, float(change))
-        for change in _CHANGES
-    )
+    models = [linear.model(record, sigma, change, white=white) for change in tried.tolist()]
+    bounds = models[0].noise[len(record.motions) :]  # of elongations, which are no samples
+    likelihoods = np.array([filtered(model, samples, inputs).log_likelihood for model in models])
+    best = int(np.argmax(np.nan_to_num(likelihoods, nan=-np.inf)))
+    return float(likelihoods[best] + 0.5 * len(samples) * np.log(bounds).sum()), float(tried[best])
 
 
 def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:

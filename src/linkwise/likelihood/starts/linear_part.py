@@ -119,12 +119,17 @@ class LinearPart:
         return np.asarray(self.structure.incidence.toarray()[:, list(self.open)])
 
     def model(
-        self, record: Record, sigma: Mapping[str, float], change: float, reach: float = TIGHT
+        self,
+        record: Record,
+        sigma: Mapping[str, float],
+        change: float,
+        reach: float = TIGHT,
+        white: float = 0,
     ) -> LinearModel:
         """The system in samples of a record.
 
         Forces of open links change by `change` of their size in a sample; their elongations are bounded by `reach` times the
-        size of the measured motion.
+        size of the measured motion. White forces on all modes and masses are `white` times the size of their accelerations.
         """
         structure, n, u = self.structure, self.structure.size, len(self.open)
         masses, m = structure.mass_values[:, None], 2 * n + 2 * u
@@ -140,6 +145,9 @@ class LinearPart:
         intensity = np.zeros(m)
         intensity[2 * n + u :] = (change * size / record.step) ** 2 / record.step
         transition, process, input_effect = _discrete(rates, drive, intensity, record.step)
+        process[range(n, 2 * n), range(n, 2 * n)] += (
+            white * v**2 / max(x, np.finfo(float).tiny) * record.step
+        ) ** 2
         whole = np.hstack([rates, drive])  # accelerations from states and inputs
         by_kind = np.stack([np.eye(n, m + len(applied), kind * n) for kind in (0, 1)] + [whole[n : 2 * n]])
         shown = [structure.topology.row(channel.place) @ by_kind[channel.order] for channel in record.motions]

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -445,8 +444,6 @@ def _start_by_forces(record: Record, structure: Structure, given: Mapping[str, f
     return min(trials)[-1]
 
 
-ValuesAndDeviations: TypeAlias = tuple[Floats, Floats]
-
 _NAMED = 6  # parameters that a message names
 _LARGE = 0.3  # of the largest force
 _FIRM = 0.1  # relative deviation of a prior up to which its mean is a better start than what the record alone says
@@ -621,7 +618,7 @@ def _integrated(records: Sequence[Record], structure: Structure) -> list[Record]
 
 def _best_weak_fit(
     records: Sequence[Record], structure: Structure, known: Mapping[str, float]
-) -> ValuesAndDeviations:
+) -> tuple[Floats, Floats]:
     """The weak fit with the smallest standard deviations, in the geometric mean, among those to each of the records.
 
     Short gaps are bridged where no record has enough windows without one.
