@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_223  # lines of all files of tests
+TESTS = 35_256  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1943),
     "identification": (14, 2414),
     "inspection": (10, 1897),
-    "likelihood": (63, 13944),
+    "likelihood": (64, 13990),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
