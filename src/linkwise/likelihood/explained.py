@@ -91,6 +91,7 @@ _HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, whic
 _OF_STIFFNESS = -2.0  # the power of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 
+_FEW = 4  # masses, beside forces on which all terms are tested in some seconds
 _SATURATES = (0.03, 0.3)  # of the deviation of a motion: friction, and springs that yield
 
 OF_HITS = "as of hits of"
@@ -446,7 +447,7 @@ def _by_ambient(first: _Model) -> _Model | None:
     answer, options = first.answer, first.options
     unnamed = answer.fit_verdicts[0] is Verdict.MODEL_ERROR_NEEDED and not answer.diagnosis
     beside = options.errors or options.random or options.harmonics or first.structure.hosts
-    if not unnamed or beside or not isinstance(options.loss, Gaussian):
+    if not unnamed or beside or first.structure.size > _FEW or not isinstance(options.loss, Gaussian):
         return None
     random = random_forces((ALL,), (), first.records[0], first.structure)
     forced = first.beside(options=replace(options, random=random))
