@@ -19,11 +19,11 @@ from linkwise.estimates.causes import Cause
 from linkwise.likelihood.checks.changed_coefficients import likeliest_change
 from linkwise.likelihood.checks.judgement import Examined
 from linkwise.likelihood.checks.table import judge
-from linkwise.likelihood.explained import with_cause
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import BLOCKS
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.widened import with_cause
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,9 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.explained import _Model, _with_errors
+from linkwise.likelihood.explained import _by_saturation, _Model, _with_errors
 from linkwise.likelihood.options import LikelihoodOptions
+from linkwise.likelihood.terms import Drift
 
 SPRING = oscillator("k*d + c*v", name="s", k=1000.0, c=1.0)
 DELAY, HIGH_PASS = (
@@ -67,3 +68,35 @@ def test_an_error_that_noise_of_an_input_hides_is_taken_in_before_that(kind: str
     assert found.is_explained and [cause.kind for cause in found.added] == [kind]
     noisy = _with_errors(replace(first, answer=answer([replace(HIGH_PASS, kind="offset")])))
     assert noisy.added[0].kind == "input noise"
+
+
+def test_a_drift_is_a_line_before_it_may_follow_the_motion() -> None:
+    record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
+    line = Drift("x:m1").beside((), record)
+    assert line == (Drift("x:m1", 2.0),)
+    pieces = Drift("x:m1").beside(line, record)
+    assert pieces == (Drift("x:m1"),) and Drift("x:m1").beside(pieces, record) is None
+
+
+@pytest.mark.parametrize(("term", "form"), [("sign(v)", "tanh(1*v)"), ("d**3", "tanh(1*d)")])
+def test_a_force_that_saturates_is_tried_where_no_terms_leave_noise(term: str, form: str) -> None:
+    """In the motion that dissipates, or else in the elongation, and from the values of the answer as stated."""
+    missing = Cause("term", "s", -0.2, "N", 90.0, 0.01, term=term)
+    asked = SPRING.unknown("all")
+    stated = answer([missing])
+    stated.parameters, stated.values = asked.parameters, np.array([900.0, 2.0])
+    wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False))[:, None]
+    stated.motion = SimpleNamespace(d=np.sqrt(2.0) / 0.3 * wave, v=np.sqrt(2.0) / 0.3 * wave)
+    tried = []
+
+    def answered(structure: lw.Structure, options: LikelihoodOptions, records: Sequence[lw.Record]) -> Any:
+        tried.append(structure)
+        return answer([] if len(tried) == 2 else [missing])
+
+    record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
+    found = _by_saturation(_Model(answered, asked, LikelihoodOptions(), [record], stated))
+    assert found is not None and [cause.term for cause in found.added] == [form]
+    [link] = tried[0].links
+    starts = {name: coefficient.value for name, coefficient in link.coefficients.items()}
+    assert starts == {"k": 900.0, "c": 2.0, "added": 0.2, "saturates": pytest.approx(10.0)}
+    assert link.law.text.endswith("added*(tanh(saturates*v))" if "v" in term else "added*(tanh(saturates*d))")

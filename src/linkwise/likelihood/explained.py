@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -63,9 +62,8 @@ from linkwise.likelihood.terms import (
 )
 from linkwise.likelihood.tests.diagnosis import likeliest_first
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
-from linkwise.model.coefficient import SHAPE, Coefficient
-from linkwise.model.law import Law
-from linkwise.model.link import Link
+from linkwise.likelihood.widened import FREED, with_cause, with_saturation
+from linkwise.model.coefficient import Coefficient
 from linkwise.model.structure import Structure
 from linkwise.progress import part
 from linkwise.records.channel_units import unit_in
@@ -92,6 +90,9 @@ _TRIED = 3  # causes that are as likely
 _HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, which follows what they leave
 _OF_STIFFNESS = -2.0  # the power of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
+
+_FEW = 4  # masses, beside forces on which all terms are tested in some seconds
+_SATURATES = (0.03, 0.3)  # of the deviation of a motion: friction, and springs that yield
 
 OF_HITS = "as of hits of"
 """How the remark on a force begins whose hits have too few samples to tell their impulse."""
@@ -418,6 +419,27 @@ def _by_causes(first: _Model) -> _Model | None:
     )
 
 
+def _by_saturation(first: _Model) -> _Model | None:
+    """A force that saturates, as friction does, in the link of the term that comes first, from where it starts to as well.
+
+    A second answer, where no sum of terms leaves noise.
+    """
+    modes = first.structure.modes
+    causes = (cause for cause in first.answer.diagnosis if cause.kind == "term" and cause.where not in modes)
+    cause = next(causes, None)
+    if cause is None or first.structure.hosts or first.answer.diagnosis[0].is_instrument:
+        return None
+    bar = part(first.options.progress, 1.0, 1.0)
+    options = replace(first.options, progress=bar, steps=_STEPS)
+    for begins in _SATURATES:
+        structure, form = with_saturation(first.structure, cause, first.answer, begins)
+        named = replace(cause, term=form, share=0.0)
+        beside = first.beside(named, structure=structure, options=options)
+        if beside is not None and beside.is_explained:
+            return beside
+    return None
+
+
 def _by_ambient(first: _Model) -> _Model | None:
     """White forces on masses that nobody recorded, where laws leave more than noise that nothing else explains: a second
     answer, as a law of another form may leave the like.
@@ -425,7 +447,7 @@ def _by_ambient(first: _Model) -> _Model | None:
     answer, options = first.answer, first.options
     unnamed = answer.fit_verdicts[0] is Verdict.MODEL_ERROR_NEEDED and not answer.diagnosis
     beside = options.errors or options.random or options.harmonics or first.structure.hosts
-    if not unnamed or beside or not isinstance(options.loss, Gaussian):
+    if not unnamed or beside or first.structure.size > _FEW or not isinstance(options.loss, Gaussian):
         return None
     random = random_forces((ALL,), (), first.records[0], first.structure)
     forced = first.beside(options=replace(options, random=random))
@@ -449,6 +471,7 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_high_pass,
     _with_errors,
     _by_causes,
+    _by_saturation,
     _by_ambient,
 )
 """What is tried in turn where laws as stated leave more than noise; of a search that does not converge two."""
@@ -711,75 +734,3 @@ def as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
             cause = replace(cause, size=size, standard_error=error.standard_error)
         sizes.append(cause)
     return tuple(sizes)
-
-
-FREED = {
-    "mass": "mass:{where}",
-    "frequency": "{where}.frequency",
-    "shape": f"{{source}}.{SHAPE}{{point}}",
-}
-"""What `Structure.unknown` frees where a stated value is off, by the kind of the cause."""
-
-
-def with_cause(structure: Structure, cause: Cause) -> Structure:
-    """The structure with a missing term or link of unknown size, or with an unknown for a stated value that is off.
-
-    Parameters
-    ----------
-    structure : Structure
-        The structure.
-    cause : Cause
-        A cause of the kind "term", "link", "mass", "frequency" or "shape".
-
-    Returns
-    -------
-    Structure
-        The structure with it.
-    """
-    links = structure.links
-    if cause.kind in FREED:
-        point = cause.where.partition(".")[2]  # after the name of its host, which has no dot
-        which = FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
-        return _with_own_value(structure, cause).unknown(which)
-    if cause.kind == "link":
-        name = cause.where.replace("-", "_")
-        while any(link.name == name for link in links):
-            name += "_"
-        law, coefficients = Law.parse(f"size*({cause.term})"), {"size": Coefficient.unknown(start=0.0)}
-        pairs = product(structure.topology.index, repeat=2)
-        ends = next((first, second) for first, second in pairs if f"{first}-{second}" == cause.where)
-        return replace(structure, links=(*links, Link(name, ends, law, coefficients)))
-    return replace(
-        structure,
-        links=tuple(_with_term(link, cause.term) if link.name == cause.where else link for link in links),
-    )
-
-
-def _with_own_value(structure: Structure, cause: Cause) -> Structure:
-    """The structure in which the mass or the frequency of a cause is equal to no other's, as its score takes it alone."""
-    name = f"{cause.where}.{cause.kind}"
-
-    def apart(coefficient: Coefficient, own: str) -> Coefficient:
-        is_shared = own == name or coefficient.same_as == name
-        return replace(coefficient, same_as=None) if coefficient.known and is_shared else coefficient
-
-    masses = (replace(mass, mass=apart(mass.mass, f"{mass.name}.mass")) for mass in structure.masses)
-    links = (
-        replace(
-            link, coefficients={key: apart(c, f"{link.name}.{key}") for key, c in link.coefficients.items()}
-        )
-        for link in structure.links
-    )
-    return replace(structure, masses=tuple(masses), links=tuple(links))
-
-
-def _with_term(link: Link, term: str) -> Link:
-    name = "added"
-    while name in link.coefficients or name in link.law.variables:
-        name += "_"
-    declared = dict(link.law.declared)
-    if declared:  # as of a mode, whose law has numbers with units
-        declared |= Law.parse(f"{name}*({term})").units
-    signals = dict(link.law.signal_units)
-    law = Law.parse(f"{link.law.text} + {name}*({term})", link.states, units=declared, signals=signals)
-    return replace(link, law=law, coefficients={**link.coefficients, name: Coefficient.unknown(start=0.0)})

@@ -1,0 +1,141 @@
+"""Structures with what laws lack: a term, a link, an unknown for a stated value that is off, or a force that saturates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from linkwise.estimates.causes import Cause
+from linkwise.estimates.estimate import Estimate
+from linkwise.likelihood.checks.horizons import dissipates
+from linkwise.model.coefficient import SHAPE, Coefficient
+from linkwise.model.law import Law
+from linkwise.model.link import Link
+from linkwise.model.structure import Structure
+
+FREED = {
+    "mass": "mass:{where}",
+    "frequency": "{where}.frequency",
+    "shape": f"{{source}}.{SHAPE}{{point}}",
+}
+"""What `Structure.unknown` frees where a stated value is off, by the kind of the cause."""
+
+
+def with_cause(structure: Structure, cause: Cause) -> Structure:
+    """The structure with a missing term or link of unknown size, or with an unknown for a stated value that is off.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    cause : Cause
+        A cause of the kind "term", "link", "mass", "frequency" or "shape".
+
+    Returns
+    -------
+    Structure
+        The structure with it.
+    """
+    links = structure.links
+    if cause.kind in FREED:
+        point = cause.where.partition(".")[2]  # after the name of its host, which has no dot
+        which = FREED[cause.kind].format(where=cause.where, source=cause.source, point=point)
+        return _with_own_value(structure, cause).unknown(which)
+    if cause.kind == "link":
+        name = cause.where.replace("-", "_")
+        while any(link.name == name for link in links):
+            name += "_"
+        law, coefficients = Law.parse(f"size*({cause.term})"), {"size": Coefficient.unknown(start=0.0)}
+        pairs = product(structure.topology.index, repeat=2)
+        ends = next((first, second) for first, second in pairs if f"{first}-{second}" == cause.where)
+        return replace(structure, links=(*links, Link(name, ends, law, coefficients)))
+    return replace(
+        structure,
+        links=tuple(
+            _with_force(link, cause.term, {"added": Coefficient.unknown(start=0.0)})
+            if link.name == cause.where
+            else link
+            for link in links
+        ),
+    )
+
+
+def _with_own_value(structure: Structure, cause: Cause) -> Structure:
+    """The structure in which the mass or the frequency of a cause is equal to no other's, as its score takes it alone."""
+    name = f"{cause.where}.{cause.kind}"
+
+    def apart(coefficient: Coefficient, own: str) -> Coefficient:
+        is_shared = own == name or coefficient.same_as == name
+        return replace(coefficient, same_as=None) if coefficient.known and is_shared else coefficient
+
+    masses = (replace(mass, mass=apart(mass.mass, f"{mass.name}.mass")) for mass in structure.masses)
+    links = (
+        replace(
+            link, coefficients={key: apart(c, f"{link.name}.{key}") for key, c in link.coefficients.items()}
+        )
+        for link in structure.links
+    )
+    return replace(structure, masses=tuple(masses), links=tuple(links))
+
+
+def _with_force(link: Link, form: str, unknowns: Mapping[str, Coefficient]) -> Link:
+    """The link with a force of a form in which {1}, {2} stand for unknowns after the first, which is its size."""
+    names = []
+    for name in unknowns:
+        while name in link.coefficients or name in link.law.variables:
+            name += "_"
+        names.append(name)
+    declared = dict(link.law.declared)
+    if declared:  # as of a mode, whose law has numbers with units
+        declared |= Law.parse(f"{names[0]}*({form.format(*names)})").units
+    signals = dict(link.law.signal_units)
+    text = f"{link.law.text} + {names[0]}*({form.format(*names)})"
+    law = Law.parse(text, link.states, units=declared, signals=signals)
+    coefficients = {**link.coefficients, **dict(zip(names, unknowns.values(), strict=True))}
+    return replace(link, law=law, coefficients=coefficients)
+
+
+def with_saturation(
+    structure: Structure, cause: Cause, answer: Estimate, part: float
+) -> tuple[Structure, str]:
+    """The structure with a force like tanh in the link of a missing term, and the form of that force.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure.
+    cause : Cause
+        A cause of the kind "term": the force is one of the rate of the elongation where that dissipates, else of
+        the elongation.
+    answer : Estimate
+        The answer to the structure, from which its unknowns start.
+    part : float
+        Where the force starts to saturate, in standard deviations of that motion.
+
+    Returns
+    -------
+    tuple of (Structure, str)
+        The structure, with the size of the force and a factor on the motion as unknowns.
+    """
+    number = [link.name for link in structure.links].index(cause.where)
+    state, motion = ("v", answer.motion.v) if dissipates(cause.term) else ("d", answer.motion.d)
+    factor = 1.0 / (part * float(np.std(motion[:, number])))
+    form = f"tanh({factor:.4g}*{state})"
+    found = {str(p.name): float(x) for p, x in zip(answer.parameters, answer.values, strict=True)}
+
+    def from_answer(link: Link) -> Link:
+        started = {
+            name: replace(c, value=found.get(f"{link.name}.{name}", c.value)) if not c.known else c
+            for name, c in link.coefficients.items()
+        }
+        if link.name != cause.where:
+            return replace(link, coefficients=started)
+        size, unknown = Coefficient.unknown(start=abs(cause.size)), Coefficient.unknown(start=factor)
+        return _with_force(
+            replace(link, coefficients=started), f"tanh({{1}}*{state})", {"added": size, "saturates": unknown}
+        )
+
+    return replace(structure, links=tuple(map(from_answer, structure.links))), form
