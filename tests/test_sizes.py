@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1943),
     "identification": (14, 2414),
     "inspection": (10, 1858),
-    "likelihood": (63, 13884),
+    "likelihood": (63, 13900),
     "modal": (5, 867),
     "model": (16, 2899),
     "paper": (3, 368),
