@@ -2,7 +2,7 @@
 
 The scatter of the sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the
 displacement, which smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its
-sums are compared over a period of the motion.
+sums are compared over a period of the motion, and between parts of the records, as motion may change over many periods.
 
 The most likely unknowns of links on a rig, their covariance, and how far the laws are from the forces.
 
@@ -40,6 +40,7 @@ from linkwise.likelihood.rigs.problem import (
     rig_forces,
     starts,
 )
+from linkwise.likelihood.search import BlockScores
 from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.starts.memory import unit_sizes
 from linkwise.likelihood.tests.score_test import Hypothesis, single_tests
@@ -78,9 +79,11 @@ def covariance_of(
     if inexact:
         white = inverse @ noise_of_sums(problem, minimum, 1.0 / weights, scores) @ inverse
         sandwich = inverse @ newey_west(problem, scores * residuals[:, None]) @ inverse
-        errors = (np.maximum(part.diagonal(), 1e-300) for part in (white, sandwich))
-        ratio = np.sqrt(np.maximum(np.divide(*errors), 1.0))
-        sandwich = sandwich * np.outer(ratio, ratio)
+        by_blocks = block_scores(problem, weighted, scores * residuals[:, None], certainty)
+        every = np.ones(len(white), dtype=bool)
+        errors = [np.sqrt(white.diagonal()), *(by_blocks.merged(count).by_scores(every) for count in _BLOCKS)]
+        ratio = np.max(errors, axis=0) / np.sqrt(np.maximum(sandwich.diagonal(), 1e-300))
+        sandwich = sandwich * np.outer(np.maximum(ratio, 1.0), np.maximum(ratio, 1.0))
     else:
         sandwich = inverse @ noise_of_sums(problem, minimum, cells, scores) @ inverse
     sandwich = sandwich + inverse @ np.diag(certainty**2) @ inverse
@@ -107,6 +110,25 @@ def newey_west(problem: RigProblem, rows: Floats) -> Floats:
         spectra = np.fft.rfft(part, size, axis=0) * np.fft.rfft(taper).real[:, None]
         total += part.T @ np.fft.irfft(spectra, size, axis=0)[: len(part)]
     return np.asarray(0.5 * (total + total.T))
+
+
+_BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
+
+
+def block_scores(problem: RigProblem, weighted: Floats, rows: Floats, certainty: Floats) -> BlockScores:
+    """Scores and information of parts of the records, equal in length, from derivatives and scores (R, f) of samples."""
+    firsts = np.cumsum([0, *(len(record.motion.d[:: record.motion.substeps]) for record in problem.records)])
+    label = (
+        np.concatenate([firsts[cell.record] + np.arange(len(cell.measured)) for cell in problem.cells])
+        * _BLOCKS[0]
+        // firsts[-1]
+    )
+    parts = [label == block for block in range(_BLOCKS[0])]
+    known = np.diag(certainty**2) / _BLOCKS[0]
+    return BlockScores(
+        np.stack([rows[part].sum(axis=0) for part in parts]),
+        np.stack([weighted[part].T @ weighted[part] + known for part in parts]),
+    )
 
 
 _MOST_SUBSTEPS = 32
