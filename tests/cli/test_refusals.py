@@ -70,7 +70,7 @@ REFUSED = {
     "identify": [
         ("text.csv unknown.toml", "line 3"),
         ("unit.csv unknown.toml", "x:m1"),
-        ("left.csv unknown.toml", "On the command line: --channel NAME=COLUMN, --mapping FILE (inspect --write-mapping FILE"),
+        ("left.csv unknown.toml", "On the command line: --channel NAME=COLUMN, --mapping FILE (linkwise start asks"),
     ],
     "identify run.csv unknown.toml": [
         ("--channel x:m1=Laser", "Laser"),
