@@ -8,27 +8,27 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_808  # lines of all files of tests
+TESTS = 34_821  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2196),
     "analysis": (4, 506),
     "cli": (20, 1860),
-    "discovery": (18, 3530),
-    "estimates": (7, 1429),
+    "discovery": (18, 3534),
+    "estimates": (7, 1430),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1930),
+    "files": (14, 1936),
     "identification": (13, 2390),
-    "inspection": (10, 1872),
-    "likelihood": (64, 14047),
+    "inspection": (10, 1873),
+    "likelihood": (64, 14059),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
     "plot": (12, 1862),
     "records": (8, 1456),
-    "report": (10, 1027),
+    "report": (10, 1028),
     "response": (12, 1742),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 887),
     "signals": (6, 831),

@@ -50,7 +50,7 @@ def test_an_error_is_found_with_the_structure_admitted_or_not() -> None:
 
 
 @pytest.mark.slow
-def test_no_error_stands_for_a_term_that_is_not_offered() -> None:
+def test_no_error_stands_for_a_term_that_is_not_offered_or_for_masses() -> None:
     masses = {"m1": 1.0, "m2": 0.3}
     truth = lw.rig(
         masses,
@@ -59,6 +59,11 @@ def test_no_error_stands_for_a_term_that_is_not_offered() -> None:
     )
     shaken = lw.simulate(truth, forces={"m1": "8*sin(2*pi*(2 + 0.8*t)*t)"}, duration=4.0, rate=200.0)
     discovery = lw.discover(shaken.with_noise(45.0, seed=1), masses, terms="v, d, d**3")
+    assert not discovery.trusted and not discovery.estimate.added
+    heavier = {
+        name: 1.05 * mass for name, mass in masses.items()
+    }  # which a gain of the force explains as well
+    discovery = lw.discover(shaken.with_noise(45.0, seed=1), heavier, terms="v, d, d**3, d**5")
     assert not discovery.trusted and not discovery.estimate.added
 
 

@@ -73,6 +73,14 @@ def test_a_motion_that_repeats_itself_was_not_written_twice() -> None:
         assert "bit for bit" not in " ".join(alert.message for alert in alerts)
 
 
+def test_steps_of_powers_of_two_are_compared_value_by_value() -> None:
+    """Of counts of converters, whose bits end in zeros."""
+    counts = np.rint(np.random.default_rng(7).normal(0.0, 200.0, 20_000)).cumsum() / 1024.0
+    noisy = counts - np.convolve(counts, np.ones(50) / 50.0, "same")
+    alerts = lw.inspect(lw.Record(0.0, 1000.0, ("a:m1",), np.rint(1024.0 * noisy)[:, None] / 1024.0)).alerts
+    assert "bit for bit" not in " ".join(alert.message for alert in alerts)
+
+
 @pytest.mark.parametrize("samples", [5, 10])
 @pytest.mark.parametrize("name", [name for name in RECORDS if "40 dB" in name])
 def test_samples_that_a_logger_lost_are_no_spikes(samples: int, name: str) -> None:

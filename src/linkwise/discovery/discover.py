@@ -206,9 +206,14 @@ def _beside_errors(
     """The discovery as `stated`, or that beside errors of sensors which its diagnosis names, where they leave only noise."""
 
     def beside(rung: _Rung) -> _Rung | None:
+        """The discovery beside the error that is named first; None where nothing is left, or others would explain it."""
+        if rung.discovery.grade is Grade.EXPLAINED:
+            return None
         error = distinct_error(rung.discovery.estimate.diagnosis)
-        wider = None if error is None else with_error(rung.options, error, records[0])
-        if error is None or wider is None:
+        if error is None or error.kind == "force gain":  # all masses, or all sensors, may be off by as much
+            return None
+        wider = with_error(rung.options, error, records[0])
+        if wider is None:
             return None
         try:
             return _Rung(wider, answered(wider), (*rung.added, error))
@@ -216,7 +221,7 @@ def _beside_errors(
             return None
 
     first = _Rung(options, stated, ())
-    last = first if stated.grade is Grade.EXPLAINED else explained(first, beside, _ERRORS)
+    last = explained(first, beside, _ERRORS)
     estimate = last.discovery.estimate
     white = (estimate.chi_square_per_sample or 0.0) < WHITE
     if last is first or last.discovery.grade is not Grade.EXPLAINED or not white:

@@ -457,13 +457,14 @@ class SensorErrorEstimate:
 
         Raises
         ------
-        TypeError, ValueError
+        KeyError, TypeError, ValueError
             If something is missing, of another type, or not finite.
         """
-        read = cls(**document)
-        if read.kind not in FOUND or not (isfinite(read.value) and 0.0 <= read.standard_error < inf):
+        channel, kind, unit = (str(document[name]) for name in ("channel", "kind", "unit"))
+        value, error = float(document["value"]), float(document["standard_error"])
+        if kind not in FOUND or not (isfinite(value) and 0.0 <= error < inf):
             raise ValueError(f"not an error of a sensor: {dict(document)}")
-        return read
+        return cls(channel, kind, value, error, unit, str(document.get("source", "")))
 
     def to_dict(self) -> dict[str, str | float]:
         """What result.json holds of it.

@@ -227,9 +227,15 @@ def table_of(
 
 
 def _bracketed(header: str) -> str:
-    """The header with its unit in brackets where it stands below a stroke without spaces, as in s1/mm."""
+    """The header with its unit in brackets where it stands below a stroke without spaces, as in s1/mm; not that of v m/s."""
     name, stroke, unit = header.partition("/")
-    return f"{name}[{unit}]" if name.strip() and stroke and "(" not in name and is_unit(unit) else header
+    words = name.split()
+    quotient = len(words) > 1 and is_unit(words[-1])
+    return (
+        f"{name}[{unit}]"
+        if words and stroke and "(" not in name and is_unit(unit) and not quotient
+        else header
+    )
 
 
 def _units(cells: list[str], headers: list[str]) -> list[str] | None:

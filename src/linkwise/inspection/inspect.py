@@ -249,15 +249,15 @@ def _clipped(
     return ClippedSamples(samples, readings, sides) if np.isfinite(readings).any() else None
 
 
-def without_copies(record: Record) -> tuple[list[Record], dict[str, int]]:
-    """The parts of a record before and behind samples that were there before, and how many these are, by response."""
-    again, counts = np.zeros(len(record), dtype=bool), dict[str, int]()
+def without_copies(record: Record) -> tuple[list[Record], dict[str, list[slice]]]:
+    """The parts of a record before and behind samples that were there before, and which these are, by response."""
+    again, there = np.zeros(len(record), dtype=bool), dict[str, list[slice]]()
     for signal in RecordSignals.of(record).responses:
         for _, copy in copies(signal):
             again[copy] = True
-            counts[signal.channel] = counts.get(signal.channel, 0) + copy.stop - copy.start
+            there.setdefault(signal.channel, []).append(copy)
     parts = [part for part in stretches(~again) if part.stop - part.start > BUFFER]
-    return [record[part] for part in parts] if counts else [record], counts
+    return [record[part] for part in parts] if there else [record], there
 
 
 def marked_samples(record: Record) -> dict[str, int]:

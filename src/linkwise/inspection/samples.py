@@ -406,7 +406,8 @@ def copies(signal: ChannelSignal) -> list[tuple[int, slice]]:
     if not noisy or len(signal.values) < 2 * BUFFER:
         return []
     weights = np.random.default_rng(_SEED).integers(1, 2**63, BUFFER, dtype=np.uint64)
-    windows = np.lib.stride_tricks.sliding_window_view(signal.filled.view(np.uint64), BUFFER)
+    _, values = np.unique(signal.filled, return_inverse=True)  # bits of few digits would cancel in the sums
+    windows = np.lib.stride_tricks.sliding_window_view(values.astype(np.uint64), BUFFER)
     _, first, which = np.unique(windows @ weights, return_index=True, return_inverse=True)
     before = first[which]
     changing = np.convolve(np.diff(signal.filled) != 0.0, np.ones(BUFFER - 1), "valid")

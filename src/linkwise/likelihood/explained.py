@@ -28,14 +28,13 @@ from linkwise.estimates.causes import (
     HIGH_PASS,
     HITS,
     HUM,
-    SLIP,
     SPIKES,
     Cause,
     SensorErrorEstimate,
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.checks.recording import EXCHANGES, corrected, likeliest_error
+from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_error
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Answer, Report, Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
@@ -267,7 +266,7 @@ def explained_answer(
         return stated
     settled = stated.fit_verdicts[0] is not Verdict.NOT_CONVERGED
     for rung in LADDER:
-        found = rung(first) if settled or rung in (_by_alerts, _by_channel) else None
+        found = rung(first) if settled or rung in (_by_alerts, _by_copies, _by_channel) else None
         if found is not None and found.is_explained:
             break
         nearly = rung is _with_errors and found is not None and found.is_nearly_explained
@@ -313,7 +312,7 @@ def _by_alerts(model: _Model) -> _Model | None:
 
 def _by_copies(first: _Model) -> _Model | None:
     """The parts of the records before and behind samples that were written twice, and errors of sensors beside that."""
-    twice = [cause for cause in first.answer.diagnosis if cause.kind == SLIP]
+    twice = copied_samples(first.records)
     parts = [part for record in first.records for part in without_copies(record)[0]] if twice else []
     beside = first.beside(*twice, records=parts) if parts else None
     return None if beside is None else _with_errors(beside)

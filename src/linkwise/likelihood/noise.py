@@ -515,6 +515,8 @@ def _autocovariances(series: Floats, highest: int) -> Floats:
 
 def _of_order(covariances: Floats, samples: int) -> Floats:
     """The autoregression of the order that Schwarz's criterion chooses."""
+    if not covariances[0] > 0.0:
+        return np.zeros(0)
     best, lowest = np.zeros(0), samples * np.log(covariances[0])
     for order in range(1, len(covariances)):
         coefficients = scipy.linalg.solve_toeplitz(covariances[:order], covariances[1 : order + 1])

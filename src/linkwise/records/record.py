@@ -426,8 +426,8 @@ class Record(NotebookView):
         tuple of Channel
             Those that there are.
         """
-        there = {channel.kind: channel for channel in self.channels if channel.place == place}
-        return tuple(there[kind] for kind in MOTIONS if kind in there)
+        there = [channel for channel in self.channels if channel.place == place and not channel.relative]
+        return tuple(channel for kind in MOTIONS for channel in there if channel.kind == kind)
 
     def unit(self, name: str) -> str:
         """SI unit of a channel.

@@ -224,7 +224,8 @@ def _table_as_in_figures(rows: Sequence[Sequence[str]]) -> list[tuple[str, ...]]
         if comma and unit in ("m", "m/s"):
             scaled = lengths_as_in_figures([f"{cell} {unit}" for cell in cells])
             cells = [cell.rpartition(" ")[0] for cell in scaled]
-            title = f"{name}, {scaled[0].rpartition(' ')[2] if scaled else unit}"
+            units = (one.rpartition(" ")[2] for one in scaled if any(map(str.isdigit, one)))
+            title = f"{name}, {next(units, unit)}"
         columns.append([title, *lengths_as_in_figures(cells)])
     return list(zip(*columns, strict=True))
 

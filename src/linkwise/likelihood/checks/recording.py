@@ -88,14 +88,27 @@ def uneven_samples(of: Examined, before: Judgement) -> Judgement | None:
     )
 
 
-def samples_written_twice(of: Examined) -> Judgement | None:
-    """Whether samples are there twice, bit for bit, so that one measurement counts as two and the motion begins anew."""
-    copies = [without_copies(record)[1] for record in of.records]
-    twice = [
-        Cause(SLIP, name, -float(count), "1", 0.0, 0.0, source=f"{record.start:.4g} s or later")
-        for record, counts in zip(of.records, copies, strict=True)
-        for name, count in counts.items()
+def copied_samples(records: Sequence[Record]) -> list[Cause]:
+    """The samples that are there twice, bit for bit, by record and response."""
+    return [
+        Cause(
+            SLIP,
+            name,
+            -float(sum(copy.stop - copy.start for copy in copies)),
+            "1",
+            0.0,
+            0.0,
+            source=f"{time:.4g} s",
+        )
+        for record in records
+        for name, copies in without_copies(record)[1].items()
+        for time in [record.start + copies[0].start / record.rate]
     ]
+
+
+def samples_written_twice(of: Examined) -> Judgement | None:
+    """Whether samples are there twice, so that one measurement counts as two and the motion begins anew."""
+    twice = copied_samples(of.records)
     if not twice:
         return None
     message = (

@@ -11,8 +11,8 @@ from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
 
 VERDICTS = (
-    Check("samples written twice", "refuses", recording.samples_written_twice),
     Check("convergence", "refuses", verdicts.convergence),
+    Check("samples written twice", "refuses", recording.samples_written_twice),
     Check("standard errors", "refuses", verdicts.standard_errors),
     Check("event", "approximates", verdicts.event),
     Check("level of the noise", "approximates", verdicts.level_of_noise),
