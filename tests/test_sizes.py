@@ -22,7 +22,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1930),
     "identification": (13, 2390),
     "inspection": (10, 1872),
-    "likelihood": (64, 14047),
+    "likelihood": (64, 14116),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
