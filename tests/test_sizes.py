@@ -16,7 +16,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1860),
     "discovery": (18, 3530),
-    "estimates": (7, 1429),
+    "estimates": (7, 1432),
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1930),
