@@ -8,10 +8,12 @@ import pytest
 from present import present
 from problems import bent_chain, rubbing_trio
 from random_signals import random_force
-from structures import link, oscillator, with_links
+from structures import link, oscillator, structure, with_links
 
 import linkwise as lw
-from linkwise.likelihood.tests.score_test import single_tests
+from linkwise.likelihood.random_forces import system_with
+from linkwise.likelihood.tests import diagnosis, score_test
+from linkwise.likelihood.tests.score_test import CandidateForce, determinant_slopes, single_tests
 
 CHAIN = lw.bnes_chain(2)
 
@@ -137,3 +139,52 @@ def test_a_missing_term_is_found_in_the_load_cell_as_large_as_a_fit_finds_it(
 def test_a_law_that_lacks_nothing_has_no_cause_in_its_load_cell(in_load_cell: lw.Record) -> None:
     fit = lw.identify(with_noise_of(in_load_cell, 3e-4, 0.05), CUBIC.unknown("all"))
     assert fit.verdicts == (lw.Verdict.CONVERGED,) and fit.diagnosis == ()
+
+
+@pytest.mark.parametrize(
+    ("sensors", "options"),
+    [(("x",), {"input_noise": {"force:m1": 0.1}}), (("a",), {"ambient": {"m1": 0.01}})],
+    ids=["noise of an input", "ambient force in the middle of whose segments are samples"],
+)
+def test_slopes_of_the_determinant_are_those_of_structures_with_a_term(
+    monkeypatch: pytest.MonkeyPatch, sensors: tuple[str, ...], options: dict[str, Any]
+) -> None:
+    """To within what a term bends the motion by within a sample: of a linear chain nothing."""
+    chain = structure(
+        {"m1": 1.0, "m2": 0.5},
+        link("l1", "m1-ground", "k*d + c*v", k=2000.0, c=1.0),
+        link("l2", "m2-m1", "k*d + c*v", k=1000.0, c=0.5),
+    )
+    force = random_force(np.random.default_rng(5), 0.5, 500.0, highest=40.0)
+    record = lw.simulate(chain, duration=0.5, rate=500.0, forces={"m1": force}, sensors=sensors)
+    record = record.with_noise(30.0, seed=5)
+    if "ambient" in options:
+        record = record.select([str(channel) for channel in record.responses])
+    calls = list[tuple[Any, ...]]()
+
+    def noted(*arguments: Any) -> np.ndarray:
+        calls.append(arguments)
+        return determinant_slopes(*arguments)
+
+    monkeypatch.setattr(diagnosis, "determinant_slopes", noted)
+    lw.identify(record, chain.unknown("all"), as_stated=True, **options)
+    optimum, identified, masses, candidates, _ = calls[0]
+    whole = score_test._without_unknowns(optimum)
+    sample = float(whole.segments.step[0]) * whole.segments.refine
+    places = (*identified.mass_names, "base", "ground")
+
+    def with_term(candidate: CandidateForce, size: float) -> float:
+        ends = places[candidate.first], places[candidate.second]
+        wider = with_links(identified, lw.Link("t", ends, f"q*({candidate.law.text})", {"q": size}))
+        return score_test._log_determinant(
+            replace(whole, segments=replace(whole.segments, system=system_with(wider, masses, sample)))
+        )
+
+    forces = [(one, step) for one, step in candidates if isinstance(one, CandidateForce)]
+    slopes = determinant_slopes(optimum, identified, masses, forces)
+    steps = np.array([step for _, step in forces])
+    differences = np.array(
+        [-0.25 * (with_term(one, step) - with_term(one, -step)) / step for one, step in forces]
+    )
+    np.testing.assert_allclose(slopes * steps, differences * steps, rtol=0.01, atol=1e-3)
+    assert np.abs(slopes * steps).max() > 0.01

@@ -430,6 +430,9 @@ def supplied_power(link: Link, free: Sequence[str], covariance: Floats, d: Float
     """Mean power in W that a link supplies to the motion `d` in m and `v` in m/s (R,); None unless it is above three
     standard errors, by the `covariance` (q, q) of its `free` coefficients.
     """
+    moving, resting = (link.law.force(d, rate, link.values) for rate in (v, np.zeros_like(v)))
+    if not np.any((moving - resting) * v < 0.0):
+        return None  # it dissipates all the time, whatever the errors
     powers, slopes_in_time = _dissipated(link, free, d, v)
     power, slopes = float(np.mean(powers)), np.mean(slopes_in_time, axis=1)
     deviation = float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0)))

@@ -356,7 +356,7 @@ class _LogDeterminant:
     def _inverse_blocks(self) -> Floats:
         """(K, m, m) blocks of the inverse of those of the states; zeros where they are singular."""
         factor = self.linear.equations(self.q).factor()
-        return np.zeros_like(self.linear.state) if factor is None else factor.inverse_blocks()
+        return np.zeros_like(self.linear.state) if factor is None else factor.inverse_blocks()[0]
 
 
 _LONG = 16_000  # segments: of fewer most searches lead straight to exact laws

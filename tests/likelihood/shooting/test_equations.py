@@ -108,8 +108,11 @@ def test_covariances_and_blocks_of_the_inverse_are_those_of_a_dense_one() -> Non
     assert held[:2, :2] == pytest.approx(expected, rel=1e-8)
     assert not held[2].any() and not held[:, 2].any()
     inverse = np.linalg.inv(matrix[:28, :28]).reshape(7, 4, 7, 4)
-    for k, block in enumerate(factor.inverse_blocks()):
+    blocks, couplings = factor.inverse_blocks()
+    for k, block in enumerate(blocks):
         np.testing.assert_allclose(block, inverse[k, :, k], rtol=1e-8, atol=1e-12)
+    for k, block in enumerate(couplings):
+        np.testing.assert_allclose(block, inverse[k + 1, :, k], rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.parametrize(("node", "m"), [(0, 4), (3, 4), (6, 4), (5, 128)])

@@ -234,15 +234,17 @@ class BorderedFactor:
         moment = np.tensordot(change, self.forward[..., :-1], 2)
         return replace(self, pull=self.pull + change, reduced=self.reduced + border - moment)
 
-    def inverse_blocks(self) -> Floats:
-        """(K, m, m) diagonal blocks of H^-1, from the last node to the first (Takahashi, Fagan and Chen 1973)."""
+    def inverse_blocks(self) -> tuple[Floats, Floats]:
+        """Blocks of H^-1, (K, m, m) of the nodes and (K - 1, m, m) of each with the one before, from the last to the first
+        (Takahashi, Fagan and Chen 1973).
+        """
         root, below = self.root.blocks
         inverse = np.linalg.inv(root)
         carried = below @ inverse[:-1]
         blocks = inverse.transpose(0, 2, 1) @ inverse
         for k in range(len(below) - 1, -1, -1):
             blocks[k] += carried[k].T @ blocks[k + 1] @ carried[k]
-        return np.asarray(blocks)
+        return np.asarray(blocks), np.asarray(-blocks[1:] @ carried)
 
     def log_determinant(self, free: Bools) -> float:
         """Of the whole matrix, border restricted to `free`."""

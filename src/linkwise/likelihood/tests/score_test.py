@@ -11,7 +11,7 @@ term has the slope of the log determinant as well (`determinant_slopes`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -32,10 +32,10 @@ from linkwise.likelihood.shooting.linear_model import (
     precise_model,
     tested_in_pieces,
 )
-from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise
+from linkwise.likelihood.shooting.normal_equations import add_prior_curvature, linearise, whitened_jacobian
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
-from linkwise.likelihood.shooting.segments import Segments
-from linkwise.likelihood.shooting.tangents import CandidateForces, Single
+from linkwise.likelihood.shooting.segments import A, Segments
+from linkwise.likelihood.shooting.tangents import CandidateForces, Single, tangents
 from linkwise.model.coefficient import MASS, Coefficient
 from linkwise.model.law import VARIABLES, Law
 from linkwise.model.link import BASE, GROUND, Link
@@ -541,6 +541,10 @@ _LARGEST_STEP = (
 )
 
 
+_SIMPSON = 1.0 / 3.0, 2.0 / 3.0  # of a step: weights of its ends, which two steps share, and of its middle
+_BASE = -2  # as an end of a force
+
+
 def determinant_slopes(
     optimum: Optimum,
     identified: Structure,
@@ -569,22 +573,125 @@ def determinant_slopes(
         The addition for each candidate, by its size.
     """
     # parts do not stand for the whole: log det with a term changes with the size of the motion
-    whole = _without_unknowns(optimum)
-    still = _log_determinant(whole, identified, masses)
-    slopes = []
-    for candidate, deviation in candidates:
-        size, changed, at = _STEP * deviation, identified, whole
+    whole, slopes = _without_unknowns(optimum), np.zeros(len(candidates))
+    sample = float(np.min(whole.segments.step)) * whole.segments.refine
+    whole = replace(whole, segments=replace(whole.segments, system=system_with(identified, masses, sample)))
+    forces = {k: one for k, (one, _) in enumerate(candidates) if isinstance(one, CandidateForce)}
+    slopes[list(forces)] = _slopes_by_forces(whole, list(forces.values()))
+    still = np.nan if len(forces) == len(candidates) else _log_determinant(whole)
+    for number, (candidate, deviation) in enumerate(candidates):
         if isinstance(candidate, CandidateForce):
-            changed = _with_term(identified, candidate, size)
-        elif candidate.kind == MASS:
+            continue
+        size, at = _STEP * deviation, whole
+        if candidate.kind == MASS:
             size = min(size, _LARGEST_STEP)
-            changed = _with_heavier(identified, candidate.where, 1.0 + size)
+            heavier = system_with(_with_heavier(identified, candidate.where, 1.0 + size), masses, sample)
+            at = replace(whole, segments=replace(whole.segments, system=heavier))
         else:
             sigma = whole.scales.sigma.copy()
             sigma[channels.index(candidate.where)] /= 1.0 + size
             at = replace(whole, scales=replace(whole.scales, sigma=sigma))
-        slopes.append(-0.5 * (_log_determinant(at, changed, masses) - still) / size)
-    return np.asarray(np.nan_to_num(np.array(slopes)))
+        slopes[number] = -0.5 * (_log_determinant(at) - still) / size
+    return np.nan_to_num(slopes)
+
+
+def _slopes_by_forces(optimum: Optimum, forces: Sequence[CandidateForce]) -> Floats:
+    """(f,) the slopes by sizes of forces, from one factor: half the trace of H^-1 times the derivative of H.
+
+    A force changes H by its own derivatives along each segment, of which `_pulls` are the weights; the motion is held.
+    """
+    segments, system = optimum.segments, optimum.segments.system.at(optimum.point.theta)
+    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
+    motion = _with_points(states_along(segments, misfit), system.points)
+    every, slopes = segments.flow_steps_per_tangent, np.zeros(len(forces))
+    along = {name: input_along(values, every) for name, values in segments.inputs.signals.items()}
+    pairs = {(force.first, force.second): _between(optimum, force.first, force.second) for force in forces}
+    for point, pull in enumerate(_pulls(optimum, misfit)):
+        weights = {pair: stretched @ pull @ pushed for pair, (stretched, pushed) in pairs.items()}
+        signals = {name: values[point] for name, values in along.items()}
+        for number, force in enumerate(forces):
+            assert isinstance(force.law, Law)
+            d, v = motion[point, :, force.first] - motion[point, :, force.second]
+            partials = force.law.partials(d, v, signals)
+            by_d, by_v = weights[force.first, force.second].T
+            slopes[number] -= float(partials.by_d @ by_d + partials.by_v @ by_v)
+    return slopes
+
+
+def _between(optimum: Optimum, first: int, second: int) -> tuple[Floats, Floats]:
+    """(2, m) how states, in their units, stretch a link and add to its rate, and (m,) their rates by a force in it."""
+    system, scale, n = optimum.segments.system, optimum.scales.state, len(optimum.segments.system.incidence)
+    masses = system.at(optimum.point.theta).masses
+    stretched, pushed = np.zeros((2, len(scale))), np.zeros(len(scale))
+    for end, side in ((first, 1.0), (second, -1.0)):
+        if end >= 0:
+            stretched[[0, 1], [end, n + end]] = side
+            pushed[n + end] = -side / masses[end]
+        elif end == _BASE and system.base_error is not None:
+            stretched[0, 2 * n + system.base_error] = -side
+    return stretched * scale, pushed / scale
+
+
+def _pulls(optimum: Optimum, misfit: Misfit) -> Iterator[Floats]:
+    """(K, m, m) half the derivative of log det H by a change of the rates of the states, in their units, at ends and middles
+    of J steps in turn, 2 J + 1 in all.
+
+    With the flow F from a node to there and A to the end of the segment, a change E adds A F^-1 E F times its duration to A.
+    """
+    segments, loss, every = optimum.segments, optimum.loss, slice(0, optimum.segments.count)
+    linear = linearise(segments, misfit, optimum.scales, loss)
+    factor = linear.equations(optimum.q).factor()
+    if factor is None:
+        return
+    inverse, couplings = factor.inverse_blocks()
+    m, turned = segments.system.dimension, inverse[:-1] @ linear.state_ends.transpose(0, 2, 1)
+    turned -= couplings.transpose(0, 2, 1) * linear.joined[:, None]
+    by_ends = np.zeros_like(inverse)
+    by_ends[:-1] = turned @ linear.state_ends / optimum.q**2
+    rows = whitened_jacobian(segments, misfit, optimum.scales, loss, every)[0][:, :, :m].astype(float)
+    shown = inverse @ rows.transpose(0, 2, 1)
+    step, sample = segments.step * segments.flow_steps_per_tangent, 2 * segments.tangents_before
+    last = 2 * (segments.steps // segments.flow_steps_per_tangent)
+    for point, flow in enumerate(_flows(optimum, misfit)):
+        share, pulled = _SIMPSON[point % 2] * (0.5 if point in (0, last) else 1.0), by_ends
+        if point <= sample > 0:
+            pulled = pulled + (0.5 if point == sample else 1.0) * (shown @ rows)
+        pull = (share * step)[:, None, None] * (flow @ pulled @ np.linalg.inv(flow))
+        if point == sample:
+            _add_accelerometers(pull, optimum, misfit, flow @ shown)
+        yield pull
+
+
+def _add_accelerometers(pull: Floats, optimum: Optimum, misfit: Misfit, shown: Floats) -> None:
+    """What accelerometers, whose part of the inverse is `shown` (K, m, C), add to the derivative at a sample."""
+    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
+    roots = misfit.roots(segments, optimum.loss, slice(None))[0] / segments.deviations(scales, slice(None))
+    factors = segments.sensors.factors(misfit.point.gains)
+    for channel in np.flatnonzero(segments.sensors.kind == A).tolist():
+        row = n + int(segments.sensors.mass[channel])
+        weight = roots[channel] * factors[channel] * scales.state[row]
+        pull[:, :, row] += weight[:, None] * shown[:, :, channel]
+
+
+def _flows(optimum: Optimum, misfit: Misfit) -> Iterator[Floats]:
+    """(K, m, m) sensitivities of the states to those at the nodes, in their units, at ends and middles of steps in turn."""
+    segments, scale, every = optimum.segments, optimum.scales.state, optimum.segments.flow_steps_per_tangent
+    step, orbit = segments.step * every, misfit.trajectories.thinned(every)
+    inputs = segments.inputs.at(misfit.point.gains, misfit.point.delays)
+    steps = tangents(segments.system.at(misfit.point.theta), orbit, step, scale, np.empty(0), inputs=inputs)
+    last = None
+    for tangent in steps:
+        x, u, memory = (np.array(part, dtype=float) for part in (*tangent.state, tangent.memory))
+        if last is not None:
+            x0, u0, memory0 = last
+            between = 0.5 * (x + x0) - (u - u0) / 8.0, 1.5 * (x - x0) - 0.25 * (u + u0)
+            yield _in_units(*between, 0.5 * (memory + memory0), step, scale)
+        yield _in_units(x, u, memory, step, scale)
+        last = x, u, memory
+
+
+def _in_units(x: Floats, u: Floats, memory: Floats, step: Floats, scale: Floats) -> Floats:
+    return np.concatenate([x, u / step, memory]).transpose(2, 0, 1) / scale[:, None]
 
 
 def _with_heavier(structure: Structure, name: str, factor: float) -> Structure:
@@ -609,21 +716,7 @@ def _without_unknowns(optimum: Optimum) -> Optimum:
     )
 
 
-def _with_term(structure: Structure, force: CandidateForce, size: float) -> Structure:
-    names = {**dict(enumerate(structure.mass_names)), -1: GROUND, -2: BASE}
-    signals = dict(force.law.signal_units) if isinstance(force.law, Law) else {}
-    law = Law.parse(f"size*({force.law.text})", signals=signals)
-    link_names, name = {link.name for link in structure.links}, "tested"
-    while name in link_names:
-        name += "_"
-    ends = (names[force.first], names[force.second])
-    link = Link(name, ends, law, {"size": size})
-    return replace(structure, links=(*structure.links, link))
-
-
-def _log_determinant(optimum: Optimum, structure: Structure, masses: Sequence[str]) -> float:
-    sample = float(np.min(optimum.segments.step)) * optimum.segments.refine
-    segments = replace(optimum.segments, system=system_with(structure, masses, sample))
-    misfit = evaluate(segments, optimum.point, optimum.scales, optimum.loss)
-    factor = linearise(segments, misfit, optimum.scales, optimum.loss).equations(optimum.q).factor()
+def _log_determinant(optimum: Optimum) -> float:
+    misfit = evaluate(optimum.segments, optimum.point, optimum.scales, optimum.loss)
+    factor = linearise(optimum.segments, misfit, optimum.scales, optimum.loss).equations(optimum.q).factor()
     return float("nan") if factor is None else factor.root.log_determinant
