@@ -8,18 +8,18 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_808  # lines of all files of tests
+TESTS = 34_850
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2196),
     "analysis": (4, 506),
-    "cli": (20, 1860),
+    "cli": (20, 1861),
     "discovery": (18, 3530),
     "estimates": (7, 1429),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1930),
+    "files": (14, 1933),
     "identification": (13, 2390),
     "inspection": (10, 1872),
     "likelihood": (64, 14047),
@@ -30,7 +30,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "records": (8, 1456),
     "report": (10, 1027),
     "response": (12, 1742),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 887),
+    "root": (11, 888),
     "signals": (6, 831),
     "simulation": (9, 1648),
     "sindy": (9, 1063),

@@ -114,6 +114,7 @@ def test_a_column_with_a_text_is_not_left_out_without_a_word(file: Path) -> None
     assert (
         "Not used, since they are not numbers alone: Laser frame [mm] holds 'OVERLOAD' in line 301" in guessed
     )
+    assert "To use such a column, leave the cells of missing samples empty." in guessed
 
 
 def test_what_identify_advises_is_told_with_its_options(file: Path) -> None:

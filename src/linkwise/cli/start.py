@@ -216,7 +216,8 @@ class _Test:
             rows.append((str(guess.label), guess.name or "not used", *_quantity(guess), why))
         tell("\n".join(align_columns([("column", "holds", "quantity", "unit", "guessed"), *rows])))
         if texts := columns.not_numbers(self.table):
-            tell(f"Not used, since they are not numbers alone: {texts}.")
+            advice = "To use such a column, leave the cells of missing samples empty"
+            tell(f"Not used, since they are not numbers alone: {texts}. {advice}.")
         return any(guess.why for guess in self.guesses)
 
     def _answered(self, guess: columns.ColumnGuess) -> _Test:
