@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_850
+TESTS = 34_850  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1862),
     "records": (8, 1456),
     "report": (10, 1027),
-    "response": (12, 1742),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (12, 1762),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 888),
     "signals": (6, 831),
     "simulation": (9, 1648),
