@@ -342,14 +342,14 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
 
 
 def _about(response: Response, branch: Branch) -> str:
-    """The mean of channels about which motion is not symmetric, where it is smallest, so nearest to its rest position."""
+    """The mean of channels about which motion is not symmetric, where it is so most: near a rest position, if in a well."""
     if branch.mean is None:
         return ""
-    at = int(branch.amplitude.sum(axis=1).argmin())
+    parts = np.abs(branch.mean) / branch.amplitude
     return ", ".join(
-        f"{channel} {mean:.4g} {unit_in(response.structure, channel)}"
-        for channel, mean, size in zip(response.channels, branch.mean[at], branch.amplitude[at], strict=True)
-        if abs(mean) > _OFF_CENTRE * size
+        f"{channel} {branch.mean[at, column]:.4g} {unit_in(response.structure, channel)}"
+        for column, (channel, at) in enumerate(zip(response.channels, parts.argmax(axis=0), strict=True))
+        if parts[at, column] > _OFF_CENTRE
     )
 
 
