@@ -14,7 +14,7 @@ TESTS = 34_850  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2196),
     "analysis": (4, 506),
-    "cli": (20, 1861),
+    "cli": (20, 1864),
     "discovery": (18, 3530),
     "estimates": (7, 1429),
     "export": (9, 784),

@@ -65,6 +65,12 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
         == "linkwise identify rig.csv found/structure.toml --mapping found/sensors.toml -o found/answer"
     )
     assert said(repeat[0].removeprefix("linkwise ")).out.strip() in out
+    second = "linkwise validate SECOND_RECORD found/answer --mapping found/sensors.toml"
+    assert repeat[3] == second
+    assert (
+        "agrees with the record"
+        in said(second.removeprefix("linkwise ").replace("SECOND_RECORD", "rig.csv")).out
+    )
     assert (
         "what was edited in it would be lost"
         in said(f"start rig.csv {ANSWERED} {LINKED} --yes -o found", 2).err
