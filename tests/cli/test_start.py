@@ -67,6 +67,8 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
     assert said(repeat[0].removeprefix("linkwise ")).out.strip() in out
     second = "linkwise validate SECOND_RECORD found/answer --mapping found/sensors.toml"
     assert repeat[3] == second
+    given = second.removeprefix("linkwise ").replace("SECOND_RECORD found/answer", "rig.csv found")
+    assert f"; an answer is in {Path('found', 'answer')}" in said(given, 2).err
     assert (
         "agrees with the record"
         in said(second.removeprefix("linkwise ").replace("SECOND_RECORD", "rig.csv")).out
