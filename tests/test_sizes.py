@@ -14,13 +14,13 @@ TESTS = 34_821  # lines of all files of tests
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2196),
     "analysis": (4, 506),
-    "cli": (20, 1860),
+    "cli": (20, 1864),
     "discovery": (18, 3534),
     "estimates": (7, 1433),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1936),
-    "identification": (13, 2390),
+    "files": (14, 1939),
+    "identification": (13, 2392),
     "inspection": (10, 1873),
     "likelihood": (64, 14128),
     "modal": (5, 853),
@@ -29,8 +29,8 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1862),
     "records": (8, 1456),
     "report": (10, 1028),
-    "response": (12, 1742),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 887),
+    "response": (12, 1762),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "root": (11, 888),
     "signals": (6, 831),
     "simulation": (9, 1648),
     "sindy": (9, 1063),

@@ -158,8 +158,9 @@ def enumerated(names: Sequence[str]) -> str:
 
 
 def near_miss(typed: str, names: Iterable[str]) -> str:
-    """'; did you mean "x"?' for the name closest to `typed`, or an empty text."""
-    near = get_close_matches(typed, list(names), n=1)
+    """'; did you mean "x"?' for the first name of the owner `typed`, as "m2.mass" of m2, or the closest one; else empty."""
+    known = list(names)
+    near = [name for name in known if name.startswith(f"{typed}.")] or get_close_matches(typed, known, n=1)
     return f'; did you mean "{near[0]}"?' if near and near[0] != typed else ""
 
 

@@ -65,6 +65,14 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
         == "linkwise identify rig.csv found/structure.toml --mapping found/sensors.toml -o found/answer"
     )
     assert said(repeat[0].removeprefix("linkwise ")).out.strip() in out
+    second = "linkwise validate SECOND_RECORD found/answer --mapping found/sensors.toml"
+    assert repeat[3] == second
+    given = second.removeprefix("linkwise ").replace("SECOND_RECORD found/answer", "rig.csv found")
+    assert f"; an answer is in {Path('found', 'answer')}" in said(given, 2).err
+    assert (
+        "agrees with the record"
+        in said(second.removeprefix("linkwise ").replace("SECOND_RECORD", "rig.csv")).out
+    )
     assert (
         "what was edited in it would be lost"
         in said(f"start rig.csv {ANSWERED} {LINKED} --yes -o found", 2).err
@@ -114,6 +122,7 @@ def test_a_column_with_a_text_is_not_left_out_without_a_word(file: Path) -> None
     assert (
         "Not used, since they are not numbers alone: Laser frame [mm] holds 'OVERLOAD' in line 301" in guessed
     )
+    assert "To use such a column, leave the cells of missing samples empty." in guessed
 
 
 def test_what_identify_advises_is_told_with_its_options(file: Path) -> None:

@@ -47,6 +47,9 @@ def test_an_error_is_found_with_the_structure_admitted_or_not() -> None:
     (gain,) = by_itself.estimate.added
     assert (gain.kind, gain.where, admitted.estimate.added) == ("gain", "x:m2", ())
     assert gain.size == pytest.approx(0.1, abs=4.0 * gain.standard_error)
+    stated = lw.discover(faulty, MASSES, as_stated=True)
+    assert stated.grade is not lw.Grade.EXPLAINED and not stated.estimate.added
+    assert stated.diagnosis[0].kind == "gain"
 
 
 @pytest.mark.slow

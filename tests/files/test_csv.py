@@ -204,6 +204,7 @@ REFUSED = [
         "line 6, channel x:m1: the value is -9.9e+37, which instruments write for an overload or no reading",
     ),
     (changed(4, "0.04,0.1"), "line 6: 2 cells where the header has 3"),
+    (changed(4, "OVERLOAD"), "line 6: 1 cell where the header has 3; leave the cell of a missing reading empty"),
     (changed(N - 1, "0.59"), "line 61: 1 cell where the header has 3; was the file truncated in its last"),
     (text(HEADER, body(comma=True)), "line 2: 6 cells where the header has 3; with decimal commas, separate the cells"),
     (changed(4, "0.03,0.1,1"), "line 6, channel time: the time 0.03 s is repeated"),

@@ -98,6 +98,7 @@ MANY = Structure(
     ("ask", "message"),
     [
         (lambda mixed: mixed.with_values({"s1.kk": 1.0}), r'"s1.kk"; did you mean "s1.k"\?; the coefficients are "s1.k"'),
+        (lambda mixed: mixed.unit_of("m3"), r'unknown coefficient "m3"; did you mean "m3.mass"\?'),
         (lambda mixed: mixed.with_values({"s1.k": 1.0, "s2.k": 2.0}),
          r's2.k: is equal to "s1.k", for which another value is given'),
         (lambda mixed: mixed.with_values({"s1.k": math.nan}), r"s1.k: the value of a coefficient must be a number, got nan"),

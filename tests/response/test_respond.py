@@ -58,6 +58,17 @@ def collocated_fold(k3: float, force: float) -> tuple[float, float]:
     return solved(best.x)
 
 
+def test_branches_of_twin_wells_say_which_well_they_are_in() -> None:
+    """The springs of a bistable link rest at -0.01 and 0.01 m; small motion is about those."""
+    response = lw.respond(lw.bnes_chain(2), force={"m1": 0.02}, hz=(8.0, 10.0), starts=0)
+    column = response.channels.index(lw.records.Channel.parse("x:m2"))
+    means = sorted(float(branch.mean[0, column]) for branch in response.levels[0].branches)  # type: ignore[index]
+    np.testing.assert_allclose(means, [-0.01, 0.01], rtol=1e-3)
+    assert "x:m2 -0.01 m" in str(response) and "x:m2 0.01 m" in str(response)
+    symmetric = lw.respond(oscillator("k*d + c*v", k=K, c=4.0), force={"m1": 3.0}, hz=(1.0, 5.0), starts=0)
+    assert "mean" not in str(symmetric)
+
+
 @pytest.mark.parametrize("kind", LEVELS)
 def test_folds_of_a_duffing_oscillator_are_those_of_collocation(kind: str) -> None:
     k3, force = LEVELS[kind]

@@ -29,7 +29,7 @@ from linkwise.model.chains import link_table
 from linkwise.model.coefficient import quoted
 from linkwise.model.link import GROUND
 from linkwise.model.rotations import mass_in_si
-from linkwise.output import atomic_file, check_result_folder
+from linkwise.output import RESULT, atomic_file, check_result_folder
 from linkwise.records.channel import BASE, KINDS, Channel
 from linkwise.registry import lazy_module
 
@@ -216,7 +216,8 @@ class _Test:
             rows.append((str(guess.label), guess.name or "not used", *_quantity(guess), why))
         tell("\n".join(align_columns([("column", "holds", "quantity", "unit", "guessed"), *rows])))
         if texts := columns.not_numbers(self.table):
-            tell(f"Not used, since they are not numbers alone: {texts}.")
+            advice = "To use such a column, leave the cells of missing samples empty"
+            tell(f"Not used, since they are not numbers alone: {texts}. {advice}.")
         return any(guess.why for guess in self.guesses)
 
     def _answered(self, guess: columns.ColumnGuess) -> _Test:
@@ -404,4 +405,7 @@ def _run(records: Sequence[Path], sensors: Path, structure: Path | None, answer:
     written = " and ".join(str(path) for path in (sensors, structure) if path is not None)
     tell(f"\nTo go on, edit {written} and repeat:")
     tell("\n".join(f"  linkwise {shlex.join(command)}" for command in commands))
+    if (answer / RESULT).is_file():
+        tell("To test the answer on a record that it has not seen, with the same columns:")
+        tell(f"  linkwise validate SECOND_RECORD {shlex.join([str(answer), *mapping])}")
     return int(status)

@@ -427,6 +427,8 @@ class DiscoveryOptions(AskedFor):
     admit : sequence of {"gain", "offset", "delay", "drift", "high pass", "clock", "crosstalk"}
         Errors of sensors that are taken into the model where they are significant: the search is repeated with those that its
         diagnosis names. By default two at most, and where they leave only noise.
+    as_stated : bool
+        Search once, and take no error of a sensor into the model by itself where what was stated leaves more than noise.
     ambient : sequence of str or mapping of str to float or None
         Masses on which a random force acts that no channel shows, as of `MaximumLikelihood`: every fit of the search counts
         them in.

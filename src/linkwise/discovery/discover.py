@@ -190,7 +190,7 @@ def discover(
         return answer_with_sensors(search, driven, options, chosen.admit, report, finish=lambda fit, _: fit)
 
     discovery = answered(sensors)
-    if not (chosen.admit or sensors.random or candidates.memory):
+    if not (chosen.as_stated or chosen.admit or sensors.random or candidates.memory):
         discovery = _beside_errors(discovery, answered, sensors, driven)
     seconds = perf_counter() - started
     estimate = replace(discovery.estimate, seconds=seconds, notes=joined_notes(records))

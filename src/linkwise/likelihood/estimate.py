@@ -251,7 +251,6 @@ class LikelihoodKeywords(AskedKeywords, total=False):
     loss: Loss | None
     exact: bool
     profile: bool
-    as_stated: bool
 
 
 @final
@@ -338,7 +337,6 @@ class MaximumLikelihood(AskedFor, Estimator):
     loss: Loss = field(default_factory=Gaussian, metadata={"typed": "LOSS", "choices": LOSSES})
     exact: bool = field(default=False, metadata={"typed": ""})
     profile: bool = field(default=False, metadata={"typed": ""})
-    as_stated: bool = field(default=False, metadata={"typed": ""})
 
     def __post_init__(self) -> None:
         for name in ("offsets", "gains", "delays"):

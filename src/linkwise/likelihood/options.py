@@ -63,6 +63,7 @@ class AskedKeywords(TypedDict, total=False):
     ambient: Stated
     input_noise: Stated
     admit: str | Sequence[str]
+    as_stated: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +84,7 @@ class AskedFor:
     ambient: Stated = field(default=(), hash=False, metadata=AMBIENT)
     input_noise: Stated = field(default=(), hash=False, metadata=INPUT_NOISE)
     admit: str | Sequence[str] = field(default=(), metadata=ADMIT)
+    as_stated: bool = field(default=False, metadata={"typed": ""})
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def amplitude_sections(result: Response, title: str = "Amplitude over frequency"
 
 def _write_data(result: Response, folder: Path) -> None:
     """branches.csv: a line for every point of a branch."""
-    kinds = ("amplitude", "first harmonic", "phase in degrees", "lower", "upper")
+    kinds = ("amplitude", "first harmonic", "phase in degrees", "lower", "upper", "mean")
     names = [f"{channel} {kind}" for channel in result.channels for kind in kinds]
     head = ["level", "branch", "hz", "stable", "largest multiplier", "bifurcation", *names]
     rows = [
@@ -65,10 +65,10 @@ def _write_data(result: Response, folder: Path) -> None:
 
 
 def _branch_rows(branch: Branch) -> Iterator[tuple[object, ...]]:
-    """Of each point of a branch frequency, stability and bifurcation, and of each channel amplitudes, phase and bounds."""
+    """Of each point of a branch frequency, stability and bifurcation, and of each channel amplitudes, phase, bounds, mean."""
     unknown, harmonic = np.full_like(branch.amplitude, np.nan), branch.first_harmonic
-    bounds = (unknown if end is None else end for end in (branch.lower, branch.upper))
-    values = [branch.amplitude, np.abs(harmonic), np.degrees(np.angle(harmonic)), *bounds]
+    others = (unknown if one is None else one for one in (branch.lower, branch.upper, branch.mean))
+    values = [branch.amplitude, np.abs(harmonic), np.degrees(np.angle(harmonic)), *others]
     columns = np.stack(values, axis=2).reshape(len(branch.hz), -1).tolist()
     states = [part.tolist() for part in (branch.hz, branch.stable.astype(int), branch.largest_multiplier)]
     for *state, row in zip(*states, branch.bifurcations, columns, strict=True):

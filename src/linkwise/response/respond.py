@@ -193,11 +193,12 @@ def _reach(search: LevelSearch, wells: Floats) -> float:
 
 
 class _ShownMotion(NamedTuple):
-    """Amplitudes (C,) and first harmonics (C,) of a motion, its start (N,), and the link that leaves its range, or ""."""
+    """Amplitudes, first harmonics and means (C,) of a motion, its start (N,), and the link that leaves its range, or ""."""
 
     point: Point
     amplitude: Floats
     harmonic: NDArray[np.complex128]
+    mean: Floats
     start: Floats
     outside: str
 
@@ -228,6 +229,7 @@ class _Shown:
             starts=np.array([motion.start for motion in shown]),
             turns=equations.turns,
             outside=tuple(motion.outside for motion in shown) if self.asked.ranges else (),
+            mean=np.array([motion.mean for motion in shown]),
         )
 
     def _of(self, equations: PeriodicEquations, point: Point) -> _ShownMotion:
@@ -236,7 +238,8 @@ class _Shown:
             motion = equations.motion(point.unknowns)
             outside = self._outside(equations, motion, point.parameter) if self.asked.ranges else ""
             shown = amplitudes(motion, self.rows, equations.turns)
-            self._kept[id(point)] = _ShownMotion(point, *shown, motion[0], outside)
+            mean = self.rows @ motion[:-1].mean(axis=0)
+            self._kept[id(point)] = _ShownMotion(point, *shown, mean, motion[0], outside)
         return self._kept[id(point)]
 
     def _outside(self, equations: PeriodicEquations, motion: Floats, omega: float) -> str:

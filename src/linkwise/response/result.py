@@ -22,6 +22,7 @@ from linkwise.verdict import UNGRADED, Basis, Verdict
 
 FOLD = "fold"
 _SHOWN_BIFURCATIONS = 6
+_OFF_CENTRE = 0.01  # of the amplitude: a mean beyond it is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,8 @@ class Branch:
         At each point the link whose elongation leaves most the range that the record visited, "" where none does.
     lower, upper : array of shape (P, C) or None
         95 % band of the amplitudes; NaN where too few draws have such a motion.
+    mean : array of shape (P, C) or None
+        Mean of each channel over the period: about which rest position the motion is.
 
     Examples
     --------
@@ -69,6 +72,7 @@ class Branch:
     outside: tuple[str, ...] = ()
     lower: Floats | None = None
     upper: Floats | None = None
+    mean: Floats | None = None
 
     @cached_property
     def largest_multiplier(self) -> Floats:
@@ -287,6 +291,8 @@ class Response(JudgedView):
             "stable": bool(branch.stable[number]),
             "largest_multiplier": float(branch.largest_multiplier[number]),
         }
+        if branch.mean is not None:
+            point["mean"] = self._named(branch.mean[number])
         if branch.bifurcations[number]:
             point["bifurcation"] = branch.bifurcations[number]
         if branch.outside:
@@ -312,9 +318,9 @@ def headline(response: Response) -> tuple[str, ...]:
 
 
 def peak_rows(response: Response) -> list[tuple[str, ...]]:
-    """For each branch its frequencies, largest amplitude of each channel, and bifurcations."""
+    """For each branch its frequencies, largest amplitude of each channel, what it moves about, and bifurcations."""
     largest = (f"largest {channel}" for channel in response.channels)
-    rows = [("level", "branch", "Hz", *largest, "bifurcations (Hz)")]
+    rows = [("level", "branch", "Hz", *largest, "mean", "bifurcations (Hz)")]
     for level in response.levels:
         size = f"{level.size:g} {response.drive.unit}"
         for number, branch in enumerate(level.branches, start=1):
@@ -327,8 +333,24 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
             ]
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
-            rows.append((size, name, span, *cells, _bifurcation_text(branch) or "-"))
-    return rows
+            rows.append(
+                (size, name, span, *cells, _about(response, branch), _bifurcation_text(branch) or "-")
+            )
+    if not any(row[-2] for row in rows[1:]):
+        return [(*row[:-2], row[-1]) for row in rows]
+    return [(*row[:-2], row[-2] or "-", row[-1]) for row in rows]
+
+
+def _about(response: Response, branch: Branch) -> str:
+    """The mean of channels about which motion is not symmetric, where it is so most: near a rest position, if in a well."""
+    if branch.mean is None:
+        return ""
+    parts = np.abs(branch.mean) / branch.amplitude
+    return ", ".join(
+        f"{channel} {branch.mean[at, column]:.4g} {unit_in(response.structure, channel)}"
+        for column, (channel, at) in enumerate(zip(response.channels, parts.argmax(axis=0), strict=True))
+        if parts[at, column] > _OFF_CENTRE
+    )
 
 
 def _bifurcation_text(branch: Branch) -> str:

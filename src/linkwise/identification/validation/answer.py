@@ -91,6 +91,8 @@ def _exact(why: str) -> str:
 def _numbers(structure: Structure, file: str | Path = "") -> Structure:
     for parameter in structure.parameters:
         message = f"{parameter.name} is unknown, and every coefficient must be a number here: identify it first, or give one"
+        inside = Path(file).parent / "answer"
+        message += f"; an answer is in {inside}" if (inside / RESULT).is_file() else ""
         raise StructureError(message, str(file))
     return structure
 
