@@ -14,6 +14,10 @@ from structures import NES, link, oscillator, row_of_masses, with_links
 from within import assert_within, errors
 
 import linkwise as lw
+from linkwise.likelihood.checks.judgement import Examined, Judgement
+from linkwise.likelihood.checks.verdicts import motion_that_runs_away
+from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.shooting.residuals import evaluate
 
 DURATION, RATE, SNR = 3.0, 1000.0, 20.0
 
@@ -204,3 +208,23 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         assert np.max(np.abs(fit.values - long.values) / deviations) < 3.0
         low, high = present(fit.coefficient("link.k3").interval)
         assert present(fit.coefficient("link.k3").value) > 4e5 and high - low < 1.2e5
+
+
+def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> None:
+    """Beside a model error one damper brakes, and the other drives the mass: samples alone would not tell them apart."""
+    law, force = "k*d + c*v", random_force(np.random.default_rng(6), 4.0, 200.0)
+    clean = lw.simulate(
+        oscillator(f"{law} + q*d**3", k=987.0, c=6.0, q=4e5), forces={"m1": force}, duration=4.0, rate=200.0
+    )
+    records, asked = [clean.with_noise(40.0, seed=6)], oscillator(law, k=987.0, c=6.0).unknown("all")
+    fit = likelihood_fit(records, asked, np.array([987.0, 6.0]))
+    assert fit.model_error > 0.0
+    before = Judgement(lw.Verdict.MODEL_ERROR_NEEDED, "")
+    best, optimum = Examined(fit, asked, [asked], records), fit.optimum
+    assert motion_that_runs_away(best, before) is None
+    point = replace(optimum.point, theta=fit.values * [1.0, -10.0])
+    misfit = evaluate(optimum.segments, point, optimum.scales, optimum.loss)
+    wrong = replace(best, fit=replace(fit, optimum=replace(optimum, misfit=misfit)))
+    judgement = present(motion_that_runs_away(wrong, before))
+    assert judgement.verdict is lw.Verdict.NOT_CONVERGED
+    assert "state starts of link.k and link.c within some 20 %" in judgement.message

@@ -44,7 +44,7 @@ from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, evaluate
+from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
 from linkwise.likelihood.shooting.steps import freedom
 from linkwise.likelihood.shooting.tangents import CandidateForces
@@ -54,6 +54,9 @@ BLOCKS = 20, 10
 FEWEST = 5  # segments in the shortest block
 EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
+_JOINED_FAR = (
+    2  # times that segments are joined, of a few masses by four: 80 samples, which is mostly a period
+)
 _COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
 
 
@@ -94,6 +97,21 @@ class Optimum:
     def point(self) -> Iterate:
         """The unknowns."""
         return self.misfit.point
+
+    @cached_property
+    def runs_away(self) -> bool:
+        """Whether motion by the laws, run on from states along the records, leaves more than any as large would."""
+        segments, point = self.segments, self.point
+        for _ in range(_JOINED_FAR):
+            longer = LongerSegments.of(segments)
+            if longer is None:
+                return False
+            segments, point = longer.segments, longer.point(point)
+        left = evaluate(segments, point, self.scales, self.loss).residuals
+        shown = moved(segments) / segments.deviations(self.scales)
+        with np.errstate(over="ignore", invalid="ignore"):
+            power = np.sum(left**2, axis=(0, 2))
+        return not bool(np.all(power <= _OPPOSITE * np.sum(shown**2, axis=(0, 2))))
 
     def linear(
         self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
@@ -499,11 +517,16 @@ def _with_model_error(
 
 def _are_small(segments: Segments, fit: AnnealingFit) -> bool:
     """Whether the residuals are a small part of how far each channel moves from its mean."""
-    count = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
-    mean = segments.samples.sum(axis=(0, 2)) / count
-    motion = np.where(segments.observed, segments.samples - mean[:, None], 0.0)
+    motion = moved(segments)
     residuals = fit.misfit.residuals * fit.scales.sigma[:, None]
     return bool(np.all(np.sum(residuals**2, axis=(0, 2)) <= _SMALL**2 * np.sum(motion**2, axis=(0, 2))))
+
+
+def moved(segments: Segments) -> Floats:
+    """(M, C, K) how far each channel is from its mean; zero where it has no sample."""
+    count = np.maximum(segments.observed.sum(axis=(0, 2)), 1)
+    mean = segments.samples.sum(axis=(0, 2)) / count
+    return np.where(segments.observed, segments.samples - mean[:, None], 0.0)
 
 
 def _is_coloured(fit: AnnealingFit) -> bool:

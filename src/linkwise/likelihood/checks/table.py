@@ -45,6 +45,7 @@ FINDINGS = (
     Check("skewed profiles", "widens", skewed_profiles),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
     Check("modes that hosts lack", "approximates", modes_of_hosts),
+    Check("motion that runs away", "refuses", verdicts.motion_that_runs_away),
     Check("uneven samples", "names", recording.uneven_samples),
 )
 """Checks that follow, in their order, each on what those before it said."""

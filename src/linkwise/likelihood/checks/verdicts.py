@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import format_percent
+from linkwise.display import enumerated, format_percent
 from linkwise.estimates.causes import EVENT, Cause
 from linkwise.likelihood.checks.horizons import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
@@ -54,6 +54,7 @@ _SMALL_ERRORS = frozenset(
 )
 """Whose effect the first order describes. A filter of all sensors changes the motion that nonlinear links act by as well,
 noise of inputs has no size that moves coefficients to a side, and what contradicts a stated value is no small error."""
+_NAMED = 6  # coefficients
 _LIKE_A_FORCE = (Verdict.NOISE_MISMATCH, Verdict.MEASUREMENT_ERROR, Verdict.UNEXPLAINED_FORCES)
 _NO_ERRORS = (
     "The search converged, but standard errors are not finite: a coefficient has no effect on what "
@@ -519,3 +520,20 @@ def asymmetric_wells(of: Examined, before: Judgement) -> Judgement | None:
 def _widened(before: Judgement, added: Mapping[str, Floats], hint: str) -> Judgement:
     message = f"{before.message} The residuals hint at {hint}; the intervals allow for that."
     return replace(before, message=message, added={**before.added, **added})
+
+
+def motion_that_runs_away(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether motion by laws beside a model error, run on from states along the record, soon runs away from it.
+
+    Laws that explain all of a record a few samples at a time, and a period of it not at all, are those of a wrong optimum.
+    """
+    fit = of.fit
+    if not (fit.model_error > 0.0 and before.may_be_approximate and fit.optimum.runs_away):
+        return None
+    free = np.array(fit.segments.system.parameters.names)[fit.free].tolist()
+    message = (
+        "With these values the laws predict the next samples alone: the motion soon runs away from the record. "
+        f"The search ended at a wrong optimum: state starts of {enumerated(free[:_NAMED])} within some 20 %, or identify the "
+        "beginning of the record first."
+    )
+    return replace(before, verdict=Verdict.NOT_CONVERGED, message=message, added={})
