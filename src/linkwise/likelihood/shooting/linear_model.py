@@ -228,10 +228,6 @@ class FactoredModel:
         """Whether the corner of `linear` is that of several blocks."""
         return len(self.linear.of_data.gradients) > 1
 
-    def within(self, border: Indices) -> FactoredModel:
-        """That of these unknowns of the border alone, in arrays of its own."""
-        return FactoredModel(self.linear.within(border), self.factor.within(border))
-
 
 def block_information(model: FactoredModel, q: float) -> tuple[Floats, Floats]:
     """Scores (B, p) and information (B, p, p) of as many blocks as the corner of the model has, at its relaxation."""

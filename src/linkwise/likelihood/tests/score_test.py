@@ -308,15 +308,17 @@ def augmented_quadratic(
     if border is None:
         raise np.linalg.LinAlgError("the equations at the optimum are not positive definite")
     own = parameters + len(candidates.first) + (0 if errors is None else len(errors.channel))
-    model = None
+    schur, reduced, model = border.schur, border.reduced, None
     if not border.damped:
-        estimated = np.delete(np.arange(len(border.schur)), np.arange(parameters, own))
-        model = FactoredModel(linear, border).within(estimated)
+        estimated = np.delete(np.arange(len(schur)), np.arange(parameters, own))
+        linear = linear.within(estimated)  # one after the other: each frees the columns of what is tested
+        border = border.within(estimated)
+        model = FactoredModel(linear, border)
     # offsets and gains of sensors follow
-    with_own = border.schur[:own, own:]
-    follow = np.linalg.solve(border.schur[own:, own:], with_own.T)
-    curvature = border.schur[:own, :own] - with_own @ follow
-    slope = border.reduced[:own] - follow.T @ border.reduced[own:]
+    with_own = schur[:own, own:]
+    follow = np.linalg.solve(schur[own:, own:], with_own.T)
+    curvature = schur[:own, :own] - with_own @ follow
+    slope = reduced[:own] - follow.T @ reduced[own:]
     if optimum.coloured is None:
         return Quadratic(curvature, slope, None, model)
     rows = eliminated_rows(*at, candidates, errors)
