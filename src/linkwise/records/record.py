@@ -363,7 +363,7 @@ class Record(NotebookView):
     def __repr__(self) -> str:
         last = self.start + (len(self) - 1) / self.rate
         missing = int(self.missing.sum())
-        gaps = f"; {missing} samples missing" if missing else ""
+        gaps = f"; {missing} sample{'s' * (missing > 1)} missing" if missing else ""
         span = f"{len(self)} samples at {self.rate:g} Hz, {self.start:g} to {last:g} s"
         return f"Record of {span}: {', '.join(self.channels) or 'no channels'}{gaps}"
 
