@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1862),
     "records": (8, 1456),
     "report": (10, 1028),
-    "response": (12, 1762),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (12, 1756),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 888),
     "signals": (6, 831),
     "simulation": (9, 1648),

@@ -32,7 +32,7 @@ def test_a_response_is_printed_written_and_handed_on(chain_file: Path) -> None:
     level = result["levels"][1]
     point = level["branches"][0]["points"][0]
     assert set(point) == {
-        "hz", "amplitude", "first_harmonic", "phase_deg", "stable", "largest_multiplier"
+        "hz", "amplitude", "first_harmonic", "phase_deg", "mean", "stable", "largest_multiplier"
     }  # fmt: skip
     assert list(point["amplitude"]) == ["x:m2"]
     assert len(level["folds_hz"]) == 2 * len(level["branches"])

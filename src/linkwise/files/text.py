@@ -105,7 +105,7 @@ def _check_row_lengths(
             message += "; with decimal commas, separate the cells by semicolons"
         elif line == lines[-1] and len(row) < count:
             message += "; was the file truncated in its last line?"
-        elif any(len(others) == count for others in rows):
+        elif len(row) < count and any(len(others) == count for others in rows):
             message += "; leave the cell of a missing reading empty, and keep the delimiters"
             raise RecordError(message, file, int(line))
         else:

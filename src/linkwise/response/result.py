@@ -318,39 +318,33 @@ def headline(response: Response) -> tuple[str, ...]:
 
 
 def peak_rows(response: Response) -> list[tuple[str, ...]]:
-    """For each branch its frequencies, largest amplitude of each channel, what it moves about, and bifurcations."""
+    """For each branch its frequencies, largest amplitude of each channel and what it moves about, and bifurcations."""
     largest = (f"largest {channel}" for channel in response.channels)
-    rows = [("level", "branch", "Hz", *largest, "mean", "bifurcations (Hz)")]
+    rows = [("level", "branch", "Hz", *largest, "bifurcations (Hz)")]
     for level in response.levels:
         size = f"{level.size:g} {response.drive.unit}"
         for number, branch in enumerate(level.branches, start=1):
             # unstable motion, which no test shows, counts where there is no other
             shown = branch.stable | ~branch.stable.any()
             peaks = np.where(shown[:, None], branch.amplitude, -1.0).argmax(axis=0)
-            cells = [
-                f"{branch.amplitude[at, column]:.4g} {unit_in(response.structure, channel)} at {branch.hz[at]:.5g} Hz"
-                for column, (channel, at) in enumerate(zip(response.channels, peaks, strict=True))
-            ]
+            cells = []
+            for column, (channel, at) in enumerate(zip(response.channels, peaks, strict=True)):
+                unit = unit_in(response.structure, channel)
+                peak = f"{branch.amplitude[at, column]:.4g} {unit} at {branch.hz[at]:.5g} Hz"
+                cells.append(f"{peak}{_about(branch, column, unit)}")
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
-            rows.append(
-                (size, name, span, *cells, _about(response, branch), _bifurcation_text(branch) or "-")
-            )
-    if not any(row[-2] for row in rows[1:]):
-        return [(*row[:-2], row[-1]) for row in rows]
-    return [(*row[:-2], row[-2] or "-", row[-1]) for row in rows]
+            rows.append((size, name, span, *cells, _bifurcation_text(branch) or "-"))
+    return rows
 
 
-def _about(response: Response, branch: Branch) -> str:
-    """The mean of channels about which motion is not symmetric, where it is so most: near a rest position, if in a well."""
+def _about(branch: Branch, column: int, unit: str) -> str:
+    """The mean of a channel that is not symmetric, where it is so least: near a rest position, if in a well."""
     if branch.mean is None:
         return ""
-    parts = np.abs(branch.mean) / branch.amplitude
-    return ", ".join(
-        f"{channel} {branch.mean[at, column]:.4g} {unit_in(response.structure, channel)}"
-        for column, (channel, at) in enumerate(zip(response.channels, parts.argmax(axis=0), strict=True))
-        if parts[at, column] > _OFF_CENTRE
-    )
+    parts = np.abs(branch.mean[:, column]) / branch.amplitude[:, column]
+    at = int(parts.argmax())
+    return f" about {branch.mean[at, column]:.4g} {unit}" if parts[at] > _OFF_CENTRE else ""
 
 
 def _bifurcation_text(branch: Branch) -> str:
