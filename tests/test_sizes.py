@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (10, 2196),
     "analysis": (4, 506),
     "cli": (20, 1864),
-    "discovery": (18, 3534),
+    "discovery": (18, 3536),
     "estimates": (7, 1433),
     "export": (9, 784),
     "expression": (6, 1083),

@@ -75,6 +75,8 @@ _SCREENED = 0.1  # of the progress, when the screen is done
 _SEARCHED = 0.99  # of the progress, when a selection is judged
 _LOOSE = 0.1  # relative deviation of the gain of a force
 _ERRORS = 2  # of sensors, that are added at most by themselves: each takes a search
+_STANDS_FOR_LAWS = "force gain", "offset"
+"""Errors that other masses, or laws about another position of rest, explain as well: these are asked for, not added."""
 _MEMORY = 0.03  # of the forces, left without memory, from which it is looked for where it was not offered
 
 
@@ -210,7 +212,7 @@ def _beside_errors(
         if rung.discovery.grade is Grade.EXPLAINED:
             return None
         error = distinct_error(rung.discovery.estimate.diagnosis)
-        if error is None or error.kind == "force gain":  # all masses, or all sensors, may be off by as much
+        if error is None or error.kind in _STANDS_FOR_LAWS:
             return None
         wider = with_error(rung.options, error, records[0])
         if wider is None:
