@@ -28,6 +28,7 @@ from linkwise.inspection.samples import (
     equal,
     long_stays,
     lost,
+    may_be_copied,
     quantised,
     spiked_samples,
     spikes,
@@ -252,7 +253,8 @@ def _clipped(
 def without_copies(record: Record) -> tuple[list[Record], dict[str, list[slice]]]:
     """The parts of a record before and behind samples that were there before, and which these are, by response."""
     again, there = np.zeros(len(record), dtype=bool), dict[str, list[slice]]()
-    for signal in RecordSignals.of(record).responses:
+    signals = RecordSignals.of(record).responses if any(map(may_be_copied, record.values.T)) else ()
+    for signal in signals:
         for _, copy in copies(signal):
             again[copy] = True
             there.setdefault(signal.channel, []).append(copy)

@@ -396,14 +396,21 @@ _CHANGING = 24  # of them, that differ from the one before: with noise of three 
 _SEED = 20261130  # of the weights by which stretches are compared
 
 
+def may_be_copied(values: Floats) -> bool:
+    """Whether so many samples (N,) are there twice that a buffer of them may be: each of a copy was there before."""
+    known = values[np.isfinite(values)]
+    return len(np.unique(known)) <= len(values) - BUFFER
+
+
 def copies(signal: ChannelSignal) -> list[tuple[int, slice]]:
     """The stretches of samples that were there before, bit for bit, each with the first sample of the one before.
 
     None of a channel whose noise is as small as its steps: that repeats wherever the motion does.
     """
+    if len(signal.values) < 2 * BUFFER or not may_be_copied(signal.values):
+        return []
     grain = max(float(np.median(signal.grain)), signal.step) if signal.observed.size else 0.0
-    noisy = np.nan_to_num(signal.sigma) > max(_FINER * grain, _NOISY * signal.rms)
-    if not noisy or len(signal.values) < 2 * BUFFER:
+    if not np.nan_to_num(signal.sigma) > max(_FINER * grain, _NOISY * signal.rms):
         return []
     weights = np.random.default_rng(_SEED).integers(1, 2**63, BUFFER, dtype=np.uint64)
     _, values = np.unique(signal.filled, return_inverse=True)  # bits of few digits would cancel in the sums

@@ -132,25 +132,28 @@ def _moments(segments: Segments) -> Indices:
 def _jumps(
     fit: LikelihoodFit, equations: DrawnEquations, moments: Indices
 ) -> Iterator[tuple[float, int, Floats]]:
-    """Jumps of all states at the ends of some segments, each alone: what each takes off -2 log likelihood, the segment, and
-    what it makes of the parameters (p,).
+    """The likeliest of the jumps of all states at the ends of some segments, each alone, of each part of these: what it takes
+    off -2 log likelihood, the segment, and what it makes of the parameters (p,).
     """
     optimum = equations.optimum
     m, scale = optimum.segments.system.dimension, optimum.scales.theta[: len(fit.values)]
     pulls = _pulls(equations)
     for part in at_once(len(moments), optimum.segments.count * m * m):
-        border, defects = _by_jumps(equations, moments[part])
-        for number, segment in enumerate(moments[part]):
-            own = slice(number * m, (number + 1) * m)
-            left = (np.eye(m) - defects[segment][:, own]) / RELAXED**2
-            information, directions = np.linalg.eigh(0.5 * (left + left.T))
-            seen = information > _RANK * information[-1]
-            along = directions[:, seen].T @ pulls[segment]
-            gains = np.sum(along**2 / information[seen, None], axis=0)
-            chance = np.mean(gains[1:]) / m if len(gains) > 1 else optimum.noise**2
-            size = directions[:, seen] @ (along[:, 0] / information[seen])
-            moves = np.where(fit.free, (border[: len(scale), own] @ size) * scale, 0.0)
-            yield float(gains[0] / chance), int(segment), moves
+        some, each = moments[part], np.arange(len(moments[part]))
+        border, defects = _by_jumps(equations, some)
+        own = defects[some].reshape(len(some), m, len(some), m)[each, :, each]
+        information, directions = np.linalg.eigh(
+            (np.eye(m) - 0.5 * (own + own.transpose(0, 2, 1))) / RELAXED**2
+        )
+        seen = information > _RANK * information[:, -1:]
+        inverse = np.where(seen, 1.0 / np.where(seen, information, 1.0), 0.0)
+        along = directions.transpose(0, 2, 1) @ pulls[some]
+        gains = np.sum(along**2 * inverse[..., None], axis=1)
+        gains = gains[:, 0] / (np.mean(gains[:, 1:], axis=1) / m if gains.shape[1] > 1 else optimum.noise**2)
+        best = int(np.argmax(gains))
+        size = directions[best] @ (inverse[best] * along[best, :, 0])
+        moves = (border[: len(scale), best * m : (best + 1) * m] @ size) * scale
+        yield float(gains[best]), int(some[best]), np.where(fit.free, moves, 0.0)
 
 
 def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floats]:

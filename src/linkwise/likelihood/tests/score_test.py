@@ -44,11 +44,11 @@ from linkwise.model.structure import Structure
 from linkwise.records.channel_units import unit_in
 from linkwise.runtime import one_blas_thread
 
-Pieces = Callable[[Floats, Floats, tuple[float, float]], tuple[Floats, Floats]]
-"""The part (N, K) of a state that is left after each piece of a motion, and what the piece adds.
+Pieces = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
+"""The part (N, L, K) of a state that is left after each piece of a motion, and what the piece adds.
 
-By the change of the elongation in m (N, K), the duration in s (K,), which the first piece, between segments, takes nothing of,
-and the standard deviations of the elongation in m and of its rate in m/s.
+By the change of the elongation in m (N, L, K), the duration in s (K,), which the first piece, between segments, takes nothing
+of, and the standard deviations (2, L, 1) of the elongation in m and of its rate in m/s.
 """
 
 
@@ -65,12 +65,13 @@ class MemoryForce:
     pieces: Pieces
 
     def along(self, motion: Floats, step: Floats, linked: Bools) -> Floats:
-        """The force along the elongation of a link.
+        """The force along the elongations of links.
 
         Parameters
         ----------
-        motion : array of shape (2 J + 1, 2, K)
-            The elongation in m and its rate in m/s, at the ends of the J steps of K segments and in their middles, in turn.
+        motion : array of shape (2 J + 1, 2, L, K)
+            The elongations of L links in m and their rates in m/s, at the ends of the J steps of K segments and in their
+            middles, in turn.
         step : array of shape (K,)
             Duration of a step in s.
         linked : array of bool, shape (K - 1,)
@@ -78,37 +79,42 @@ class MemoryForce:
 
         Returns
         -------
-        array of shape (2 J + 1, K)
+        array of shape (2 J + 1, L, K)
             The force there; zero where there is no motion.
         """
-        path = motion[:, 0]
-        spread = float(np.std(path)), float(np.std(motion[::2, 1]))
-        if not (np.isfinite(spread).all() and min(spread) > 0.0):
-            return np.zeros(path.shape)
-        change = np.empty(path.shape)
-        np.subtract(path[1:], path[:-1], out=change[1:])
-        change[0, 0] = 0.0
-        np.subtract(path[0, 1:], path[-1, :-1], out=change[0, 1:])  # from where the segment before ends
-        return _states(*self.pieces(change, 0.5 * step, spread), linked)
+        force = np.zeros((len(motion), *motion.shape[2:]))
+        spread = np.stack([np.std(motion[:, 0], axis=(0, 2)), np.std(motion[::2, 1], axis=(0, 2))])
+        moving = np.flatnonzero(np.isfinite(spread).all(axis=0) & (spread > 0.0).all(axis=0))
+        if len(moving):
+            path = motion[:, 0, moving]
+            change = np.empty(path.shape)
+            np.subtract(path[1:], path[:-1], out=change[1:])
+            change[0, :, 0] = 0.0
+            np.subtract(
+                path[0, :, 1:], path[-1, :, :-1], out=change[0, :, 1:]
+            )  # from where the segment before ends
+            left, added = self.pieces(change, 0.5 * step, spread[:, moving, None])
+            force[:, moving] = _states(left, added, np.append(False, linked))
+        return force
 
 
-def _states(left: Floats, added: Floats, linked: Bools) -> Floats:
-    """(N, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
+def _states(left: Floats, added: Floats, follows: Bools) -> Floats:
+    """(N, L, K) z_j = left_j z_(j-1) + added_j along each of K segments, the first following the last of that before it.
 
-    Where segments are not `linked` (K - 1,) it is zero. That is a system of equations with two diagonals.
+    Where segments do not follow (K,) it is zero. That is a system of equations with two diagonals.
     """
-    follows = np.append(False, linked)
     left[0] *= follows
-    added[0] = np.where(follows, added[0], 0.0)
-    diagonals = np.stack([np.ones(left.size), np.roll(-left.T.ravel(), -1)])
-    states, _ = dtbtrs(diagonals, added.T.reshape(-1, 1), uplo="L", diag="U")
-    return np.asarray(states.reshape(added.T.shape).T)
+    added[0] *= follows
+    diagonals = np.stack([np.ones(left.size), np.roll(-left.transpose(1, 2, 0).ravel(), -1)])
+    turned = added.transpose(1, 2, 0)
+    states, _ = dtbtrs(diagonals, turned.reshape(-1, 1), uplo="L", diag="U")
+    return np.asarray(states.reshape(turned.shape).transpose(2, 0, 1))
 
 
 _REACH = 0.3  # of the standard deviation of the elongation
 
 
-def _slip(change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+def _slip(change: Floats, duration: Floats, motion: Floats) -> tuple[Floats, Floats]:
     """A slider that yields over a reach, by dz = (dd - z |dd|)/x0; exact where the elongation is monotonic over a piece.
 
     That is the model of P. R. Dahl ("A solid friction model", 1968). With a third of the deviation it resembles sliders that
@@ -119,7 +125,7 @@ def _slip(change: Floats, duration: Floats, motion: tuple[float, float]) -> tupl
     return left, np.sign(change) * (1.0 - left)
 
 
-def _relaxation(change: Floats, duration: Floats, motion: tuple[float, float]) -> tuple[Floats, Floats]:
+def _relaxation(change: Floats, duration: Floats, motion: Floats) -> tuple[Floats, Floats]:
     """A spring in series with a damper (Maxwell), z' = v - z/tau; exact where the rate is constant over a piece.
 
     The time tau is the ratio of the deviations of d and v, that of a radian of a harmonic motion. Those that relax thirty
@@ -345,23 +351,34 @@ def forces_along(
     """(2 J + 1, f, K) the forces at the ends and in the middles of the steps of tangents, scaled as of `candidate_forces`."""
     motion = _with_points(states_along(segments, misfit), segments.system.at(misfit.point.theta).points)
     every = segments.flow_steps_per_tangent
-    step = segments.step * every
     along = {name: input_along(values, every) for name, values in segments.inputs.signals.items()}
     both = np.empty((len(motion), len(forces), segments.count), np.float32)
-    units, between = np.ones(len(forces)), dict[tuple[int, int], list[int]]()
+    units = np.ones(len(forces))
+
+    def put(number: int, values: Floats) -> None:
+        power = float(np.einsum("jk,jk->", values[::2], values[::2])) / values[::2].size
+        units[number] = 1.0 / np.sqrt(power) if power > 0.0 else 1.0
+        np.multiply(values, units[number], out=both[:, number], casting="same_kind")
+
+    plain = dict[tuple[int, int], dict[int, Law]]()
+    memory = dict[MemoryForce, dict[int, tuple[int, int]]]()
     for number, force in enumerate(forces):
-        between.setdefault((force.first, force.second), []).append(number)
-    for (first, second), numbers in between.items():
-        elongation = motion[:, :, first] - motion[:, :, second]
-        plain = tuple(law.expression for k in numbers if isinstance(law := forces[k].law, Law))
-        program = cached_program(plain, (*VARIABLES, *along)) if plain else None
-        results = iter(program(elongation[:, 0], elongation[:, 1], *along.values()) if program else ())
-        for number in numbers:
-            law = forces[number].law
-            values = next(results) if isinstance(law, Law) else law.along(elongation, step, segments.linked)
-            power = float(np.einsum("jk,jk->", values[::2], values[::2])) / values[::2].size
-            units[number] = 1.0 / np.sqrt(power) if power > 0.0 else 1.0
-            np.multiply(values, units[number], out=both[:, number], casting="same_kind")
+        ends = force.first, force.second
+        if isinstance(force.law, Law):
+            plain.setdefault(ends, {})[number] = force.law
+        else:
+            memory.setdefault(force.law, {})[number] = ends
+    for (first, second), laws in plain.items():
+        program = cached_program(tuple(law.expression for law in laws.values()), (*VARIABLES, *along))
+        d, v = (motion[:, kind, first] - motion[:, kind, second] for kind in (0, 1))
+        for number, values in zip(laws, program(d, v, *along.values()), strict=True):
+            put(number, values)
+    for law, of_links in memory.items():
+        firsts, seconds = np.array(list(of_links.values())).T
+        elongations = motion[:, :, firsts] - motion[:, :, seconds]
+        values = law.along(elongations, segments.step * every, segments.linked)
+        for place, number in enumerate(of_links):
+            put(number, values[:, place])
     return both, units
 
 
