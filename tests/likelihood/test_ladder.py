@@ -100,3 +100,12 @@ def test_a_force_that_saturates_is_tried_where_no_terms_leave_noise(term: str, f
     starts = {name: coefficient.value for name, coefficient in link.coefficients.items()}
     assert starts == {"k": 900.0, "c": 2.0, "added": 0.2, "saturates": pytest.approx(10.0)}
     assert link.law.text.endswith("added*(tanh(saturates*v))" if "v" in term else "added*(tanh(saturates*d))")
+
+
+def test_no_force_saturates_in_a_link_that_does_not_move() -> None:
+    missing = Cause("term", "s", -0.2, "N", 90.0, 0.01, term="sign(v)")
+    stated, still = answer([missing]), np.zeros((400, 1))
+    stated.motion = SimpleNamespace(d=still, v=still)
+    record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
+    model = _Model(lambda *asked: stated, SPRING, LikelihoodOptions(), [record], stated)
+    assert _by_saturation(model) is None

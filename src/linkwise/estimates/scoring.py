@@ -133,10 +133,8 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
 
     Parameters
     ----------
-    discovered : Structure
-        The discovered structure, every coefficient a number.
-    truth : Structure
-        The true structure, every coefficient a number.
+    discovered, truth
+        As of `term_score`.
 
     Returns
     -------
@@ -147,7 +145,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
     Raises
     ------
     StructureError
-        If the true structure lacks a mass of `discovered`, a coefficient is unknown, or a link has memory.
+        As of `term_score`.
 
     Examples
     --------

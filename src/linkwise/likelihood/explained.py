@@ -431,9 +431,11 @@ def _by_saturation(first: _Model) -> _Model | None:
     bar = part(first.options.progress, 1.0, 1.0)
     options = replace(first.options, progress=bar, steps=_STEPS)
     for begins in _SATURATES:
-        structure, form = with_saturation(first.structure, cause, first.answer, begins)
-        named = replace(cause, term=form, share=0.0)
-        beside = first.beside(named, structure=structure, options=options)
+        saturated = with_saturation(first.structure, cause, first.answer, begins)
+        if saturated is None:
+            return None
+        structure, form = saturated
+        beside = first.beside(replace(cause, term=form, share=0.0), structure=structure, options=options)
         if beside is not None and beside.is_explained:
             return beside
     return None

@@ -10,7 +10,8 @@ import numpy as np
 
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
-from linkwise.likelihood.checks.horizons import dissipates
+from linkwise.expression import symbols
+from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
 from linkwise.model.link import Link
@@ -98,9 +99,14 @@ def _with_force(link: Link, form: str, unknowns: Mapping[str, Coefficient]) -> L
     return replace(link, law=law, coefficients=coefficients)
 
 
+def _dissipates(term: str) -> bool:
+    """Whether a missing term is a force that depends on the rate, or on its past."""
+    return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))
+
+
 def with_saturation(
     structure: Structure, cause: Cause, answer: Estimate, part: float
-) -> tuple[Structure, str]:
+) -> tuple[Structure, str] | None:
     """The structure with a force like tanh in the link of a missing term, and the form of that force.
 
     Parameters
@@ -117,12 +123,15 @@ def with_saturation(
 
     Returns
     -------
-    tuple of (Structure, str)
-        The structure, with the size of the force and a factor on the motion as unknowns.
+    tuple of (Structure, str) or None
+        The structure, with the size of the force and a factor on the motion as unknowns; None where the link does not move.
     """
     number = [link.name for link in structure.links].index(cause.where)
-    state, motion = ("v", answer.motion.v) if dissipates(cause.term) else ("d", answer.motion.d)
-    factor = 1.0 / (part * float(np.std(motion[:, number])))
+    state, motion = ("v", answer.motion.v) if _dissipates(cause.term) else ("d", answer.motion.d)
+    spread = float(np.std(motion[:, number]))
+    if not spread > 0.0:
+        return None
+    factor = 1.0 / (part * spread)
     form = f"tanh({factor:.4g}*{state})"
     found = {str(p.name): float(x) for p, x in zip(answer.parameters, answer.values, strict=True)}
 
