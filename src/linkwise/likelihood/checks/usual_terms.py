@@ -53,6 +53,7 @@ from linkwise.likelihood.tests.score_test import (
     which_between_modes,
     which_usual,
 )
+from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.model.coefficient import MASS
 from linkwise.model.host import in_words
 from linkwise.model.structure import Structure
@@ -198,15 +199,13 @@ def scatter_of_blocks(fit: LikelihoodFit, tested: TestedCauses | None) -> BlockS
     weighed = segments.prior is not None or segments.random is not None or optimum.coloured is not None
     if weighed or not isinstance(optimum.loss, Gaussian):
         return None
-    free = np.ones(len(optimum.point.border), dtype=bool)
-    free[: len(fit.values)] = fit.free
     with one_blas_thread():
         scores = tested.block_scores if tested else None
         if scores is None:
             longer = in_longer_segments(fit)
             # short ones make more equal blocks
             optimum = longer if longer.segments.count >= EQUAL * BLOCKS[0] else optimum
-        scatter = block_scatter(optimum, free, scores)
+        scatter = block_scatter(optimum, free_of_bounds(fit), scores)
     return None if scatter is None or not np.isfinite(scatter.ratios).all() else scatter
 
 
@@ -263,7 +262,7 @@ def _bounded(
 
     Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it.
     """
-    if not fit.free.any():
+    if not numbers or not fit.free.any():
         return
     optimum, p, tests = fit.optimum, len(fit.values), tested.tests
     beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)

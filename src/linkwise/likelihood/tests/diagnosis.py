@@ -55,7 +55,6 @@ from linkwise.likelihood.tests.score_test import (
     Lacking,
     Quadratic,
     SingleTests,
-    augmented_quadratic,
     candidate_forces,
     determinant_slopes,
     forces_along,
@@ -103,26 +102,26 @@ class TestedCauses:
     # a candidate may be infinite somewhere; it is then not tested
     @np.errstate(over="ignore", invalid="ignore")
     def tests(self) -> SingleTests:
-        """Of each hypothesis alone; of a clock beside the delay of its channel."""
+        """Of each hypothesis alone; of a clock beside the delay of its channel, with what both gain where it gains more than
+        by chance.
+        """
         p = len(self.quadratic.slope) - len(self.hypotheses)
         tests = self.quadratic.tests(p)
-        for number, clock in enumerate(self.hypotheses):
-            if clock.kind == CLOCK and tests.gains[number] > 0.0:
-                self._test_beside_delay(tests, p, number, clock.where)
+        told = [(k, one) for k, one in enumerate(self.hypotheses) if tests.gains[k] > 0.0]
+        delays = {one.where: k for k, one in told if one.kind.endswith("delay")}
+        clocks = {k: delays[one.where] for k, one in told if one.kind == CLOCK and one.where in delays}
+        numbers = np.array([*clocks.values(), *clocks], dtype=int)
+        some = self.quadratic.within([*range(p), *(p + numbers)]).without(np.arange(p)) if clocks else None
+        for place, (clock, delay) in enumerate(clocks.items()):
+            assert some is not None
+            own = some.within([place, place + len(clocks)]).tests(1)
+            both = own.gains[0] > _CHANCE_OF_CLOCK
+            late = own.changes[0, 0] / tests.sizes[delay] + both
+            changes = own.sizes[0] / tests.sizes[clock] * tests.changes[:, clock]
+            tests.changes[:, clock] = changes + late * tests.changes[:, delay]
+            tests.gains[clock] = own.gains[0] + both * tests.gains[delay]
+            tests.sizes[clock], tests.deviations[clock] = own.sizes[0], own.deviations[0]
         return tests
-
-    def _test_beside_delay(self, tests: SingleTests, p: int, number: int, channel: str) -> None:
-        """Test a clock beside the delay of its channel, with what both gain where the clock gains more than by chance."""
-        late = [
-            k
-            for k, one in enumerate(self.hypotheses)
-            if one.kind.endswith("delay") and one.where == channel and tests.gains[k] > 0.0
-        ]
-        own = self.quadratic.within([*range(p), *(p + k for k in late), p + number]).tests(p + len(late))
-        both = late if own.gains[0] > _CHANCE_OF_CLOCK else []
-        tests.gains[number] = own.gains[0] + tests.gains[both].sum()
-        tests.sizes[number], tests.deviations[number] = own.sizes[0], own.deviations[0]
-        tests.changes[:, number] = own.changes[:p, 0] + tests.changes[:, both].sum(axis=1)
 
 
 LARGEST = 0.2  # relative error up to which the first order describes a gain or a mass; more is no error of a calibration
@@ -356,15 +355,12 @@ def diagnose(
     tested, remark = None, ""
     try:
         with one_blas_thread():
-            if any(force.ambient for force in fit.random_forces):
-                causes = _significant(_beside_ambient_forces(fit, identified), fit)
-            else:
-                tested = tested_causes(fit, identified, channels, terms=terms, beside=beside)
+            tested = tested_causes(fit, identified, channels, terms=terms, beside=beside)
+            causes = _significant(tested, fit)
+            if causes and not terms:
+                tested = tested_causes(fit, identified, channels, terms=True, beside=beside)
                 causes = _significant(tested, fit)
-                if causes and not terms:
-                    tested = tested_causes(fit, identified, channels, terms=True, beside=beside)
-                    causes = _significant(tested, fit)
-                remark = _not_tested(tested)
+            remark = _not_tested(tested)
     except np.linalg.LinAlgError:
         remark = _NOTHING_TESTED
     conflicts = tuple(_prior_conflicts(fit, identified))
@@ -373,7 +369,13 @@ def diagnose(
     others = [
         cause for cause in causes if f"{cause.kind.removeprefix('force ')} of {cause.where}" not in stated
     ]
+    tested = None if _are_ambient(fit) else tested
     return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested, remark)
+
+
+def _are_ambient(fit: LikelihoodFit) -> bool:
+    """Whether forces that nobody recorded act, beside which errors of sensors and of masses are not tested."""
+    return any(force.ambient for force in fit.random_forces)
 
 
 def likeliest_first(cause: Cause) -> float:
@@ -448,18 +450,24 @@ def tested_causes(
     beside: Beside | None = None,
 ) -> TestedCauses:
     """Missing terms, errors of masses and inputs, of sensors, of the base and of hosts; all terms, and missing links, only
-    where `terms` is true.
+    where `terms` is true. Beside ambient forces missing terms alone.
 
     Raises numpy.linalg.LinAlgError where the equations are singular.
     """
     optimum = in_longer_segments(fit)
     motion = FittedMotion(optimum, identified, channels)
-    lacking = (missing_forces if terms else usual_terms)(identified, optimum.segments.system.parameters.names)
+    errors: tuple[Iterable[Added], ...] = ()
+    if _are_ambient(fit):
+        there = [f"{link.name}.{name}" for link in identified.links for name in link.coefficients]
+        lacking = missing_terms(identified, there)
+    else:
+        named = optimum.segments.system.parameters.names
+        lacking = (missing_forces if terms else usual_terms)(identified, named)
+        of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
+        errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
     if fit.random_forces:
         lacking = [each for each in lacking if each[0].term not in _NO_SLOPE]
-    of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
-    errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
-    others = list(beside(optimum)) if beside else []
+    others = list(beside(optimum)) if beside and errors else []
     columns = TestedColumns.of(chain(terms_along(motion, lacking), *errors, others))
     whole = columns.quadratic(optimum, blocks_in(optimum.segments, fit.segments))
     unknowns, h = np.arange(len(whole.slope)), len(columns.hypotheses) - len(others)
@@ -467,21 +475,9 @@ def tested_causes(
     quadratic = replace(whole.within(unknowns[: p + h]), model=whole.model) if others else whole
     if fit.random_forces:
         quadratic = _with_determinants(quadratic, fit, identified, lacking, columns, channels)
-    named = columns.hypotheses[:h], columns.units[:h]
+    own = columns.hypotheses[:h], columns.units[:h]
     asked = whole.within(np.r_[:p, p + h : len(unknowns)]), columns.units[h:]
-    return TestedCauses(*named, quadratic, motion.attenuation, optimum, identified, asked if others else None)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # as in `tested_causes`
-def _beside_ambient_forces(fit: LikelihoodFit, identified: Structure) -> TestedCauses:
-    """Missing terms by the marginal likelihood; errors of sensors and of masses are not tested beside ambient forces."""
-    optimum = fit.optimum
-    there = [f"{link.name}.{name}" for link in identified.links for name in link.coefficients]
-    lacking = [each for each in missing_terms(identified, there) if each[0].term not in _NO_SLOPE]
-    candidates, norms = candidate_forces(optimum.segments, optimum.misfit, [force for _, force in lacking])
-    quadratic = _with_determinants(augmented_quadratic(optimum, candidates), fit, identified, lacking)
-    named = [hypothesis for hypothesis, _ in lacking], np.ones(len(norms))
-    return TestedCauses(*named, quadratic, 0.0, optimum, identified)
+    return TestedCauses(*own, quadratic, motion.attenuation, optimum, identified, asked if others else None)
 
 
 def _with_determinants(
@@ -489,24 +485,19 @@ def _with_determinants(
     fit: LikelihoodFit,
     identified: Structure,
     lacking: Lacking,
-    columns: TestedColumns | None = None,
-    channels: Sequence[Channel] = (),
+    columns: TestedColumns,
+    channels: Sequence[Channel],
 ) -> Quadratic:
     """The cost of the marginal likelihood beside random forces, in which missing forces follow the parameters, and after them
     the errors of masses and gains among `columns`.
     """
     optimum, forces, p = fit.optimum, [force for _, force in lacking], len(fit.values)
     _, norms = forces_along(optimum.segments, optimum.misfit, forces)
-    units, numbers = norms, list(range(len(forces)))
     responses = [str(channel) for channel in channels if not channel.is_input]
-    candidates: list[CandidateForce | Hypothesis] = [*forces]
-    if columns is not None:
-        named = enumerate(columns.hypotheses)
-        errors = [
-            k for k, one in named if one.kind == MASS or (one.kind == "gain" and one.where in responses)
-        ]
-        numbers, units = numbers + errors, np.concatenate([norms, columns.units[errors]])
-        candidates += [columns.hypotheses[k] for k in errors]
+    named = enumerate(columns.hypotheses)
+    errors = [k for k, one in named if one.kind == MASS or (one.kind == "gain" and one.where in responses)]
+    numbers, units = [*range(len(forces)), *errors], np.append(norms, columns.units[errors])
+    candidates: list[CandidateForce | Hypothesis] = [*forces, *(columns.hypotheses[k] for k in errors)]
     deviations = (quadratic.tests(p).deviations[numbers] * units).tolist()
     masses = [force.where.removeprefix("force:") for force in fit.random_forces]
     slope = quadratic.slope.copy()

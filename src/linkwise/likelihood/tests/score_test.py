@@ -154,6 +154,7 @@ PRICE_OF_REACH = 10.0
 number of samples, as of any coefficient."""
 
 
+_SINGULAR = 1e-12
 _COLLINEAR = 1e-6  # of its own curvature: what is left of a column beside the coefficients of the laws
 _ROUNDED = 1e-6
 """Of what is left: variance of its score in coloured noise, below which both are rounding; a pole of 0.95 leaves 2.6 %."""
@@ -203,7 +204,7 @@ def single_tests(curvature: Floats, slope: Floats, scatter: Floats | None, param
     if not (np.isfinite(scaled[own]).all() and np.isfinite(gradient).all()):
         raise np.linalg.LinAlgError("the equations of the parameters are not finite")
     projection = np.linalg.lstsq(
-        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=1e-12
+        scaled[own, own], np.column_stack([scaled[own, added], gradient[own]]), rcond=_SINGULAR
     )[0]
     left = scaled[added, added].diagonal() - np.einsum("ij,ij->j", scaled[own, added], projection[:, :-1])
     score = gradient[added] - scaled[added, own] @ projection[:, -1]
@@ -260,6 +261,20 @@ class Quadratic:
         block = np.ix_(chosen, chosen)
         scatter = None if self.scatter is None else self.scatter[block]
         return Quadratic(self.curvature[block], self.slope[chosen], scatter)
+
+    def without(self, gone: Indices) -> Quadratic:
+        """That in the others, which some unknowns follow to where the cost is least."""
+        if not len(gone):
+            return self
+        kept = np.setdiff1d(np.arange(len(self.slope)), gone)
+        scale = 1.0 / np.sqrt(np.maximum(self.curvature.diagonal()[gone], np.finfo(float).tiny))
+        squares, products = self.curvature[np.ix_(gone, gone)], self.curvature[np.ix_(gone, kept)]
+        solved = np.linalg.lstsq(squares * np.outer(scale, scale), products * scale[:, None], rcond=_SINGULAR)
+        following = np.eye(len(self.slope))[:, kept]
+        following[gone] = -scale[:, None] * solved[0]
+        scatter = None if self.scatter is None else following.T @ self.scatter @ following
+        curvature = self.curvature[np.ix_(kept, kept)] + products.T @ following[gone]
+        return Quadratic(curvature, following.T @ self.slope, scatter, self.model)
 
     def summed(self, sums: Floats) -> Quadratic:
         """That in unknowns each of which stands for several of these, added up by `sums` (k, h)."""
@@ -320,20 +335,15 @@ def augmented_quadratic(
         linear = linear.within(estimated)  # one after the other: each frees the columns of what is tested
         border = border.within(estimated)
         model = FactoredModel(linear, border)
-    # offsets and gains of sensors follow
-    with_own = schur[:own, own:]
-    follow = np.linalg.solve(schur[own:, own:], with_own.T)
-    curvature = schur[:own, :own] - with_own @ follow
-    slope = reduced[:own] - follow.T @ reduced[own:]
-    if optimum.coloured is None:
-        return Quadratic(curvature, slope, None, model)
-    rows = eliminated_rows(*at, candidates, errors)
-    assert rows is not None  # the same equations have a factor
-    scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
-    if segments.prior is not None:
-        add_prior_curvature(scores, segments.prior, scales, parameters)
-    elimination = np.concatenate([np.eye(own), -follow])
-    return Quadratic(curvature, slope, elimination.T @ scores @ elimination, model)
+    scores = None
+    if optimum.coloured is not None:
+        rows = eliminated_rows(*at, candidates, errors)
+        assert rows is not None  # the same equations have a factor
+        scores = optimum.coloured.score_covariance(rows, segments.linked, len(segments.samples))
+        if segments.prior is not None:
+            add_prior_curvature(scores, segments.prior, scales, parameters)
+    of_sensors = np.arange(own, len(schur))  # offsets and gains follow
+    return Quadratic(schur, reduced, scores, model).without(of_sensors)
 
 
 def candidate_forces(

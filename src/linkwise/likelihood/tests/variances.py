@@ -45,7 +45,6 @@ from linkwise.estimates.causes import Cause, RandomForceEstimate
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
-from linkwise.likelihood.shooting.linear_model import eliminated_rows
 from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, chunks, linearise, whitened_jacobian
@@ -408,25 +407,20 @@ def for_noise_of_inputs(
 
 
 def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
-    """(r, K, p) how far kicks (r, K - 1, n) in m/s of the masses at the nodes move the parameters, each alone."""
+    """(r, K - 1, p) how far kicks (r, K - 1, n) in m/s of the masses at the nodes move the parameters, each alone.
+
+    That is as much as a unit slope by a parameter adds to the slope by the kick.
+    """
     optimum = fit.optimum
-    segments, scales, n = optimum.segments, optimum.scales, len(optimum.segments.system.incidence)
-    misfit = optimum.misfit
-    free, p = free_of_bounds(fit), len(fit.values)
     with one_blas_thread():
-        factor = linearise(segments, misfit, scales, optimum.loss).equations(RELAXED).factor()
-        rows = eliminated_rows(segments, misfit, scales, optimum.loss, RELAXED)
-        if factor is None or rows is None:
+        equations = DrawnEquations.of(fit, optimum, RELAXED)
+        if equations is None:
             return None
-        scaled = np.zeros((len(kicks), segments.count, n))
-        scaled[:, :-1] = kicks / scales.state[n : 2 * n] / RELAXED
-        pulls = np.concatenate(
-            [np.einsum("knp,rkn->rkp", chunk.defects[:, n : 2 * n], scaled[:, chunk.part]) for chunk in rows],
-            axis=1,
-        )
-    inverse = np.zeros((len(free), len(free)))
-    inverse[np.ix_(free, free)] = np.linalg.inv(factor.schur[np.ix_(free, free)])
-    return np.asarray((pulls @ inverse)[..., :p] * scales.theta[:p])
+        unit = np.eye(len(equations.free))[:, : len(fit.values)]
+        nodes = np.zeros((optimum.segments.count, optimum.segments.system.dimension, len(fit.values)))
+        slopes = equations.by_kicks(*equations.solved(nodes, unit))
+    moved = np.einsum("rkn,knp->rkp", kicks, slopes)
+    return np.asarray(moved * optimum.scales.theta[: len(fit.values)])
 
 
 def _beginning(optimum: Optimum) -> Optimum:
