@@ -52,7 +52,7 @@ from linkwise.likelihood.shooting.minimise import (
 )
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all
@@ -398,7 +398,7 @@ def is_long(segments: Segments) -> bool:
 
 
 def search_long_record(
-    segments: Segments, start: Iterate, scales: Scales, annealer: Annealer, limit: float
+    segments: Segments, start: Misfit, scales: Scales, annealer: Annealer, limit: float
 ) -> AnnealingFit | None:
     """The optimum of a long record at the tightest links that lead to it straight.
 
@@ -406,8 +406,8 @@ def search_long_record(
     ----------
     segments : Segments
         The record, of which `is_long` holds.
-    start : Iterate
-        The unknowns to start from.
+    start : Misfit
+        That of the unknowns to start from.
     scales : Scales
         Their units.
     annealer : Annealer

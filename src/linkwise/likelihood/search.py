@@ -285,7 +285,7 @@ _MANY = 0.2  # share of the segments from which the flow runs away although laws
 _HALVINGS = 20  # of states from which the flow runs away
 
 
-def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss) -> Iterate:
+def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss) -> Misfit:
     """Reduce the states from which the flow runs away, until it does not.
 
     Where it runs away from many, laws or units are wrong, and nothing is changed.
@@ -303,31 +303,31 @@ def within_reach(segments: Segments, start: Iterate, scales: Scales, loss: Loss)
 
     Returns
     -------
-    Iterate
-        The same parameters, and states halved until the flow from them stays near the samples.
+    Misfit
+        That at the same parameters, with states halved until the flow from them stays near the samples.
     """
     misfit = evaluate(segments, start, scales, loss)
     wild = _runs_away(segments, misfit, scales)
     if np.mean(wild) > _MANY:
-        return start
+        return misfit
     for _ in range(_HALVINGS):
         if not wild.any():
             break
         calmer = replace(misfit.point, nodes=np.where(wild, 0.5, 1.0) * misfit.point.nodes)
         misfit = evaluate(segments, calmer, scales, loss)
         wild = _runs_away(segments, misfit, scales)
-    return misfit.point
+    return misfit
 
 
-def states_by_held_laws(segments: Segments, start: Iterate, scales: Scales, annealer: Annealer) -> Iterate:
+def states_by_held_laws(segments: Segments, start: Misfit, scales: Scales, annealer: Annealer) -> Misfit:
     """Fit the states alone, the parameters held, where the states of a start are no motion of the laws.
 
     Parameters
     ----------
     segments : Segments
         The record in segments.
-    start : Iterate
-        States and parameters, the latter near the truth.
+    start : Misfit
+        That of states and parameters, the latter near the truth.
     scales : Scales
         Their units, and the noise.
     annealer : Annealer
@@ -335,16 +335,15 @@ def states_by_held_laws(segments: Segments, start: Iterate, scales: Scales, anne
 
     Returns
     -------
-    Iterate
-        The same parameters, with the states of a motion near the record.
+    Misfit
+        That of the same parameters, with the states of a motion near the record.
     """
-    cost = evaluate(segments, start, scales, annealer.loss).cost(1.0)
-    if not _ROUGH * int(segments.observed.sum()) < cost < np.inf:
+    if not _ROUGH * int(segments.observed.sum()) < start.cost(1.0) < np.inf:
         return start
-    system, theta = segments.system, start.theta
+    system, theta = segments.system, start.point.theta
     fixed_system = replace(system, parameters=replace(system.parameters, lower=theta, upper=theta))
     fit = annealer(replace(segments, system=fixed_system), start, scales, _SCHEDULE)
-    return replace(start, nodes=fit.point.nodes)
+    return evaluate(segments, replace(start.point, nodes=fit.point.nodes), scales, annealer.loss)
 
 
 def _runs_away(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
@@ -573,18 +572,21 @@ def searched(
         The segments, the start and the result of annealing, and by how much its chi-square may differ from 1 by chance.
     """
     segments = split_at_gaps(problem.segments)
+    many = len(segments.system.incidence) >= MANY
     if options.nodes is None:
         start = carry_through_gaps(segments, problem.start)
-        start = within_reach(segments, start, problem.scales, annealer.loss)
-        fit = _of_long_record(problem, segments, start, options, annealer)
+        misfit = within_reach(segments, start, problem.scales, annealer.loss)
+        fit = _of_long_record(problem, segments, misfit, options, annealer)
         if fit is not None:
-            return segments, start, fit, _limit(segments)
-        schedule = _FAR_OF_MANY if _many(segments) else AnnealingSchedule()
+            return segments, misfit.point, fit, _limit(segments)
+        schedule = _FAR_OF_MANY if many else AnnealingSchedule()
         if spread is not None:
-            start = states_by_held_laws(segments, start, problem.scales, annealer)
-            schedule = _NEAR_OF_MANY if _many(segments) else _NEAR
+            misfit = states_by_held_laws(segments, misfit, problem.scales, annealer)
+            schedule = _NEAR_OF_MANY if many else _NEAR
     else:
         start, schedule = replace(problem.start, nodes=options.nodes), _WARM
+        misfit = evaluate(segments, start, problem.scales, annealer.loss)
+    start = misfit.point
     if options.relaxation is not None:
         tight = max(options.relaxation / _TIGHTER, AnnealingSchedule.final_q)
         schedule = AnnealingSchedule(initial_q=options.relaxation, final_q=tight)
@@ -599,7 +601,8 @@ def searched(
         schedule = replace(schedule, initial_q=max(schedule.initial_q, tight), final_q=tight)
     limit = _limit(segments)
     held = _with_held_scale(segments)
-    fit = annealer(held or segments, start, problem.scales, schedule)
+    # whose prior counts the same at the start
+    fit = annealer(held or segments, misfit, problem.scales, schedule)
     if held is not None and fit.status is not AnnealingStatus.INTERRUPTED:
         released = annealer(segments, fit.point, fit.scales, _loosened(schedule))
         fit = replace(released, path=(*fit.path, *released.path))
@@ -633,7 +636,7 @@ def _with_held_scale(segments: Segments) -> Segments | None:
 def _of_long_record(
     problem: ShootingProblem,
     segments: Segments,
-    start: Iterate,
+    start: Misfit,
     options: LikelihoodOptions,
     annealer: Annealer,
 ) -> AnnealingFit | None:
@@ -649,10 +652,6 @@ def _of_long_record(
 def _limit(segments: Segments) -> float:
     """By how much chi-square may differ from 1 by chance."""
     return _CHI_SQUARE + _SIGMAS * float(np.sqrt(2.0 / int(segments.observed.sum())))
-
-
-def _many(segments: Segments) -> bool:
-    return len(segments.system.incidence) >= MANY
 
 
 def _loosened(schedule: AnnealingSchedule) -> AnnealingSchedule:

@@ -93,9 +93,9 @@ class AnnealingFit:
         return self.misfit.point
 
 
-def _started(segments: Segments, start: Iterate, scales: Scales, loss: Loss, q: float) -> Misfit:
+def _started(segments: Segments, start: Iterate | Misfit, scales: Scales, loss: Loss, q: float) -> Misfit:
     """The misfit at the start, which must be finite."""
-    misfit = evaluate(segments, start, scales, loss)
+    misfit = start if isinstance(start, Misfit) else evaluate(segments, start, scales, loss)
     if not np.isfinite(misfit.cost(q)):
         raise IdentificationError(
             "the motion that starts from the states in the record runs to infinity within a few samples: the time may be in "
@@ -150,7 +150,7 @@ class Annealer:
     progress: Progress = silent
 
     def __call__(
-        self, segments: Segments, start: Iterate, scales: Scales, schedule: AnnealingSchedule
+        self, segments: Segments, start: Iterate | Misfit, scales: Scales, schedule: AnnealingSchedule
     ) -> AnnealingFit:
         """Fit nodes, parameters, offsets and gains to segments.
 
@@ -158,8 +158,8 @@ class Annealer:
         ----------
         segments : Segments
             The records in segments.
-        start : Iterate
-            Starting values.
+        start : Iterate or Misfit
+            Starting values, or the misfit there.
         scales : Scales
             Units of the unknowns.
         schedule : AnnealingSchedule
