@@ -35,7 +35,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "simulation": (9, 1648),
     "sindy": (9, 1063),
     "study": (10, 1508),
-    "weak": (11, 1763),
+    "weak": (11, 1738),
 }
 
 
