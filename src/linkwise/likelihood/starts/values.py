@@ -553,14 +553,15 @@ def _values(
     if needs_integration(records[0], structure):
         signals = link_signals(records[0], structure, channel_noise(records[0]))
         return of(known | start_of_links(signals, structure, known, range(len(structure.links))))
-    missing: list[str] = []
+    start, missing = dict(known), list[str]()
     integrated, deviations = _integrated(records, structure), None
     try:
         with one_blas_thread():
             estimated, deviations = _best_weak_fit(integrated or records, structure, known)
-        start = {p.name: given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)}
+        start |= zip((p.name for p in parameters), estimated.tolist(), strict=True)
+        start |= given
     except IdentificationError as error:
-        start, failure = known, error
+        failure = error
         missing = [p.name for p in parameters if p.name not in known]
         if not missing:
             return of(known)
