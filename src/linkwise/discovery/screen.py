@@ -257,7 +257,7 @@ def screen(
         progress(ProgressReport(1.0, f"screening {len(near)} candidates together"))
     regression = WeakRegression.of(measured, candidates, candidates.structure(near))
     damped = _with_dampers(regression, _exchanged(regression, regression.significant(_LIMIT)))
-    significant = frozenset(regression.names[k] for k in _connected(regression, damped))
+    significant = frozenset(regression.names[k] for k in damped)
     return significant, tested | candidates.on_links_of(significant)
 
 
@@ -349,30 +349,6 @@ def _with_dampers(regression: WeakRegression, significant: Sequence[int]) -> lis
         return quadratic.backward_elimination(retained, frozenset(retained) - isolated, _DAMPER_LIMIT)
     except np.linalg.LinAlgError:
         return every
-
-
-def _connected(regression: WeakRegression, significant: list[int]) -> list[int]:
-    """`significant` with a spring and a damper for every mass without a link, where they explain most.
-
-    A stiff link between masses that move as one is not significant, and yet needed.
-    """
-    penalty, candidates = regression.penalty, regression.candidates
-    squares = regression.quadratic(1.0)  # with all noise bias, which keeps even a column of noise positive
-    chosen = list(significant)
-    for mass in candidates.masses:
-        around = {number for number, pair in enumerate(candidates.pairs) if mass.name in pair.between}
-        if not (penalty.pairs_of(chosen) | penalty.stated).isdisjoint(around):
-            continue
-        numbers, _, z = squares.additions(chosen)
-        springs = [
-            (abs(score), number)
-            for number, score in zip(numbers.tolist(), z.tolist(), strict=True)
-            if penalty.pair[number] in around and regression.term(number) == "d"
-        ]
-        if springs:
-            of_link = np.flatnonzero(penalty.pair == penalty.pair[max(springs)[1]]).tolist()
-            chosen = sorted({*chosen, *(k for k in of_link if regression.term(k) in ("d", "v"))})
-    return chosen
 
 
 def skeleton(measured: Measured, candidates: Candidates) -> frozenset[int]:

@@ -540,6 +540,12 @@ def _values(
     def of(values: Mapping[str, float]) -> tuple[Floats, None]:
         return np.array([values[p.name] for p in parameters]), None
 
+    def beside(fixed: Mapping[str, float]) -> dict[str, float]:
+        """All starts beside some that are held, with which the forces of others are known."""
+        valued = structure.with_values(fixed)
+        others = _values(records, valued, given)[0]
+        return {**fixed, **dict(zip((p.name for p in valued.parameters), others.tolist(), strict=True))}
+
     if all(p.name in given for p in parameters):
         return of(given)
     if structure.hosts:
@@ -547,44 +553,32 @@ def _values(
     if needs_integration(records[0], structure):
         signals = link_signals(records[0], structure, channel_noise(records[0]))
         return of(known | start_of_links(signals, structure, known, range(len(structure.links))))
-    integrated = _integrated(records, structure)
+    start, missing = dict(known), list[str]()
+    integrated, deviations = _integrated(records, structure), None
     try:
         with one_blas_thread():
             estimated, deviations = _best_weak_fit(integrated or records, structure, known)
+        start |= zip((p.name for p in parameters), estimated.tolist(), strict=True)
+        start |= given
     except IdentificationError as error:
+        failure = error
         missing = [p.name for p in parameters if p.name not in known]
         if not missing:
             return of(known)
-        guessed = _guessed_masses(records[0], structure, missing)
-        if guessed and len(guessed) < len(missing):
-            return of(_beside_masses(records, structure, guessed, given))
-        if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
-            values: dict[str, float] = {p.name: known[p.name] for p in parameters if p.name in known}
-            others = _values(records, structure.with_values(values), {})[0]
-            return of(values | dict(zip(missing, others, strict=True)))
-        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
-        raise IdentificationError(
-            f"no starting value for {', '.join(missing[:_NAMED])}{more}: the weak form, which would estimate one, fails "
-            f"because {error}. State {{ start = ... }} for it in the structure"
-        ) from error
-    start = np.array([given.get(p.name, value) for p, value in zip(parameters, estimated, strict=True)])
-    none = [p.name for p, value in zip(parameters, start.tolist(), strict=True) if not value > 0.0]
-    guessed = _guessed_masses(records[0], structure, none)
-    if guessed and len(guessed) < len(parameters):
-        return of(_beside_masses(records, structure, guessed, given))
-    return start, None if integrated else deviations  # integration takes more than noise from them
-
-
-def _beside_masses(
-    records: Sequence[Record],
-    structure: Structure,
-    masses: Mapping[str, float],
-    given: Mapping[str, float],
-) -> dict[str, float]:
-    """Starts of all parameters by name beside those of some masses, with which forces are known, too."""
-    valued = structure.with_values(masses)
-    others = _values(records, valued, given)[0]
-    return {**masses, **dict(zip((p.name for p in valued.parameters), others.tolist(), strict=True))}
+    guessed = _guessed_masses(
+        records[0], structure, [p.name for p in parameters if not start.get(p.name, 0.0) > 0.0]
+    )
+    if guessed and len(guessed) < len(missing or parameters):
+        return of(beside(guessed))
+    if not missing:
+        return of(start)[0], None if integrated else deviations  # integration takes more than noise from them
+    if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others
+        return of(beside({p.name: known[p.name] for p in parameters if p.name in known}))
+    more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+    raise IdentificationError(
+        f"no starting value for {', '.join(missing[:_NAMED])}{more}: the weak form, which would estimate one, fails "
+        f"because {failure}. State {{ start = ... }} for it in the structure"
+    ) from failure
 
 
 def _guessed_masses(record: Record, structure: Structure, missing: Sequence[str]) -> dict[str, float]:
