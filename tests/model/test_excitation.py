@@ -64,6 +64,15 @@ def test_band_limited_samples_reach_close_to_half_the_rate() -> None:
     assert few.value([0.25, 0.31]) == pytest.approx([2.5, 3.1], abs=1e-2)  # a sinc cut off at 6 samples
 
 
+@pytest.mark.parametrize("share", [0.01, 0.06, 0.2])
+def test_acceleration_of_a_band_limited_base_is_that_of_its_motion(share: float) -> None:
+    """An image near the rate accelerates 10 000 times as much as motion of its amplitude at a hundredth of the rate."""
+    rate, time = 100.0, np.linspace(1.0, 9.0, 4001)
+    angular = 2.0 * np.pi * share * rate
+    moved = Sampled(0.0, rate, np.sin(angular * np.arange(1001) / rate), band_limited=True)
+    assert moved.derivative(time, 2) / angular**2 == pytest.approx(-np.sin(angular * time), abs=2e-5)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

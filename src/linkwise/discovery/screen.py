@@ -220,7 +220,7 @@ def _shown_links(
         loose = {mass.name for mass in candidates.masses} - linked
         evidence_with = {number: _evidence(record, linear, noise, (*chosen, number)) for number in others}
         best = max(others, key=lambda number: evidence_with[number])
-        if evidence_with[best] < current + least:
+        if not evidence_with[best] > current + least:  # as of filters that all diverge
             around = [number for number in others if not loose.isdisjoint(links[number].between)]
             if not around:
                 break

@@ -23,10 +23,10 @@ from linkwise.expression.tree import Symbol
 
 ORDERS = (0, 1, 3, 5, 7)
 _UPSAMPLING = 4  # factor by which band-limited samples are refined before the spline
-_HALF_WIDTH = 32  # of the windowed sinc, in samples
+_HALF_WIDTH = 64  # of the windowed sinc, in samples
 _KEPT = 20_000  # samples up to which the last splines are kept: at most 4 MB each
 _LONGEST_KEPT = 250_000  # samples up to which the last spline of more is kept: at most 16 MB
-_KAISER = 10.0  # shape of its Kaiser window: 100 dB of stop-band attenuation
+_KAISER = 20.0  # shape of its Kaiser window: images so far down that those of second derivatives are, too
 
 if TYPE_CHECKING:  # SciPy loads its packages when they are asked for
     _Spline: TypeAlias = scipy.interpolate.PPoly | scipy.interpolate.BSpline

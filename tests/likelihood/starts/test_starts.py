@@ -11,6 +11,7 @@ from within import assert_within
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.likelihood.starts.kalman import likeliest_change
 from linkwise.likelihood.starts.linear_part import LinearPart, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.likelihood.starts.values import starting_values
@@ -149,3 +150,12 @@ def test_a_mass_to_which_the_weak_form_gives_nothing_starts_from_the_others_wher
     starts = dict(zip([p.name for p in asked.parameters], values, strict=True))
     assert starts["m1.mass"] == pytest.approx(0.5)
     assert 0.0 < starts["b.k"] == pytest.approx(300.0, rel=0.2)
+
+
+def test_a_filter_that_diverges_is_the_least_likely() -> None:
+    """Its likelihood is not a number, which is neither more nor less than another; discovery compares them."""
+    spring = oscillator("k*d + c*v", name="s", k=1030.0, c=0.33)
+    record = lw.Record.from_arrays(np.arange(300) / 200.0, {"x:m1": np.sin(np.arange(300) / 7.0)})
+    with np.errstate(all="ignore"):
+        likelihood, _ = likeliest_change(record, LinearPart.of(spring.unknown("all")), {"x:m1": 1e-200})
+    assert likelihood == -np.inf

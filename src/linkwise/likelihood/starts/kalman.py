@@ -226,9 +226,9 @@ def likeliest_change(
     samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
     models = [linear.model(record, sigma, change, white=white) for change in tried.tolist()]
     bounds = models[0].noise[len(record.motions) :]  # of elongations, which are no samples
-    likelihoods = np.array([filtered(model, samples, inputs).log_likelihood for model in models])
-    best = int(np.argmax(np.nan_to_num(likelihoods, nan=-np.inf)))
-    return float(likelihoods[best] + 0.5 * len(samples) * np.log(bounds).sum()), float(tried[best])
+    found = [filtered(model, samples, inputs).log_likelihood for model in models]
+    likelihood, best = max(zip(np.nan_to_num(found, nan=-np.inf), tried, strict=True), key=lambda one: one[0])
+    return float(likelihood + 0.5 * len(samples) * np.log(bounds).sum()), float(best)
 
 
 def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:
