@@ -13,8 +13,8 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
 from linkwise.cli.options import (
+    ANSWER,
     POSITIVE,
-    STRUCTURE,
     grouped,
     method_options,
     number,
@@ -73,7 +73,7 @@ def _harmonic(
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(WantedOptions, "wanted")
 @method_options(lw.absorption.DesignOptions, "search")
 @method_options(lw.absorption.AbsorptionOptions, "options")
