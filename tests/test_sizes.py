@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_981  # lines of all files of tests
+TESTS = 34_995  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -26,11 +26,11 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
-    "plot": (12, 1873),
+    "plot": (12, 1880),
     "records": (8, 1456),
     "report": (10, 1036),
     "response": (13, 1929),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 891),
+    "root": (11, 913),
     "signals": (6, 831),
     "simulation": (9, 1648),
     "sindy": (9, 1063),

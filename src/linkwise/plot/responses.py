@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
-from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, strips
+from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, single, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
 from linkwise.response.basins_of_attraction import Basins
@@ -249,6 +249,11 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
         axes.set(xlabel=names[0], ylabel=names[1])
         axes.grid(visible=False)
     return axes
+
+
+def basins_figure(result: Basins) -> Figure:
+    """The plane of initial states on a figure of its own."""
+    return single(partial(basins, result))
 
 
 def response_figure(result: Response) -> Figure:

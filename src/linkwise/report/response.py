@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.output import BACKBONE, BASINS, RESPONSE
-from linkwise.plot.responses import backbone_figure, basins, response_figure
-from linkwise.plot.style import scale, single
+from linkwise.plot.responses import backbone_figure, basins_figure, response_figure
+from linkwise.plot.style import scale
 from linkwise.records.channel_units import unit_in
 from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
@@ -124,7 +124,7 @@ def _write_basins_data(result: Basins, folder: Path) -> None:
 
 def _plane(result: Basins) -> dict[str, Section]:
     """The plane of initial states."""
-    figure = partial(single, partial(basins, result))
+    figure = partial(basins_figure, result)
     return {"basins": Section("Where motion ends", rows=basins_rows(result), figure=figure)}
 
 
