@@ -27,7 +27,7 @@ from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantitie
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
-from linkwise.absorption.sinks import with_harvesters
+from linkwise.absorption.sinks import Places, placed, with_harvesters
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.errors import (
@@ -88,6 +88,9 @@ class DesignOptions:
         Largest values by quantity: added_mass in kg, stroke:LINK in m, or any other.
     maximise : bool
         Whether the largest value of the quantity is the best.
+    places : mapping of str to sequence of str, optional
+        Masses and points of hosts by link, on which the link may end, as ``{"nes1": ("m1", "m3")}``: each is searched with
+        all evaluations, and several links with all combinations.
     harmonic : ResponseOptions, optional
         The harmonic excitation whose steady motion gives the quantity "resonance", as of `respond`. Where nothing else sets
         the structure in motion, its sweep does, from the lowest to the highest frequency in the duration that is simulated
@@ -120,6 +123,7 @@ class DesignOptions:
         default=None, metadata={"typed": "QUANTITY=VALUE", "example": "added_mass=0.02"}
     )
     maximise: bool = False
+    places: Places | None = None
     harmonic: ResponseOptions | None = None
     seed: int = field(default=0, metadata={"typed": "N"})
     workers: int | None = field(default=None, metadata={"typed": "N"})
@@ -138,6 +142,9 @@ class DesignOptions:
         if not len(self.levels) or not all(np.isfinite(level) and level > 0.0 for level in self.levels):
             raise SimulationError(f"levels must be positive factors of the excitation, got {self.levels!r}")
         require_known("way to count levels", self.over_levels, OVER_LEVELS)
+        for name, own in (self.places or {}).items():
+            if isinstance(own, str) or not own:
+                raise StructureError(f"places must be a sequence of masses and points, got {own!r}", name)
         for name, value in (self.limits or {}).items():
             if not (isinstance(value, int | float) and 0.0 < value < np.inf):
                 raise LinkwiseError(
@@ -232,6 +239,8 @@ class Design(JudgedView):
         What `respond` says of it under the harmonic excitation.
     basis : Basis
         The answer that the structure comes from.
+    places : tuple of (dict, float)
+        Where links were, by name, and the least of the quantity there, best first; NaN where no design keeps the limits.
 
     Examples
     --------
@@ -260,6 +269,7 @@ class Design(JudgedView):
     absorption: Absorption
     response: Response | None = None
     basis: Basis = UNGRADED
+    places: tuple[tuple[Mapping[str, str], float], ...] = ()
 
     @property
     def evaluations(self) -> int:
@@ -344,6 +354,11 @@ class Design(JudgedView):
             "unit": self.quantity.unit,
             "maximised": self.options.maximise,
             "best": self.best,
+            **(
+                {"places": [{**where, "objective": value} for where, value in self.places]}
+                if self.places
+                else {}
+            ),
             "objective": self.objective,
             "as_given": self.given,
             "trade_off": [{ADDED_MASS: mass, "objective": value} for mass, value in self.trade_off],
@@ -362,6 +377,7 @@ class Design(JudgedView):
         return "\n".join([
             *map(paragraph, design_headline(self)), "",
             *align_columns([(*row, "") for row in design_rows(self)]), "",
+            *([*align_columns([(*row, "") for row in place_rows(self)]), ""] if self.places else []),
             *align_columns([(*row, "") for row in trade_off_rows(self)]),
             *map(remark_lines, self.findings),
         ])  # fmt: skip
@@ -373,10 +389,11 @@ def design_headline(design: Design) -> tuple[str, ...]:
     word = "largest" if design.options.maximise else "least"
     factors = ", ".join(f"{level:g}" for level in design.options.levels)
     levels = "" if factors == "1" else f", {design.options.over_levels} of the levels {factors}"
+    count = len(design.places)
     return (
         f"{design.quantity.title}: {design.quantity.text(design.objective)} at the best design{given}{levels}.",
         f"It is the {word} of {design.evaluations} designs ({design.simulations} simulations of "
-        f"{design.absorption.time[-1]:g} s).",
+        f"{design.absorption.time[-1]:g} s)" + (f" at each of {count} places." if count else "."),
     )
 
 
@@ -391,12 +408,18 @@ def design_rows(design: Design) -> Rows:
     ]
 
 
+def place_rows(design: Design) -> Rows:
+    """The best of each place at which links were, best first."""
+    rows = [(*where.values(), design.quantity.text(value)) for where, value in design.places]
+    return [(*(f"place of {link}" for link in design.places[0][0]), design.quantity.title), *rows]
+
+
 def trade_off_rows(design: Design) -> Rows:
     """Added mass and quantity along the trade-off."""
     front = design.trade_off
     shown = [*front[: -1 : max(1, len(front) // _ROWS)], front[-1]]
     rows = [(f"{mass:.4g} kg", design.quantity.text(value)) for mass, value in shown]
-    return [("mass of the sinks", design.quantity.title), *rows]
+    return [("mass of the sinks", design.quantity.title), *dict.fromkeys(rows)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -572,16 +595,10 @@ class _Search:
             for k, share in enumerate(_CAPS, start=1):
                 self.evolve(main + round(k * (self.budget - main) / len(_CAPS)), low + share * (best - low))
 
-    def best(self) -> int:
-        """The number of the best design; LinkwiseError where none keeps the limits and has a value."""
-        merit, options = self.merit(), self.problem.options
-        if merit.min() >= _INFEASIBLE:
-            kept = "keeps the limits and has" if options.limits else "has"
-            raise LinkwiseError(
-                f"none of {len(merit)} designs {kept} a value of {self.problem.quantity.name}: widen the bounds"
-                f"{', raise the limits' if options.limits else ''} or simulate for longer"
-            )
-        return int(np.argmin(merit))
+    def best(self) -> int | None:
+        """The number of the best design; None where none keeps the limits and has a value."""
+        merit = self.merit()
+        return None if merit.min() >= _INFEASIBLE else int(np.argmin(merit))
 
 
 def design(
@@ -646,10 +663,44 @@ def design(
     given = AskedStructure.of(structure)
     subject, drawn = given.structure, _drawn(given.posterior, options, over)
     simulated = options_given(AbsorptionOptions.of, None, keywords)
+    at_places = list(placed(subject, options.places or {}))
+    found: list[Design | None] = []
+    for number, (_, moved) in enumerate(at_places):
+        own = None if journal is None else Path(f"{journal}{number or ''}")
+        share = part(progress, number / len(at_places), (number + 1) / len(at_places))
+        found.append(_searched(moved, drawn, over, minimise, options, simulated, own, share))
+    sign = -1.0 if options.maximise else 1.0
+    best = min((own for own in found if own), key=lambda own: sign * own.objective, default=None)
+    if best is None:
+        kept = "keeps the limits and has" if options.limits else "has"
+        count = len(at_places) * (options.evaluations or _PER_PARAMETER * len(over))
+        raise LinkwiseError(
+            f"none of {count} designs {kept} a value of {_SHORT.get(minimise, minimise)}: widen the bounds"
+            f"{', raise the limits' if options.limits else ''} or simulate for longer"
+        )
+    pairs = list(zip(found, at_places, strict=True))
+    as_given = (own.given for own, (_, moved) in pairs if own and moved == subject)
+    places = [(where, own.objective if own else np.nan) for own, (where, _) in pairs if where]
+    places.sort(key=lambda place: np.nan_to_num(sign * place[1], nan=np.inf))
+    return replace(best, given=next(as_given, None), basis=given.basis, places=tuple(places))
+
+
+def _searched(
+    subject: Structure,
+    drawn: tuple[Mapping[str, float], ...],
+    over: Mapping[str, tuple[float, float]],
+    minimise: str,
+    options: DesignOptions,
+    simulated: AbsorptionOptions,
+    journal: Path | None,
+    progress: Progress,
+) -> Design | None:
+    """The best design of one structure; None where none keeps the limits and has a value."""
     problem, comparison = _problem(subject, drawn, over, minimise, options, simulated)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
-    asked = subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated
-    before = _Journal(None if journal is None else Path(journal), asked)
+    before = _Journal(
+        journal, (subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated)
+    )
     progress(ProgressReport(0.0, f"{budget} designs"))
     start = _given(subject, problem.axes)
     with curve_pool(None if problem.resonance is None else options.workers) as pool:
@@ -657,7 +708,8 @@ def design(
         if start is not None:
             search.evaluate(start[None])
         search.run()
-    best = search.best()
+    if (best := search.best()) is None:
+        return None
     sign = -1.0 if options.maximise else 1.0
     values = dict(zip(over, search.values(search.ways[best : best + 1])[0].tolist(), strict=True))
     objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
@@ -682,7 +734,6 @@ def design(
         closure=float(search.closure.max()),
         absorption=absorption,
         response=None if resonance is None else resonance.response(absorption.with_sinks.structure),
-        basis=given.basis,
     )
 
 
