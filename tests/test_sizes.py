@@ -12,7 +12,7 @@ TESTS = 35_041  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2248),
+    "absorption": (11, 2254),
     "analysis": (4, 506),
     "cli": (20, 1884),
     "discovery": (18, 3536),

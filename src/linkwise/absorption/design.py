@@ -7,26 +7,21 @@ while evaluations are left. Each generation is one ensemble of simulations.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import pickle
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Unpack, final
 
 import numpy as np
-import scipy
 
-from linkwise import __version__
 from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
+from linkwise.absorption.search import LEAST, DesignAxis, Journal, Search, values_at, way_to
 from linkwise.absorption.sinks import Places, placed, with_harvesters
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
@@ -52,14 +47,6 @@ ADDED_MASS = "added_mass"
 OVER_LEVELS = ("worst", "mean")
 _SHORT = {"energy": "remaining", "share": "sinks_share"}  # names of quantities that users type
 _PER_PARAMETER = 100  # evaluations by default
-_SCREENED = 0.4  # of a search: points of a Halton sequence, of which the best evolve
-_POPULATION = 5  # members for each parameter
-_LEAST = 8
-_MUTATION, _CROSSOVER = (0.2, 0.7), 0.9  # a small one: evaluations are few, and landscapes rough
-_ALIKE = 1e-6  # of the mean: members of a population that differ less have converged
-_CAPS, _OF_TRADE_OFF = (0.2, 0.4, 0.6, 0.8), 0.4  # of the span of added masses, and of the evaluations
-_LOGARITHMIC = 10.0  # ratio of bounds from which a parameter is searched by its logarithm
-_INFEASIBLE = 1e30  # above every quantity
 _NEAR, _FEW = 0.02, 5  # of the spans: tolerances of what is built; designs from which a median is told
 _ROWS = 10  # of a trade-off in a table
 _AT_BOUND = 0.02  # of the span
@@ -129,7 +116,7 @@ class DesignOptions:
     workers: int | None = field(default=None, metadata={"typed": "N"})
 
     def __post_init__(self) -> None:
-        for name, least in (("evaluations", _LEAST), ("draws", 1), ("seed", 0)):
+        for name, least in (("evaluations", LEAST), ("draws", 1), ("seed", 0)):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int) and value >= least):
                 raise LinkwiseError(
@@ -150,53 +137,6 @@ class DesignOptions:
                 raise LinkwiseError(
                     f"the limit of {name} must be a positive number, got {value!r}", arguments=("limits",)
                 )
-
-
-@dataclass(frozen=True)
-class DesignAxis:
-    """A varied parameter: a coefficient or a mass, between `low` and `high` in its SI unit.
-
-    A search is by the logarithm where the bounds are of one sign and a factor of ten apart.
-
-    Attributes
-    ----------
-    name, unit : str
-        As "nes1.alpha" and "N/m".
-    low, high : float
-        The bounds.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> lw.absorption.DesignAxis("nes1.beta", "N/m^3", 1e5, 1e7).logarithmic
-    True
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether the search is by the logarithm."""
-        ends = sorted((abs(self.low), abs(self.high)))
-        return self.low * self.high > 0.0 and ends[1] >= _LOGARITHMIC * ends[0]
-
-
-def _values(axis: DesignAxis, ways: Floats) -> Floats:
-    """The values at parts 0..1 of the way between the bounds."""
-    if axis.logarithmic:
-        return np.asarray(axis.low * (axis.high / axis.low) ** ways)
-    return np.asarray(axis.low + ways * (axis.high - axis.low))
-
-
-def _way(axis: DesignAxis, value: float) -> float:
-    """The part of the way between the bounds at which a value lies."""
-    if axis.logarithmic:
-        ratio = value / axis.low
-        return float(np.log(ratio) / np.log(axis.high / axis.low)) if ratio > 0.0 else -1.0
-    return (value - axis.low) / (axis.high - axis.low)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -299,8 +239,8 @@ class Design(JudgedView):
         Near is within 2 % of the bounds, by every parameter.
         """
         ways = [
-            np.array([_way(axis, value) for value in self.points[:, k].tolist()])
-            - _way(axis, self.best[axis.name])
+            np.array([way_to(axis, value) for value in self.points[:, k].tolist()])
+            - way_to(axis, self.best[axis.name])
             for k, axis in enumerate(self.axes)
         ]
         near = (np.abs(ways).max(axis=0) <= _NEAR) & np.isfinite(self.objectives)
@@ -314,7 +254,7 @@ class Design(JudgedView):
         """Sentences on what the search cannot show."""
         lines = []
         ends = [
-            axis for axis in self.axes if not _AT_BOUND < _way(axis, self.best[axis.name]) < 1.0 - _AT_BOUND
+            axis for axis in self.axes if not _AT_BOUND < way_to(axis, self.best[axis.name]) < 1.0 - _AT_BOUND
         ]
         if ends:
             lines.append(
@@ -493,114 +433,6 @@ def _added_mass(comparison: Comparison) -> float:
     )
 
 
-class _Journal:
-    """Judgements of designs, kept in a file until the search ends, so that one that was interrupted goes on."""
-
-    def __init__(self, path: Path | None, asked: object) -> None:
-        self.path, self.judged = path, dict[bytes, list[float]]()
-        digest = hashlib.sha256(pickle.dumps((__version__, asked))).hexdigest()
-        lines: list[str] = []
-        with suppress(OSError, ValueError):
-            lines = [] if path is None else path.read_text(encoding="utf-8").splitlines()
-        for line in lines[1:] if lines[:1] == [digest] else ():
-            with suppress(ValueError):  # of a line that was cut
-                for *way, loss, excess, mass, diverged, closure in json.loads(line):
-                    self.judged[np.array(way).tobytes()] = [loss, excess, mass, diverged, closure]
-        if not self.judged:
-            self._write(digest, "w")
-
-    def add(self, ways: Sequence[Floats], judged: Floats) -> None:
-        """Keep the judgements (E, 5) of designs."""
-        rows = list(zip(ways, judged.tolist(), strict=True))
-        self.judged.update({way.tobytes(): row for way, row in rows})
-        self._write("\n" + json.dumps([[*way.tolist(), *row] for way, row in rows]), "a")
-
-    def _write(self, text: str, mode: str) -> None:
-        if self.path is not None:
-            with suppress(OSError), self.path.open(mode, encoding="utf-8") as file:
-                file.write(text)
-
-
-class _Search:
-    """The designs evaluated so far, each once, and the search for better ones in the unit cube of parameters."""
-
-    def __init__(self, problem: _Problem, budget: int, journal: _Journal, progress: Progress) -> None:
-        self.problem, self.budget, self.journal, self.progress = problem, budget, journal, progress
-        self.rng = np.random.default_rng(problem.options.seed)
-        self.sequence = scipy.stats.qmc.Halton(len(problem.axes), rng=self.rng)
-        self.number: dict[bytes, int] = {}
-        self.ways = np.empty((0, len(problem.axes)))
-        self.loss, self.excess, self.mass, self.diverged, self.closure = np.empty((5, 0))
-
-    def values(self, ways: Floats) -> Floats:
-        """(E, P) the parameters of designs."""
-        return np.stack([_values(axis, ways[:, k]) for k, axis in enumerate(self.problem.axes)], axis=1)
-
-    def merit(self, cap: float = np.inf) -> Floats:
-        """(E,) what is minimised: the loss, and beyond limits and the `cap` of the mass in kg what is in excess."""
-        excess = np.maximum(self.excess, np.maximum(self.mass / cap - 1.0, 0.0))
-        wrong = np.minimum(np.where(np.isinf(self.loss), np.maximum(excess, 1e3), excess), 1e6)
-        return np.where(
-            wrong > 0.0, _INFEASIBLE * (1.0 + wrong), np.where(np.isinf(self.loss), 0.0, self.loss)
-        )
-
-    def evaluate(self, ways: Floats) -> list[int]:
-        """The numbers of designs (E, P), those that are new evaluated together, as far as the budget goes."""
-        new = {row.tobytes(): row for row in ways if row.tobytes() not in self.number}
-        rows = list(new.values())[: max(0, self.budget - len(self.ways))]
-        if rows:
-            first = len(self.ways)
-            self.ways = np.concatenate([self.ways, rows])
-            share = part(self.progress, first / self.budget, len(self.ways) / self.budget)
-            known = self.journal.judged
-            if missing := [row for row in rows if row.tobytes() not in known]:
-                self.journal.add(missing, self.problem.judge(self.values(np.array(missing)), share))
-            judged = np.array([known[row.tobytes()] for row in self.ways]).T
-            self.loss, self.excess, self.mass, self.diverged, self.closure = judged
-            self.number.update({row.tobytes(): first + k for k, row in enumerate(rows)})
-        worst = int(np.argmax(self.merit()))  # of a design that the budget leaves out
-        return [self.number.get(row.tobytes(), worst) for row in ways]
-
-    def judged(self, ways: Floats, cap: float) -> Floats:
-        """(E,) the merit of designs."""
-        numbers = self.evaluate(ways)
-        return self.merit(cap)[numbers]
-
-    def screen(self, count: int) -> None:
-        """Evaluate the next points of the sequence."""
-        self.evaluate(self.sequence.random(count))
-
-    def evolve(self, until: int, cap: float = np.inf) -> None:
-        """Let the best designs so far evolve until the population has converged or there are `until` designs."""
-        size = max(_LEAST, _POPULATION * len(self.problem.axes))
-        population = self.ways[np.argsort(self.merit(cap), kind="stable")[:size]]
-        if (generations := -(-(until - len(self.ways)) // size)) < 1 or len(population) < 5:
-            return
-        scipy.optimize.differential_evolution(
-            lambda ways: self.judged(np.atleast_2d(ways.T), cap),
-            [(0.0, 1.0)] * len(self.problem.axes),
-            init=population, maxiter=generations, mutation=_MUTATION, recombination=_CROSSOVER, tol=_ALIKE,
-            rng=self.rng, polish=False, vectorized=True, updating="deferred",
-        )  # fmt: skip
-
-    def run(self) -> None:
-        """Spend the budget: screen and evolve, again if that converges early; then under smaller masses, if these vary."""
-        varied = self.problem.mass_varies
-        main = round(self.budget * (1.0 - _OF_TRADE_OFF)) if varied else self.budget
-        while (left := main - len(self.ways)) > 0:
-            self.screen(min(left, max(_LEAST, round(_SCREENED * left))))
-            self.evolve(main)
-        if varied:
-            low, best = float(self.mass.min()), float(self.mass[np.argmin(self.merit())])
-            for k, share in enumerate(_CAPS, start=1):
-                self.evolve(main + round(k * (self.budget - main) / len(_CAPS)), low + share * (best - low))
-
-    def best(self) -> int | None:
-        """The number of the best design; None where none keeps the limits and has a value."""
-        merit = self.merit()
-        return None if merit.min() >= _INFEASIBLE else int(np.argmin(merit))
-
-
 def design(
     structure: Answer,
     over: Mapping[str, tuple[float, float]],
@@ -698,13 +530,13 @@ def _searched(
     """The best design of one structure; None where none keeps the limits and has a value."""
     problem, comparison = _problem(subject, drawn, over, minimise, options, simulated)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
-    before = _Journal(
+    before = Journal(
         journal, (subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated)
     )
     progress(ProgressReport(0.0, f"{budget} designs"))
     start = _given(subject, problem.axes)
     with curve_pool(None if problem.resonance is None else options.workers) as pool:
-        search = _Search(replace(problem, pool=pool), budget, before, part(progress, 0.0, 0.95))
+        search = Search(replace(problem, pool=pool), budget, options.seed, before, part(progress, 0.0, 0.95))
         if start is not None:
             search.evaluate(start[None])
         search.run()
@@ -766,7 +598,7 @@ def _problem(
     axes = tuple(_axis(equipped, name, bounds) for name, bounds in over.items())
     if not axes:
         raise StructureError("nothing is varied: name at least one coefficient or mass with its bounds")
-    middle = {axis.name: float(_values(axis, np.array(0.5))) for axis in axes}
+    middle = {axis.name: float(values_at(axis, np.array(0.5))) for axis in axes}
     comparison = comparison_at(structure, middle, simulated)
     resonance = None if options.harmonic is None else Resonance.of(comparison, options.harmonic)
     quantities = {own.name: own for own in quantities_of(comparison)}
@@ -817,7 +649,7 @@ def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> Desig
 def _given(structure: Structure, axes: Sequence[DesignAxis]) -> Floats | None:
     """The structure as it is in the unit cube of parameters; None if it is not in there."""
     values = [structure.coefficient(axis.name).value for axis in axes]
-    ways = [-1.0 if value is None else _way(axis, value) for value, axis in zip(values, axes, strict=True)]
+    ways = [-1.0 if value is None else way_to(axis, value) for value, axis in zip(values, axes, strict=True)]
     return np.array(ways) if all(0.0 <= way <= 1.0 for way in ways) else None
 
 
