@@ -369,9 +369,10 @@ def _band(
                 rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
                 for column in range(2):
                     there = np.interp(values[:, 2], energy[piece][rising], along[piece, column][rising])
-                    ratio = np.divide(
-                        values[:, column], there, out=np.full(len(there), np.nan), where=there > 0.0
-                    )
+                    usable = (there > 0.0) & (
+                        values[:, column] > 0.0
+                    )  # not of an energy within rounding of none
+                    ratio = np.where(usable, values[:, column], np.nan) / np.where(usable, there, 1.0)
                     table[piece, column] = np.interp(energy[piece], values[order, 2], ratio[order])
     ends = band_ends(ratios)
     units = along[:, 0] / (2.0 * np.pi), along[:, 1]
