@@ -2,11 +2,13 @@
 
 import sys
 from dataclasses import replace
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
 
 import linkwise as lw
+from linkwise.display import FIGURES
 
 
 def test_objects_show_themselves_in_a_line(fitted: lw.Estimate, discovered: lw.Discovery) -> None:
@@ -41,6 +43,15 @@ def test_an_estimate_is_a_table_of_pandas(fitted: lw.Estimate, monkeypatch: pyte
         lw.IdentificationError, match="to_dataframe\\(\\) needs pandas, which is not installed: pip install"
     ):
         fitted.to_dataframe()
+
+
+def test_results_draw_themselves(chain: lw.Structure, fitted: lw.Estimate, discovered: lw.Discovery) -> None:
+    absorbed = lw.absorb(chain, duration=0.1, release={"v:m1": 1.0})
+    for result in (fitted, discovered, absorbed):
+        assert result.plot().axes
+    with pytest.raises(TypeError, match="Inspection has no figure of its own: print it"):
+        lw.inspect(fitted.record).plot()
+    assert all(callable(resolve_name(home)) for home in FIGURES.values())
 
 
 def heading(markup: str) -> str:

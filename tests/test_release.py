@@ -106,7 +106,8 @@ def test_workflows_run_on_three_systems_and_every_python() -> None:
     matrix = tests["tests"]["strategy"]["matrix"]
     assert [system.partition("-")[0] for system in matrix["os"]] == ["ubuntu", "windows", "macos"]
     assert matrix["python"] == ["3.11", "3.12", "3.13", "3.14"]
-    assert [job["needs"] for job in release.values() if "needs" in job] == ["build", "install"]
+    needs = [job["needs"] for job in release.values() if "needs" in job]
+    assert needs == ["build", ["install", "documentation"]]
     commands = [
         step["run"] for job in (*tests.values(), *release.values()) for step in job["steps"] if "run" in step
     ]

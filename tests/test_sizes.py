@@ -12,9 +12,9 @@ TESTS = 34_944  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (10, 2196),
+    "absorption": (11, 2254),
     "analysis": (4, 506),
-    "cli": (20, 1864),
+    "cli": (20, 1884),
     "discovery": (18, 3518),
     "estimates": (7, 1433),
     "export": (9, 784),
@@ -26,11 +26,11 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
-    "plot": (12, 1862),
+    "plot": (12, 1880),
     "records": (8, 1456),
-    "report": (10, 1028),
-    "response": (12, 1756),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 888),
+    "report": (10, 1041),
+    "response": (13, 1930),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "root": (11, 913),
     "signals": (6, 831),
     "simulation": (9, 1648),
     "sindy": (9, 1063),

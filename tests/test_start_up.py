@@ -1,6 +1,7 @@
 """What a start costs: names load on first use, and help pays for nothing that it does not show."""
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -82,3 +83,20 @@ def test_no_module_bears_the_name_of_a_public_function_of_its_package(package: M
     inside = {path.stem for path in Path(str(package.__file__)).parent.iterdir()}
     packages = {value.__name__.rpartition(".")[2] for value in PACKAGES} if package is lw else set()
     assert inside & set(package.__all__) == packages
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_a_shell_completes_commands_and_options(shell: str) -> None:
+    """As docs/commands.md says; each shell sends what was typed, and gets the words that may follow."""
+    page = (Path(__file__).parents[1] / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert f"_LINKWISE_COMPLETE={shell}_source linkwise" in page
+    command = [sys.executable, "-c", "import sys; from linkwise.__main__ import main; sys.exit(main())"]
+
+    def asked(**variables: str) -> str:
+        environment = {**os.environ, **variables}
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False).stdout
+
+    assert f"{shell}_complete" in asked(_LINKWISE_COMPLETE=f"{shell}_source")
+    last = "1" if shell != "fish" else "resp"
+    typed = {"COMP_WORDS": "linkwise resp", "COMP_CWORD": last}
+    assert "respond" in asked(_LINKWISE_COMPLETE=f"{shell}_complete", **typed)

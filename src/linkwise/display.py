@@ -8,10 +8,14 @@ from difflib import get_close_matches
 from html import escape
 from math import floor, isfinite, log10
 from pathlib import Path
+from pkgutil import resolve_name
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from linkwise.verdict import UNGRADED, Basis, Grade, Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MARKED = (*"=+-@＝＋－＠\t\r\n'",)  # with which a formula may begin, and the apostrophe itself
 _FAR_FROM_NOISE = 1e4  # chi-square from which its decimals say nothing
@@ -182,6 +186,23 @@ class NotebookView:
         return f"<{type(self).__name__}: {str(self).partition(chr(10))[0]}>"
 
 
+FIGURES = {
+    "Absorption": "linkwise.plot.absorptions:decay_figure",
+    "AbsorptionIntervals": "linkwise.plot.absorptions:decay_figure",
+    "AbsorptionMap": "linkwise.plot.absorptions:map_figure",
+    "Backbone": "linkwise.plot.responses:backbone_figure",
+    "Basins": "linkwise.plot.responses:basins_figure",
+    "Comparison": "linkwise.plot.links:comparison_figure",
+    "Design": "linkwise.plot.absorptions:designs_figure",
+    "Discovery": "linkwise.plot.discoveries:evidence_figure",
+    "Estimate": "linkwise.plot.links:forces_figure",
+    "LevelComparison": "linkwise.plot.levels:levels_figure",
+    "Response": "linkwise.plot.responses:response_figure",
+    "Validation": "linkwise.plot.validations:prediction_figure",
+}
+"""What draws a result by its type, loaded when it is drawn: results do not know figures."""
+
+
 class JudgedView(NotebookView):
     """The same for an answer: a result with `verdicts`, which say whether it can be trusted, as far as its `basis` can."""
 
@@ -205,6 +226,32 @@ class JudgedView(NotebookView):
     def grade(self) -> Grade:
         """How far the answer goes, on which exit codes depend."""
         return Grade.worst((self.basis.grade, *(verdict.grade for verdict in self.verdicts)))
+
+    def plot(self) -> Figure:
+        """Draw the figure that says most of the result; `linkwise.plot` has further ones, and axes of one's own.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure, which a notebook shows and `savefig` writes.
+
+        Raises
+        ------
+        TypeError
+            If the result is a table alone.
+
+        Examples
+        --------
+        >>> import linkwise as lw
+        >>> curve = lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3)
+        >>> len(curve.plot().axes)
+        3
+        """
+        kind = type(self).__name__
+        if kind not in FIGURES:
+            raise TypeError(f"{kind} has no figure of its own: print it, or see linkwise.plot")
+        figure: Figure = resolve_name(FIGURES[kind])(self)
+        return figure
 
     def _judgement(self) -> dict[str, Any]:
         """The part of `to_dict` that all answers share."""

@@ -41,6 +41,12 @@ _OCCUPIED = frozenset({errno.EEXIST, errno.ENOTEMPTY})
 _DISK_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
+def answer_folder(path: Path) -> Path:
+    """The path itself; of the folder of a first answer, which holds that in a folder of its own, this one."""
+    inside = path / "answer"
+    return inside if not (path / RESULT).is_file() and (inside / RESULT).is_file() else path
+
+
 def is_disk_fault(error: OSError) -> bool:
     """Whether the disk is to blame, full or broken, rather than the place that was given."""
     return error.errno in _DISK_FAULTS

@@ -78,6 +78,34 @@ def test_limits_hold_and_mass_is_traded_off() -> None:
         lw.design(CHAIN, ALPHA, "rms", DesignOptions(evaluations=20, limits={"stroke:nes1": 1e-4}), **SHORT)
 
 
+def test_the_best_place_is_that_of_the_best_search(tmp_path: Path) -> None:
+    """A sink on the first or the second of two masses: each place has a search of its own."""
+    springs = {
+        f"s{n}": link(f"s{n}", ends, "k*d + c*v", k=3e3, c=0.5)
+        for n, ends in ((1, "m1-ground"), (2, "m2-m1"))
+    }
+    nes = link("nes", "sink-m1", "alpha*d + beta*d**3 + c*v", alpha=20.0, beta=1e6, c=0.1)
+    subject = structure({"m1": 1.0, "m2": 1.0, "sink": 0.05}, *springs.values(), nes)
+    over, asked = {"nes.beta": (1e4, 1e7)}, {**SHORT, "sinks": ["nes"]}
+    options = DesignOptions(evaluations=10, places={"nes": ("m1", "m2")})
+    found = lw.design(subject, over, "rms", options, **asked)
+    links = (*springs.values(), replace(nes, between=("sink", "m2")))
+    alone = {
+        place: lw.design(own, over, "rms", DesignOptions(evaluations=10), **asked).objective
+        for place, own in (("m1", subject), ("m2", replace(subject, links=links)))
+    }
+    assert {where["nes"]: value for where, value in found.places} == alone
+    best = min(alone, key=alone.__getitem__)
+    assert found.places[0][0] == {"nes": best} and found.objective == alone[best]
+    assert found.structure.link("nes").between == ("sink", best) and "at each of 2 places" in str(found)
+    lw.write_structure(subject, tmp_path / "row.toml")
+    line = f"design {tmp_path}/row.toml --vary nes.beta=1e4:1e7 --sink nes --release v:m1=1 --duration 0.5 --rate 1000"
+    told = document(f"{line} --minimise rms --evaluations 10 --place nes=m1,m2 -o {tmp_path}/best")
+    assert told["places"] == [{**where, "objective": value} for where, value in found.places]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["best", "row.toml"]
+    assert 'unknown end "m9"' in refusal(f"{line} --place nes=m9")
+
+
 def test_the_worst_level_counts_or_their_mean() -> None:
     levels, at = (0.5, 2.0), {"nes1.alpha": (-100.0 - 1e-9, -100.0)}
     every = [

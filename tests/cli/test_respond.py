@@ -64,8 +64,14 @@ def test_an_answer_has_bands_and_tells_where_its_laws_are_extrapolated(answer_fo
 def test_a_backbone_is_printed(chain_file: Path) -> None:
     result = document(f"backbone {chain_file} --mode 1 --to-energy 1e-3")
     assert result["mode"] == 1
-    assert set(result["points"][0]) == {"hz", "energy", "amplitude"}
+    assert set(result["points"][0]) == {"hz", "energy", "damping", "amplitude"}
     assert result["points"][-1]["energy"] == pytest.approx(1e-3)
+    folder = chain_file.parent / "resonance"
+    assert (
+        "Phase resonance"
+        in said(f"backbone {chain_file} --mode 1 --to-energy 1e-3 --force m2 -o {folder}").out
+    )
+    assert (folder / "backbone.csv").read_text("utf-8").startswith("hz,energy,x:m1,x:m2,damping,force\n")
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,10 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
     second = "linkwise validate SECOND_RECORD found/answer --mapping found/sensors.toml"
     assert repeat[3] == second
     given = second.removeprefix("linkwise ").replace("SECOND_RECORD found/answer", "rig.csv found")
-    assert f"; an answer is in {Path('found', 'answer')}" in said(given, 2).err
+    assert f"note: the answer in found is taken, {Path('found', 'answer')}" in said(given).err
+    inside = given.replace(" found ", " found/structure.toml ")
+    assert f"; an answer is in {Path('found', 'answer')}" in said(inside, 2).err
+    assert "respond" in said("respond found --force frame=1 --from 5 --to 6 --starts 0 --json").out
     assert (
         "agrees with the record"
         in said(second.removeprefix("linkwise ").replace("SECOND_RECORD", "rig.csv")).out

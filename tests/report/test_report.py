@@ -15,7 +15,7 @@ from structures import torsion_chain
 import linkwise as lw
 from linkwise.report.discovery import discovery_page
 from linkwise.report.estimate import estimate_figures, estimate_page
-from linkwise.report.page import Reported, lengths_as_in_figures
+from linkwise.report.page import Reported, _table_as_in_figures, lengths_as_in_figures
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -190,4 +190,7 @@ def test_folder_holds_numbers_figures_and_page(clipped: lw.Record, tmp_path: Pat
 def test_lengths_stand_in_the_units_of_figures() -> None:
     texts = ["0.002977 m at 27.8 Hz, from -0.02 to 0.02 m", "-2 to 2 m/s, 5 m/s^2, 3 N/m", "x:m2=0.00999"]
     assert lengths_as_in_figures(texts) == ["2.977 mm at 27.8 Hz, from -20 to 20 mm", *texts[1:]]
+    assert lengths_as_in_figures(["9.58e-07 m about 0.01 m"]) == ["958 nm about 10 mm"]
+    table = [("Hz", "x:m1, m"), ("3", "9.58e-07"), ("4", "0.01")]
+    assert _table_as_in_figures(table) == [("Hz", "x:m1, mm"), ("3", "0.000958"), ("4", "10")]
     assert lengths_as_in_figures(["0 m", "1.0020e-06 m to 2e-06 m"]) == ["0 µm", "1.002 µm to 2 µm"]

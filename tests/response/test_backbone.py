@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import document, refusal
+from scipy.integrate import quad
 from scipy.special import ellipk
 from structures import HARDENING, oscillator, row_of_masses
 
@@ -26,6 +27,16 @@ def test_frequencies_of_a_duffing_oscillator_are_those_of_its_exact_period() -> 
     np.testing.assert_allclose(curve.hz, 1.0 / period, rtol=1e-8)
     np.testing.assert_allclose(curve.energy, 0.5 * K * amplitude**2 + 0.25 * K3 * amplitude**4, rtol=1e-8)
     assert amplitude[-1] == pytest.approx(0.5, rel=1e-8)
+    for x, stiff, energy, damping in zip(
+        amplitude, K + K3 * amplitude**2, curve.energy, curve.damping, strict=True
+    ):
+        # the integral of v over the way from 0 to the amplitude, v by the balance of energy; x = amplitude*sin(angle)
+        speed = quad(
+            lambda a, x=x, stiff=stiff: np.cos(a) ** 2 * np.sqrt(stiff - 0.5 * K3 * (x * np.cos(a)) ** 2),
+            0,
+            np.pi / 2,
+        )
+        assert damping == pytest.approx(0.4 * 4.0 * x**2 * speed[0] / (4.0 * np.pi * energy), rel=1e-8)
 
 
 def test_a_mode_of_a_chain_is_periodic_in_a_simulation_without_damping() -> None:
@@ -39,6 +50,40 @@ def test_a_mode_of_a_chain_is_periodic_in_a_simulation_without_damping() -> None
     record = lw.simulate(undamped, release=release, duration=1.0 / hz, rate=64.0 * hz)
     np.testing.assert_allclose(record.values[-1], curve.starts[-1], rtol=1e-9)
     np.testing.assert_allclose(0.5 * np.ptp(record.values, axis=0), curve.amplitude[-1], rtol=1e-3)
+
+
+def test_phase_resonance_is_where_motion_follows_a_force_by_a_quarter() -> None:
+    """Of two masses with cubic springs, by harmonic balance; `respond` follows the same force by shooting."""
+    laws = {"k": K, "k3": K3, "c": 2.0}, {"k": 300.0, "k3": 4e5, "c": 1.0}
+    chain = row_of_masses([1.0, 0.5], first=(HARDENING, laws[0]), second=(HARDENING, laws[1]))
+    curve = lw.backbone(chain, 1, to_amplitude={"x:m1": 0.02}, force="m1")
+    assert curve.force is not None and "under a force on m1" in str(curve)
+    linear = lw.analysis.modes(chain)
+    assert curve.damping[0] == pytest.approx(linear.damping[0], rel=0.01)  # of modes that damping couples
+    hz, force = float(curve.hz[-1]), float(curve.force[-1])
+    response = lw.respond(chain, force={"m1": force}, hz=(hz * (1.0 - 1e-6), hz * (1.0 + 1e-6)), starts=0)
+    branches = response.levels[0].branches
+    nearest = min(branches, key=lambda branch: abs(branch.amplitude[0, 0] - curve.amplitude[-1, 0]))
+    np.testing.assert_allclose(nearest.amplitude[0], curve.amplitude[-1], rtol=1e-4)
+    assert np.degrees(np.angle(nearest.first_harmonic[0, 0])) == pytest.approx(-90.0, abs=0.05)
+
+
+def test_phase_resonance_of_friction_loses_what_the_joint_takes() -> None:
+    """A joint that sticks with k + F/x0 and loses nearly 4 F times the amplitude in a cycle far beyond x0."""
+    law = lw.Law.parse("k*d + F*z", states={"z": "(v - 0.5*abs(v)*z - 0.5*v*abs(z))/x0"})
+    joint = lw.Link("joint", ("m1", "ground"), law, {"k": K, "F": 1.0, "x0": 2e-4})
+    subject = lw.Structure("rubbing", (lw.Mass("m1", 1.0),), (joint,))
+    curve = lw.backbone(subject, 1, to_amplitude={"x:m1": 0.02}, force="m1")
+    assert curve.hz[0] == pytest.approx(np.sqrt(K + 1.0 / 2e-4) / (2.0 * np.pi), rel=0.1)
+    assert 4.0 * np.pi * curve.damping[-1] * curve.energy[-1] == pytest.approx(4.0 * 0.02, rel=0.03)
+    with pytest.raises(lw.StructureError, match=r"has memory .* follow its phase resonance under a force"):
+        lw.backbone(subject, 1)
+    with pytest.raises(
+        lw.SimulationError, match="brings mode 1 into no motion a quarter of a period behind it"
+    ):
+        lw.backbone(lw.bnes_chain(2), 1, to_energy=1e-3, force="m1")
+    with pytest.raises(lw.SimulationError, match="unknown mass 'm9' in a force"):
+        lw.backbone(subject, 1, force="m9")
 
 
 def test_a_curve_that_ends_too_soon_says_so() -> None:
@@ -88,7 +133,9 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     assert width[0] == pytest.approx(2.0 * 1.96 * 0.005, rel=0.01)  # 60 draws in pairs
     assert width[-1] < 0.6 * width[0]
     assert np.all((curve.lower < curve.hz) & (curve.hz < curve.upper))
-    assert set(curve.to_dict()["points"][0]) == {"hz", "energy", "lower_hz", "upper_hz", "amplitude"}
+    assert set(curve.to_dict()["points"][0]) == {
+        "hz", "energy", "damping", "lower_hz", "upper_hz", "lower_damping", "upper_damping", "amplitude",
+    }  # fmt: skip
     assert "95 % band" in str(curve)
 
 

@@ -65,8 +65,9 @@ def test_branches_of_twin_wells_say_which_well_they_are_in() -> None:
     means = sorted(float(branch.mean[0, column]) for branch in response.levels[0].branches)  # type: ignore[index]
     np.testing.assert_allclose(means, [-0.01, 0.01], rtol=1e-3)
     assert "Hz about -0.01 m" in str(response) and "Hz about 0.01 m" in str(response)
+    assert "2 (mirror of 1)" in str(response) and "1 (mirror" not in str(response)
     symmetric = lw.respond(oscillator("k*d + c*v", k=K, c=4.0), force={"m1": 3.0}, hz=(1.0, 5.0), starts=0)
-    assert "about" not in str(symmetric)
+    assert "about" not in str(symmetric) and "mirror" not in str(symmetric)
 
 
 @pytest.mark.parametrize("kind", LEVELS)

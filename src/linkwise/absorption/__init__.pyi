@@ -2,7 +2,6 @@
 
 from linkwise.absorption.absorb import AbsorptionOptions as AbsorptionOptions
 from linkwise.absorption.design import Design as Design
-from linkwise.absorption.design import DesignAxis as DesignAxis
 from linkwise.absorption.design import DesignOptions as DesignOptions
 from linkwise.absorption.ensemble import AbsorptionQuantity as AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals as AbsorptionIntervals
@@ -16,6 +15,7 @@ from linkwise.absorption.result import Harvest as Harvest
 from linkwise.absorption.result import MassChange as MassChange
 from linkwise.absorption.result import MassDecay as MassDecay
 from linkwise.absorption.result import SinkResult as SinkResult
+from linkwise.absorption.search import DesignAxis as DesignAxis
 from linkwise.absorption.sinks import Sink as Sink
 
 __all__: list[str]

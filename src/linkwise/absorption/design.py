@@ -7,27 +7,22 @@ while evaluations are left. Each generation is one ensemble of simulations.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import pickle
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Unpack, final
 
 import numpy as np
-import scipy
 
-from linkwise import __version__
 from linkwise.absorption.absorb import AbsorptionKeywords, AbsorptionOptions, Comparison, compare
 from linkwise.absorption.ensemble import AbsorptionQuantity, Variants, quantities_of, run_ensemble
 from linkwise.absorption.map import comparison_at, parameter_unit
 from linkwise.absorption.resonance import RESONANCE, Resonance, curve_pool, sweep
 from linkwise.absorption.result import Absorption, Rows, closure_verdict
-from linkwise.absorption.sinks import with_harvesters
+from linkwise.absorption.search import LEAST, DesignAxis, Journal, Search, values_at, way_to
+from linkwise.absorption.sinks import Places, placed, with_harvesters
 from linkwise.arrays import Bools, Floats
 from linkwise.display import JudgedView, align_columns, paragraph, remark_lines
 from linkwise.errors import (
@@ -52,14 +47,6 @@ ADDED_MASS = "added_mass"
 OVER_LEVELS = ("worst", "mean")
 _SHORT = {"energy": "remaining", "share": "sinks_share"}  # names of quantities that users type
 _PER_PARAMETER = 100  # evaluations by default
-_SCREENED = 0.4  # of a search: points of a Halton sequence, of which the best evolve
-_POPULATION = 5  # members for each parameter
-_LEAST = 8
-_MUTATION, _CROSSOVER = (0.2, 0.7), 0.9  # a small one: evaluations are few, and landscapes rough
-_ALIKE = 1e-6  # of the mean: members of a population that differ less have converged
-_CAPS, _OF_TRADE_OFF = (0.2, 0.4, 0.6, 0.8), 0.4  # of the span of added masses, and of the evaluations
-_LOGARITHMIC = 10.0  # ratio of bounds from which a parameter is searched by its logarithm
-_INFEASIBLE = 1e30  # above every quantity
 _NEAR, _FEW = 0.02, 5  # of the spans: tolerances of what is built; designs from which a median is told
 _ROWS = 10  # of a trade-off in a table
 _AT_BOUND = 0.02  # of the span
@@ -88,6 +75,9 @@ class DesignOptions:
         Largest values by quantity: added_mass in kg, stroke:LINK in m, or any other.
     maximise : bool
         Whether the largest value of the quantity is the best.
+    places : mapping of str to sequence of str, optional
+        Masses and points of hosts by link, on which the link may end, as ``{"nes1": ("m1", "m3")}``: each is searched with
+        all evaluations, and several links with all combinations.
     harmonic : ResponseOptions, optional
         The harmonic excitation whose steady motion gives the quantity "resonance", as of `respond`. Where nothing else sets
         the structure in motion, its sweep does, from the lowest to the highest frequency in the duration that is simulated
@@ -120,12 +110,13 @@ class DesignOptions:
         default=None, metadata={"typed": "QUANTITY=VALUE", "example": "added_mass=0.02"}
     )
     maximise: bool = False
+    places: Places | None = None
     harmonic: ResponseOptions | None = None
     seed: int = field(default=0, metadata={"typed": "N"})
     workers: int | None = field(default=None, metadata={"typed": "N"})
 
     def __post_init__(self) -> None:
-        for name, least in (("evaluations", _LEAST), ("draws", 1), ("seed", 0)):
+        for name, least in (("evaluations", LEAST), ("draws", 1), ("seed", 0)):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int) and value >= least):
                 raise LinkwiseError(
@@ -138,58 +129,14 @@ class DesignOptions:
         if not len(self.levels) or not all(np.isfinite(level) and level > 0.0 for level in self.levels):
             raise SimulationError(f"levels must be positive factors of the excitation, got {self.levels!r}")
         require_known("way to count levels", self.over_levels, OVER_LEVELS)
+        for name, own in (self.places or {}).items():
+            if isinstance(own, str) or not own:
+                raise StructureError(f"places must be a sequence of masses and points, got {own!r}", name)
         for name, value in (self.limits or {}).items():
             if not (isinstance(value, int | float) and 0.0 < value < np.inf):
                 raise LinkwiseError(
                     f"the limit of {name} must be a positive number, got {value!r}", arguments=("limits",)
                 )
-
-
-@dataclass(frozen=True)
-class DesignAxis:
-    """A varied parameter: a coefficient or a mass, between `low` and `high` in its SI unit.
-
-    A search is by the logarithm where the bounds are of one sign and a factor of ten apart.
-
-    Attributes
-    ----------
-    name, unit : str
-        As "nes1.alpha" and "N/m".
-    low, high : float
-        The bounds.
-
-    Examples
-    --------
-    >>> import linkwise as lw
-    >>> lw.absorption.DesignAxis("nes1.beta", "N/m^3", 1e5, 1e7).logarithmic
-    True
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether the search is by the logarithm."""
-        ends = sorted((abs(self.low), abs(self.high)))
-        return self.low * self.high > 0.0 and ends[1] >= _LOGARITHMIC * ends[0]
-
-
-def _values(axis: DesignAxis, ways: Floats) -> Floats:
-    """The values at parts 0..1 of the way between the bounds."""
-    if axis.logarithmic:
-        return np.asarray(axis.low * (axis.high / axis.low) ** ways)
-    return np.asarray(axis.low + ways * (axis.high - axis.low))
-
-
-def _way(axis: DesignAxis, value: float) -> float:
-    """The part of the way between the bounds at which a value lies."""
-    if axis.logarithmic:
-        ratio = value / axis.low
-        return float(np.log(ratio) / np.log(axis.high / axis.low)) if ratio > 0.0 else -1.0
-    return (value - axis.low) / (axis.high - axis.low)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -232,6 +179,8 @@ class Design(JudgedView):
         What `respond` says of it under the harmonic excitation.
     basis : Basis
         The answer that the structure comes from.
+    places : tuple of (dict, float)
+        Where links were, by name, and the least of the quantity there, best first; NaN where no design keeps the limits.
 
     Examples
     --------
@@ -260,6 +209,7 @@ class Design(JudgedView):
     absorption: Absorption
     response: Response | None = None
     basis: Basis = UNGRADED
+    places: tuple[tuple[Mapping[str, str], float], ...] = ()
 
     @property
     def evaluations(self) -> int:
@@ -289,8 +239,8 @@ class Design(JudgedView):
         Near is within 2 % of the bounds, by every parameter.
         """
         ways = [
-            np.array([_way(axis, value) for value in self.points[:, k].tolist()])
-            - _way(axis, self.best[axis.name])
+            np.array([way_to(axis, value) for value in self.points[:, k].tolist()])
+            - way_to(axis, self.best[axis.name])
             for k, axis in enumerate(self.axes)
         ]
         near = (np.abs(ways).max(axis=0) <= _NEAR) & np.isfinite(self.objectives)
@@ -304,7 +254,7 @@ class Design(JudgedView):
         """Sentences on what the search cannot show."""
         lines = []
         ends = [
-            axis for axis in self.axes if not _AT_BOUND < _way(axis, self.best[axis.name]) < 1.0 - _AT_BOUND
+            axis for axis in self.axes if not _AT_BOUND < way_to(axis, self.best[axis.name]) < 1.0 - _AT_BOUND
         ]
         if ends:
             lines.append(
@@ -344,6 +294,11 @@ class Design(JudgedView):
             "unit": self.quantity.unit,
             "maximised": self.options.maximise,
             "best": self.best,
+            **(
+                {"places": [{**where, "objective": value} for where, value in self.places]}
+                if self.places
+                else {}
+            ),
             "objective": self.objective,
             "as_given": self.given,
             "trade_off": [{ADDED_MASS: mass, "objective": value} for mass, value in self.trade_off],
@@ -362,6 +317,7 @@ class Design(JudgedView):
         return "\n".join([
             *map(paragraph, design_headline(self)), "",
             *align_columns([(*row, "") for row in design_rows(self)]), "",
+            *([*align_columns([(*row, "") for row in place_rows(self)]), ""] if self.places else []),
             *align_columns([(*row, "") for row in trade_off_rows(self)]),
             *map(remark_lines, self.findings),
         ])  # fmt: skip
@@ -373,10 +329,11 @@ def design_headline(design: Design) -> tuple[str, ...]:
     word = "largest" if design.options.maximise else "least"
     factors = ", ".join(f"{level:g}" for level in design.options.levels)
     levels = "" if factors == "1" else f", {design.options.over_levels} of the levels {factors}"
+    count = len(design.places)
     return (
         f"{design.quantity.title}: {design.quantity.text(design.objective)} at the best design{given}{levels}.",
         f"It is the {word} of {design.evaluations} designs ({design.simulations} simulations of "
-        f"{design.absorption.time[-1]:g} s).",
+        f"{design.absorption.time[-1]:g} s)" + (f" at each of {count} places." if count else "."),
     )
 
 
@@ -391,12 +348,18 @@ def design_rows(design: Design) -> Rows:
     ]
 
 
+def place_rows(design: Design) -> Rows:
+    """The best of each place at which links were, best first."""
+    rows = [(*where.values(), design.quantity.text(value)) for where, value in design.places]
+    return [(*(f"place of {link}" for link in design.places[0][0]), design.quantity.title), *rows]
+
+
 def trade_off_rows(design: Design) -> Rows:
     """Added mass and quantity along the trade-off."""
     front = design.trade_off
     shown = [*front[: -1 : max(1, len(front) // _ROWS)], front[-1]]
     rows = [(f"{mass:.4g} kg", design.quantity.text(value)) for mass, value in shown]
-    return [("mass of the sinks", design.quantity.title), *rows]
+    return [("mass of the sinks", design.quantity.title), *dict.fromkeys(rows)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,120 +433,6 @@ def _added_mass(comparison: Comparison) -> float:
     )
 
 
-class _Journal:
-    """Judgements of designs, kept in a file until the search ends, so that one that was interrupted goes on."""
-
-    def __init__(self, path: Path | None, asked: object) -> None:
-        self.path, self.judged = path, dict[bytes, list[float]]()
-        digest = hashlib.sha256(pickle.dumps((__version__, asked))).hexdigest()
-        lines: list[str] = []
-        with suppress(OSError, ValueError):
-            lines = [] if path is None else path.read_text(encoding="utf-8").splitlines()
-        for line in lines[1:] if lines[:1] == [digest] else ():
-            with suppress(ValueError):  # of a line that was cut
-                for *way, loss, excess, mass, diverged, closure in json.loads(line):
-                    self.judged[np.array(way).tobytes()] = [loss, excess, mass, diverged, closure]
-        if not self.judged:
-            self._write(digest, "w")
-
-    def add(self, ways: Sequence[Floats], judged: Floats) -> None:
-        """Keep the judgements (E, 5) of designs."""
-        rows = list(zip(ways, judged.tolist(), strict=True))
-        self.judged.update({way.tobytes(): row for way, row in rows})
-        self._write("\n" + json.dumps([[*way.tolist(), *row] for way, row in rows]), "a")
-
-    def _write(self, text: str, mode: str) -> None:
-        if self.path is not None:
-            with suppress(OSError), self.path.open(mode, encoding="utf-8") as file:
-                file.write(text)
-
-
-class _Search:
-    """The designs evaluated so far, each once, and the search for better ones in the unit cube of parameters."""
-
-    def __init__(self, problem: _Problem, budget: int, journal: _Journal, progress: Progress) -> None:
-        self.problem, self.budget, self.journal, self.progress = problem, budget, journal, progress
-        self.rng = np.random.default_rng(problem.options.seed)
-        self.sequence = scipy.stats.qmc.Halton(len(problem.axes), rng=self.rng)
-        self.number: dict[bytes, int] = {}
-        self.ways = np.empty((0, len(problem.axes)))
-        self.loss, self.excess, self.mass, self.diverged, self.closure = np.empty((5, 0))
-
-    def values(self, ways: Floats) -> Floats:
-        """(E, P) the parameters of designs."""
-        return np.stack([_values(axis, ways[:, k]) for k, axis in enumerate(self.problem.axes)], axis=1)
-
-    def merit(self, cap: float = np.inf) -> Floats:
-        """(E,) what is minimised: the loss, and beyond limits and the `cap` of the mass in kg what is in excess."""
-        excess = np.maximum(self.excess, np.maximum(self.mass / cap - 1.0, 0.0))
-        wrong = np.minimum(np.where(np.isinf(self.loss), np.maximum(excess, 1e3), excess), 1e6)
-        return np.where(
-            wrong > 0.0, _INFEASIBLE * (1.0 + wrong), np.where(np.isinf(self.loss), 0.0, self.loss)
-        )
-
-    def evaluate(self, ways: Floats) -> list[int]:
-        """The numbers of designs (E, P), those that are new evaluated together, as far as the budget goes."""
-        new = {row.tobytes(): row for row in ways if row.tobytes() not in self.number}
-        rows = list(new.values())[: max(0, self.budget - len(self.ways))]
-        if rows:
-            first = len(self.ways)
-            self.ways = np.concatenate([self.ways, rows])
-            share = part(self.progress, first / self.budget, len(self.ways) / self.budget)
-            known = self.journal.judged
-            if missing := [row for row in rows if row.tobytes() not in known]:
-                self.journal.add(missing, self.problem.judge(self.values(np.array(missing)), share))
-            judged = np.array([known[row.tobytes()] for row in self.ways]).T
-            self.loss, self.excess, self.mass, self.diverged, self.closure = judged
-            self.number.update({row.tobytes(): first + k for k, row in enumerate(rows)})
-        worst = int(np.argmax(self.merit()))  # of a design that the budget leaves out
-        return [self.number.get(row.tobytes(), worst) for row in ways]
-
-    def judged(self, ways: Floats, cap: float) -> Floats:
-        """(E,) the merit of designs."""
-        numbers = self.evaluate(ways)
-        return self.merit(cap)[numbers]
-
-    def screen(self, count: int) -> None:
-        """Evaluate the next points of the sequence."""
-        self.evaluate(self.sequence.random(count))
-
-    def evolve(self, until: int, cap: float = np.inf) -> None:
-        """Let the best designs so far evolve until the population has converged or there are `until` designs."""
-        size = max(_LEAST, _POPULATION * len(self.problem.axes))
-        population = self.ways[np.argsort(self.merit(cap), kind="stable")[:size]]
-        if (generations := -(-(until - len(self.ways)) // size)) < 1 or len(population) < 5:
-            return
-        scipy.optimize.differential_evolution(
-            lambda ways: self.judged(np.atleast_2d(ways.T), cap),
-            [(0.0, 1.0)] * len(self.problem.axes),
-            init=population, maxiter=generations, mutation=_MUTATION, recombination=_CROSSOVER, tol=_ALIKE,
-            rng=self.rng, polish=False, vectorized=True, updating="deferred",
-        )  # fmt: skip
-
-    def run(self) -> None:
-        """Spend the budget: screen and evolve, again if that converges early; then under smaller masses, if these vary."""
-        varied = self.problem.mass_varies
-        main = round(self.budget * (1.0 - _OF_TRADE_OFF)) if varied else self.budget
-        while (left := main - len(self.ways)) > 0:
-            self.screen(min(left, max(_LEAST, round(_SCREENED * left))))
-            self.evolve(main)
-        if varied:
-            low, best = float(self.mass.min()), float(self.mass[np.argmin(self.merit())])
-            for k, share in enumerate(_CAPS, start=1):
-                self.evolve(main + round(k * (self.budget - main) / len(_CAPS)), low + share * (best - low))
-
-    def best(self) -> int:
-        """The number of the best design; LinkwiseError where none keeps the limits and has a value."""
-        merit, options = self.merit(), self.problem.options
-        if merit.min() >= _INFEASIBLE:
-            kept = "keeps the limits and has" if options.limits else "has"
-            raise LinkwiseError(
-                f"none of {len(merit)} designs {kept} a value of {self.problem.quantity.name}: widen the bounds"
-                f"{', raise the limits' if options.limits else ''} or simulate for longer"
-            )
-        return int(np.argmin(merit))
-
-
 def design(
     structure: Answer,
     over: Mapping[str, tuple[float, float]],
@@ -646,18 +495,53 @@ def design(
     given = AskedStructure.of(structure)
     subject, drawn = given.structure, _drawn(given.posterior, options, over)
     simulated = options_given(AbsorptionOptions.of, None, keywords)
+    at_places = list(placed(subject, options.places or {}))
+    found: list[Design | None] = []
+    for number, (_, moved) in enumerate(at_places):
+        own = None if journal is None else Path(f"{journal}{number or ''}")
+        share = part(progress, number / len(at_places), (number + 1) / len(at_places))
+        found.append(_searched(moved, drawn, over, minimise, options, simulated, own, share))
+    sign = -1.0 if options.maximise else 1.0
+    best = min((own for own in found if own), key=lambda own: sign * own.objective, default=None)
+    if best is None:
+        kept = "keeps the limits and has" if options.limits else "has"
+        count = len(at_places) * (options.evaluations or _PER_PARAMETER * len(over))
+        raise LinkwiseError(
+            f"none of {count} designs {kept} a value of {_SHORT.get(minimise, minimise)}: widen the bounds"
+            f"{', raise the limits' if options.limits else ''} or simulate for longer"
+        )
+    pairs = list(zip(found, at_places, strict=True))
+    as_given = (own.given for own, (_, moved) in pairs if own and moved == subject)
+    places = [(where, own.objective if own else np.nan) for own, (where, _) in pairs if where]
+    places.sort(key=lambda place: np.nan_to_num(sign * place[1], nan=np.inf))
+    return replace(best, given=next(as_given, None), basis=given.basis, places=tuple(places))
+
+
+def _searched(
+    subject: Structure,
+    drawn: tuple[Mapping[str, float], ...],
+    over: Mapping[str, tuple[float, float]],
+    minimise: str,
+    options: DesignOptions,
+    simulated: AbsorptionOptions,
+    journal: Path | None,
+    progress: Progress,
+) -> Design | None:
+    """The best design of one structure; None where none keeps the limits and has a value."""
     problem, comparison = _problem(subject, drawn, over, minimise, options, simulated)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
-    asked = subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated
-    before = _Journal(None if journal is None else Path(journal), asked)
+    before = Journal(
+        journal, (subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated)
+    )
     progress(ProgressReport(0.0, f"{budget} designs"))
     start = _given(subject, problem.axes)
     with curve_pool(None if problem.resonance is None else options.workers) as pool:
-        search = _Search(replace(problem, pool=pool), budget, before, part(progress, 0.0, 0.95))
+        search = Search(replace(problem, pool=pool), budget, options.seed, before, part(progress, 0.0, 0.95))
         if start is not None:
             search.evaluate(start[None])
         search.run()
-    best = search.best()
+    if (best := search.best()) is None:
+        return None
     sign = -1.0 if options.maximise else 1.0
     values = dict(zip(over, search.values(search.ways[best : best + 1])[0].tolist(), strict=True))
     objectives = np.where(np.isinf(search.loss), np.nan, sign * search.loss)
@@ -682,7 +566,6 @@ def design(
         closure=float(search.closure.max()),
         absorption=absorption,
         response=None if resonance is None else resonance.response(absorption.with_sinks.structure),
-        basis=given.basis,
     )
 
 
@@ -715,7 +598,7 @@ def _problem(
     axes = tuple(_axis(equipped, name, bounds) for name, bounds in over.items())
     if not axes:
         raise StructureError("nothing is varied: name at least one coefficient or mass with its bounds")
-    middle = {axis.name: float(_values(axis, np.array(0.5))) for axis in axes}
+    middle = {axis.name: float(values_at(axis, np.array(0.5))) for axis in axes}
     comparison = comparison_at(structure, middle, simulated)
     resonance = None if options.harmonic is None else Resonance.of(comparison, options.harmonic)
     quantities = {own.name: own for own in quantities_of(comparison)}
@@ -766,7 +649,7 @@ def _axis(structure: Structure, name: str, bounds: tuple[float, float]) -> Desig
 def _given(structure: Structure, axes: Sequence[DesignAxis]) -> Floats | None:
     """The structure as it is in the unit cube of parameters; None if it is not in there."""
     values = [structure.coefficient(axis.name).value for axis in axes]
-    ways = [-1.0 if value is None else _way(axis, value) for value, axis in zip(values, axes, strict=True)]
+    ways = [-1.0 if value is None else way_to(axis, value) for value, axis in zip(values, axes, strict=True)]
     return np.array(ways) if all(0.0 <= way <= 1.0 for way in ways) else None
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -66,6 +67,28 @@ def find_sinks(structure: Structure, names: Sequence[str] = ()) -> tuple[Sink, .
             "sinks"
         )
     return sinks
+
+
+Places: TypeAlias = Mapping[str, Sequence[str]]
+"""By link, the masses and points of hosts on which it may end."""
+
+
+def placed(structure: Structure, places: Places) -> Iterator[tuple[dict[str, str], Structure]]:
+    """Where links may be, each at one of its places, and the structure so; a link keeps the mass that it carries.
+
+    Raises StructureError for a link or a place that does not exist.
+    """
+    hosts = {name: find_sinks(structure, (name,))[0].host for name in places}
+
+    def moved(link: Link, where: Mapping[str, str]) -> Link:
+        first, second = (
+            where.get(link.name, end) if end == hosts.get(link.name) else end for end in link.between
+        )
+        return replace(link, between=(first, second))
+
+    for chosen in product(*places.values()):
+        where = dict(zip(places, chosen, strict=True))
+        yield where, replace(structure, links=tuple(moved(link, where) for link in structure.links))
 
 
 def primary_masses(structure: Structure, sinks: Sequence[Sink]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options
 from linkwise.cli.options import (
-    STRUCTURE,
+    ANSWER,
     grouped,
     method_options,
     number,
@@ -86,7 +86,7 @@ def _values(text: str) -> list[float]:
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @method_options(lw.absorption.AbsorptionOptions, "options")
 @grouped(RepetitionOptions, "repetition")
 @drive_options

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,12 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import ExcitationOptions, drive_options, harmonic_excitation
 from linkwise.cli.options import (
+    ANSWER,
     POSITIVE,
-    STRUCTURE,
     grouped,
     method_options,
     number,
+    pairs,
     ranges,
     typed,
     unstarted_is_usage,
@@ -27,6 +29,7 @@ from linkwise.output import DESIGN
 from linkwise.runtime import processors
 
 EXAMPLE = "nes1.alpha=-300:-20"
+_PLACE = "nes1=m1,m3"
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,9 @@ class WantedOptions:
         --from and --to: the largest steady amplitude of the primary masses), ... (default remaining).
     maximise : str | None
         Instead: sinks_share, power:LINK, rms_reduction, ...
+    place : tuple[str, ...]
+        Masses and points on which a link may end, as nes1=m1,m3: each is searched with all evaluations. Repeatable, for
+        all combinations.
     levels : str
         Factors of the excitation at which each design is judged.
     start : float | None
@@ -54,6 +60,7 @@ class WantedOptions:
     vary: tuple[str, ...] = typed("PARAMETER=LOW:HIGH", multiple=True, required=True)
     minimise: str | None = typed("QUANTITY")
     maximise: str | None = typed("QUANTITY")
+    place: tuple[str, ...] = typed("LINK=PLACE,PLACE", multiple=True)
     levels: str = typed("FACTOR,FACTOR,...", default="1", show_default=True)
     start: float | None = typed("HZ", "--from", type=POSITIVE)
     stop: float | None = typed("HZ", "--to", type=POSITIVE)
@@ -73,7 +80,7 @@ def _harmonic(
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(WantedOptions, "wanted")
 @method_options(lw.absorption.DesignOptions, "search")
 @method_options(lw.absorption.AbsorptionOptions, "options")
@@ -94,11 +101,16 @@ def design(
       linkwise design chain.toml --vary m2.mass=0.002:0.05 --vary nes1.beta=1e5:1e7 --minimise rms \\
         --release v:m1=1.0 --levels 0.5,1,2 --limit stroke:nes1=0.04 -o best
       linkwise design chain.toml --vary nes1.beta=1e5:1e7 --minimise resonance --force m1=0.5 --from 20 --to 36 -o best
+      linkwise design chain.toml --vary m2.mass=0.002:0.05 --place nes1=m1,m3 --release v:m1=1.0
       linkwise design answer --vary nes1.c=0.005:0.2 --maximise sinks_share --quantile 0.9 --release v:m1=1.0
     """
     maximise = wanted.maximise
     if wanted.minimise and maximise:
         raise UsageError("--minimise and --maximise exclude each other: name one quantity.")
+    places = {
+        link: tuple(map(str.strip, text.split(",")))
+        for link, text in pairs(wanted.place, "--place", _PLACE).items()
+    }
     over = ranges(wanted.vary, "--vary", EXAMPLE, "LOW:HIGH")
     factors = tuple(number(text, "--levels", "0.5,1,2") for text in wanted.levels.split(","))
     place = None if delivery.output is None else delivery.output.resolve()
@@ -109,12 +121,13 @@ def design(
         harmonic, drive = _harmonic(drive, wanted.start, wanted.stop)
         given["search"].setdefault("workers", processors())
         search = lw.absorption.DesignOptions(
-            **given["search"], levels=factors, maximise=maximise is not None, harmonic=harmonic
+            **given["search"], levels=factors, maximise=maximise is not None, places=places, harmonic=harmonic
         )
         keywords = {**given["options"], **drive.keywords(), "journal": journal, "progress": step}
         result = lw.design(structure, over, quantity, search, **keywords)
     tell_of_hosts(result.structure.hosts)
     code = delivery.of(result)
     if journal is not None:
-        journal.unlink(missing_ok=True)
+        for file in journal.parent.glob(f"{glob.escape(journal.name)}*"):
+            file.unlink()
     return code

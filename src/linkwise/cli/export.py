@@ -9,7 +9,7 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.cli.console import note
-from linkwise.cli.options import FILE, STRUCTURE, listing
+from linkwise.cli.options import ANSWER, FILE, listing
 from linkwise.export import answer as exports
 from linkwise.export import equations as motions
 from linkwise.export.fmu import compiler
@@ -26,7 +26,7 @@ _EQUATIONS = "Write the equations of motion, z' = f(t, z, u), with their Jacobia
 
 
 @click.command(cls=listing("FORMATS", _formats))
-@click.argument("answer", type=STRUCTURE)
+@click.argument("answer", type=ANSWER)
 @click.argument("files", metavar="[FILE]...", nargs=-1, type=FILE)
 @click.option("--equations", metavar="FILE", multiple=True, type=FILE, help=_EQUATIONS)
 @click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON and nothing else.")

@@ -13,8 +13,8 @@ import linkwise as lw
 from linkwise.cli.console import progress
 from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
 from linkwise.cli.options import (
+    ANSWER,
     POSITIVE,
-    STRUCTURE,
     grouped,
     number,
     numbers,
@@ -60,7 +60,7 @@ class PlannedTest(SamplingOptions):
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(PlannedTest, "test")
 @drive_options
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON and nothing else.")

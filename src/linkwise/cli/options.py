@@ -18,6 +18,7 @@ from click import UsageError
 
 import linkwise as lw
 from linkwise.errors import LinkwiseError, SimulationError
+from linkwise.output import answer_folder
 from linkwise.registry import Registry
 
 R = TypeVar("R")
@@ -25,6 +26,19 @@ R = TypeVar("R")
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 STRUCTURE = click.Path(path_type=Path)  # a file, or the folder of an answer
+
+
+class _AnswerPath(click.Path):
+    """The same where every coefficient must be a number: of a folder of `start` it is the answer inside."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        given: Any = super().convert(value, param, ctx)
+        if (folder := answer_folder(given)) != given:
+            click.echo(f"note: the answer in {given} is taken, {folder}", err=True)
+        return folder
+
+
+ANSWER = _AnswerPath(path_type=Path)
 POSITIVE = click.FloatRange(min=0, min_open=True)
 
 

@@ -13,9 +13,9 @@ import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, progress
 from linkwise.cli.excitation_options import harmonic_excitation
 from linkwise.cli.options import (
+    ANSWER,
     FILE,
     POSITIVE,
-    STRUCTURE,
     comma_separated,
     grouped,
     method_options,
@@ -67,7 +67,7 @@ class HarmonicOptions:
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(HarmonicOptions, "harmonic")
 @method_options(lw.response.ResponseOptions, "options")
 @answer_options(RESPONSE)
@@ -109,6 +109,9 @@ class ModeOptions:
         End where half of peak to peak of a channel is so large (default: where the frequency has changed by a third).
     to_energy : float | None
         End at this energy.
+    force : str | None
+        The mass or point on which a harmonic force acts: the phase resonance of the damped structure is followed, with
+        the size of that force. Laws may then have kinks and memory.
     show : tuple[str, ...]
         Displacements and velocities that are shown (default: the displacements of all masses and points).
     levels : Path | None
@@ -120,6 +123,7 @@ class ModeOptions:
     mode: int = typed("K", type=click.IntRange(min=1), required=True)
     to_amplitude: tuple[str, ...] = typed("CHANNEL=SIZE", multiple=True)
     to_energy: float | None = typed("J", type=POSITIVE)
+    force: str | None = typed("MASS")
     show: tuple[str, ...] = typed("CHANNEL", multiple=True, callback=comma_separated)
     levels: Path | None = typed("RECORD", type=FILE)
     mapping: Path | None = typed("FILE", type=FILE)
@@ -129,22 +133,28 @@ class ModeOptions:
         ends = numbers(self.to_amplitude, "--to-amplitude", _AMPLITUDE)
         if len(ends) > 1:
             raise UsageError("--to-amplitude is given for two channels; give one.")
-        return {"to_amplitude": ends or None, "to_energy": self.to_energy, "show": self.show}
+        return {
+            "to_amplitude": ends or None,
+            "to_energy": self.to_energy,
+            "force": self.force,
+            "show": self.show,
+        }
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(ModeOptions, "chosen")
 @answer_options(BACKBONE)
 def backbone(structure: Path, chosen: ModeOptions, delivery: Delivery) -> int:
-    """Follow free vibration of STRUCTURE without its damping from a linear mode to large amplitudes.
+    """Follow free vibration of STRUCTURE without its damping from a linear mode to large amplitudes, or its phase resonance.
 
-    The result holds frequency, energy and amplitudes along the curve. STRUCTURE is a structure file, or the folder of an
-    answer of identify.
+    The result holds frequency, damping, energy and amplitudes along the curve. STRUCTURE is a structure file, or the folder of
+    an answer of identify, which gives frequency and damping with bands.
 
     \b
     Examples:
       linkwise backbone chain.toml --mode 1 --to-amplitude x:m1=0.01 -o mode1
+      linkwise backbone chain.toml --mode 2 --to-amplitude x:m1=0.002 --force m1
       linkwise backbone answer --mode 2 --to-energy 0.05 --levels decay.csv
     """
     measured = None if chosen.levels is None else lw.read_record(chosen.levels, mapping=chosen.mapping)
@@ -175,7 +185,7 @@ class PlaneOptions:
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(PlaneOptions, "chosen")
 @answer_options(BASINS)
 def basins(structure: Path, chosen: PlaneOptions, delivery: Delivery) -> int:

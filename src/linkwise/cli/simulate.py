@@ -14,7 +14,7 @@ from linkwise import files
 from linkwise.analysis.rest_positions import hilltop_finding
 from linkwise.cli.console import note, progress
 from linkwise.cli.excitation_options import ExcitationOptions, SamplingOptions, drive_options
-from linkwise.cli.options import FILE, STRUCTURE, grouped, typed, unstarted_is_usage
+from linkwise.cli.options import ANSWER, FILE, grouped, typed, unstarted_is_usage
 from linkwise.cli.reading_options import read_told
 from linkwise.display import listed
 from linkwise.output import to_json
@@ -40,7 +40,7 @@ class RecordingOptions(SamplingOptions):
 
 
 @click.command()
-@click.argument("structure", type=STRUCTURE)
+@click.argument("structure", type=ANSWER)
 @grouped(RecordingOptions, "recording")
 @drive_options
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON and nothing else.")

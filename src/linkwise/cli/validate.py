@@ -9,7 +9,7 @@ import click
 
 import linkwise as lw
 from linkwise.cli.console import Delivery, answer_options, note, progress
-from linkwise.cli.options import POSITIVE, STRUCTURE, grouped, typed
+from linkwise.cli.options import ANSWER, POSITIVE, grouped, typed
 from linkwise.cli.reading_options import RecordOptions, record_options
 from linkwise.identification.validation import answer as answers
 from linkwise.output import VALIDATION
@@ -35,7 +35,7 @@ class ScoringOptions:
 
 @click.command()
 @record_options
-@click.argument("answer", type=STRUCTURE)
+@click.argument("answer", type=ANSWER)
 @grouped(ScoringOptions, "scoring")
 @answer_options(VALIDATION)
 def validate(source: RecordOptions, answer: Path, scoring: ScoringOptions, delivery: Delivery) -> int:

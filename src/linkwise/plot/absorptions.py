@@ -14,12 +14,13 @@ from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from linkwise.absorption.design import Design, DesignAxis
+from linkwise.absorption.design import Design
 from linkwise.absorption.ensemble import AbsorptionQuantity
 from linkwise.absorption.intervals import AbsorptionIntervals, Answer, without_intervals
 from linkwise.absorption.map import AbsorptionMap, SweepAxis
 from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
+from linkwise.absorption.search import DesignAxis
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import LinkwiseError, require_known
 from linkwise.plot.style import (

@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from linkwise.identification.compare import Comparison
 
 
+_SHOWN = 6  # links in one figure
+
+
 def force(
     estimate: Estimate,
     link: str,
@@ -112,6 +115,13 @@ def force_figure(estimate: Estimate, link: str, *, truth: Structure | None = Non
         return single(draw)
     title = force_title(estimate.link(link).link)
     return pictures([draw, partial(draw, near_wells=True)], titles=("", "near the wells"), title=title)
+
+
+def forces_figure(estimate: Estimate) -> Figure:
+    """The forces of the links that were identified, or of all where none was; of more than six the first."""
+    shown = [link for link in estimate.links if link.free] or estimate.links
+    draws = [partial(force, estimate, link.link.name) for link in shown[:_SHOWN]]
+    return pictures(draws, height=(0.4, 2.6), columns=min(len(draws), 2))
 
 
 def _scales(curve: ForceCurve) -> tuple[float, str, float, str]:

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from linkwise.arrays import Floats
-from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, strips
+from linkwise.plot.style import SERIES, axes_for, label, not_shown, place_of, scale, single, strips
 from linkwise.records.channel_units import unit_in
 from linkwise.response.backbone import Backbone
 from linkwise.response.basins_of_attraction import Basins
@@ -185,11 +185,27 @@ def backbone(
     return axes
 
 
+def _damping(result: Backbone, axes: Axes) -> Axes:
+    """Draw the damping ratio of a nonlinear mode over its frequency."""
+    if result.lower_damping is not None and result.upper_damping is not None:
+        ends = 100.0 * result.lower_damping, 100.0 * result.upper_damping
+        axes.fill_between(result.hz, *ends, color="black", alpha=_BAND, linewidth=0)
+    axes.plot(result.hz, 100.0 * result.damping, color="black")
+    axes.set(xlabel="frequency, Hz", ylabel="damping\n%")
+    axes.set_ylim(bottom=0.0)
+    return axes
+
+
 def backbone_figure(result: Backbone) -> Figure:
-    """The channels, each in a strip of its own; of more than 6 the first."""
-    title = f"{result.structure.name} without damping, mode {result.mode}: half of peak to peak"
+    """The channels, each in a strip of its own, of more than 6 the first; and the damping."""
+    what = "without damping" if result.force is None else f"in phase resonance with a force on {result.place}"
+    title = f"{result.structure.name} {what}, mode {result.mode}: half of peak to peak"
     title += not_shown(result.channels, _MOST, "channels")
-    return strips(result.channels[:_MOST], partial(backbone, result, legend=False), (1.5, 1.7), title=title)
+
+    def draw(channel: str, ax: Axes) -> Axes:
+        return backbone(result, channel, legend=False, ax=ax) if channel else _damping(result, ax)
+
+    return strips([*result.channels[:_MOST], ""], draw, (1.5, 1.7), title=title)
 
 
 def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Axes:
@@ -233,6 +249,11 @@ def basins(result: Basins, *, legend: bool = True, ax: Axes | None = None) -> Ax
         axes.set(xlabel=names[0], ylabel=names[1])
         axes.grid(visible=False)
     return axes
+
+
+def basins_figure(result: Basins) -> Figure:
+    """The plane of initial states on a figure of its own."""
+    return single(partial(basins, result))
 
 
 def response_figure(result: Response) -> Figure:

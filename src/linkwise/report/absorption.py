@@ -7,7 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from linkwise.absorption.design import ADDED_MASS, Design, design_headline, design_rows, trade_off_rows
+from linkwise.absorption.design import (
+    ADDED_MASS,
+    Design,
+    design_headline,
+    design_rows,
+    place_rows,
+    trade_off_rows,
+)
 from linkwise.absorption.intervals import (
     AbsorptionIntervals,
     Answer,
@@ -110,6 +117,8 @@ MAP_FOLDER: ResultFolder[AbsorptionMap] = sectioned(
 def _design_sections(result: Design) -> dict[str, Section]:
     """The sections of a design by the names of their figures."""
     sections = {"best": Section("Best design", rows=design_rows(result))}
+    if result.places:
+        sections["places"] = Section("Places", rows=place_rows(result))
     if len(result.trade_off) > 1:
         text = "No lighter design that was tried is as good. Grey: the other designs within the limits."
         rows, figure = trade_off_rows(result), partial(single, partial(trade_off, result))

@@ -40,6 +40,7 @@ from linkwise.report.page import (
     Reported,
     ResultFolder,
     Section,
+    lengths_as_in_figures,
     rendered,
     sectioned,
     write_graded,
@@ -164,6 +165,9 @@ def page_parts(reported: Reported[Estimate], pictures: Mapping[str, Markup], gra
         "doubt": _doubt(estimate, grade),
         "first": [name for name in (_first_force(estimate, pictures), "fit") if name in pictures],
         "links": identified_first,
+        "as_in_figures": lambda ends, unit: "".join(
+            lengths_as_in_figures(["{:.3g} to {:.3g} ".format(*ends) + unit])
+        ),
         "figures_of": lambda link: [name for kind in LINK_FIGURES if (name := f"{kind}_{link}") in pictures],
         "modes": of_modes,
         "nmse": reported.nmse,

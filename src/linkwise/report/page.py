@@ -193,21 +193,30 @@ def in_units_of_figures(rows: Sequence[Sequence[str]], columns: slice) -> list[t
 
 
 _NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+_SMALL = 0.01  # of the largest length of a column: what is smaller would begin with zeros in its unit
 _LENGTHS = re.compile(rf"(?<![\w.=^])({_NUMBER}(?:(?:, | to | and | ± | … ){_NUMBER})*) (m/s|m)(?![\w/^])")
 
 
-def lengths_as_in_figures(texts: Sequence[str]) -> list[str]:
-    """Texts with the lengths and velocities in them in the unit that figures of them have: 2.98 mm for 0.00298 m."""
+def lengths_as_in_figures(texts: Sequence[str], *, alike: bool = False) -> list[str]:
+    """Texts with the lengths and velocities in them in the unit that figures of them have: 2.98 mm for 0.00298 m. What is far
+    smaller than others has a unit of its own, unless all units must be `alike`.
+    """
     sizes: dict[str, float] = {}
     for match in (match for text in texts for match in _LENGTHS.finditer(text)):
-        largest = max(abs(float(number)) for number in re.findall(_NUMBER, match[1]))
-        sizes[match[2]] = max(sizes.get(match[2], 0.0), largest)
+        sizes[match[2]] = max(sizes.get(match[2], 0.0), _largest(match))
 
     def shown(match: re.Match[str]) -> str:
-        factor, unit = style.scale(sizes[match[2]], match[2])
+        largest = _largest(match)
+        small = not alike and 0.0 < largest < _SMALL * sizes[match[2]]
+        factor, unit = style.scale(largest if small else sizes[match[2]], match[2])
         return f"{re.sub(_NUMBER, lambda number: _times(factor, number[0]), match[1])} {unit}"
 
     return [_LENGTHS.sub(shown, text) for text in texts]
+
+
+def _largest(match: re.Match[str]) -> float:
+    """The largest modulus of the numbers of a match of `_LENGTHS`."""
+    return max(abs(float(number)) for number in re.findall(_NUMBER, match[1]))
 
 
 def _times(factor: float, number: str) -> str:
@@ -222,7 +231,7 @@ def _table_as_in_figures(rows: Sequence[Sequence[str]]) -> list[tuple[str, ...]]
     for title, *cells in zip(*rows, strict=True):
         name, comma, unit = title.rpartition(", ")
         if comma and unit in ("m", "m/s"):
-            scaled = lengths_as_in_figures([f"{cell} {unit}" for cell in cells])
+            scaled = lengths_as_in_figures([f"{cell} {unit}" for cell in cells], alike=True)
             cells = [cell.rpartition(" ")[0] for cell in scaled]
             units = (one.rpartition(" ")[2] for one in scaled if any(map(str.isdigit, one)))
             title = f"{name}, {next(units, unit)}"

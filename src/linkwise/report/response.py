@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from linkwise.output import BACKBONE, BASINS, RESPONSE
-from linkwise.plot.responses import backbone_figure, basins, response_figure
-from linkwise.plot.style import scale, single
+from linkwise.plot.responses import backbone_figure, basins_figure, response_figure
+from linkwise.plot.style import scale
 from linkwise.records.channel_units import unit_in
 from linkwise.report.page import Head, ResultFolder, Section, csv_table, sectioned
 from linkwise.response.backbone import Backbone, backbone_headline, backbone_rows
 from linkwise.response.basins_of_attraction import Basins, basins_headline, basins_rows
-from linkwise.response.result import Branch, Response, headline, peak_rows
+from linkwise.response.result import Branch, Response, headline, mirrored, peak_rows
 
 _LEVELS, _CHANNELS = 4, 3  # of which the head of a page says how large the motion is
 
@@ -42,6 +42,8 @@ def amplitude_sections(result: Response, title: str = "Amplitude over frequency"
         "Amplitude is half of peak to peak over a period. Unstable motion, which no test shows, is dotted; between folds "
         "the motion jumps from one stable branch to another."
     )
+    if any(map(mirrored, result.levels)):
+        text += " Branches that are mirror images of each other, as of twin wells, lie on one line; the table names them."
     text += " Grey points are measured." if result.measured else ""
     figure = partial(response_figure, result)
     return {
@@ -86,8 +88,9 @@ RESPONSE_FOLDER: ResultFolder[Response] = sectioned(
 
 
 def _curve(result: Backbone) -> dict[str, Section]:
-    """Amplitudes over the frequency of a mode."""
-    text = ["Grey points are measured."] if result.measured else []
+    """Amplitudes and damping over the frequency of a mode."""
+    text = ["The damping ratio is what the motion loses in a period, over 4 pi times its energy."]
+    text += ["Grey points are measured."] if result.measured else []
     figure = partial(backbone_figure, result)
     return {
         "backbone": Section("Amplitude over frequency", text, figure=figure),
@@ -96,9 +99,10 @@ def _curve(result: Backbone) -> dict[str, Section]:
 
 
 def _write_backbone_data(result: Backbone, folder: Path) -> None:
-    """backbone.csv: frequency in Hz, energy in J and amplitudes."""
-    table = np.column_stack([result.hz, result.energy, result.amplitude]).tolist()
-    csv_table(folder / "backbone.csv", ("hz", "energy", *result.channels), table)
+    """backbone.csv: frequency in Hz, energy in J, amplitudes, damping ratio, and in phase resonance the force in N."""
+    columns = {"damping": result.damping} | ({} if result.force is None else {"force": result.force})
+    table = np.column_stack([result.hz, result.energy, result.amplitude, *columns.values()]).tolist()
+    csv_table(folder / "backbone.csv", ("hz", "energy", *result.channels, *columns), table)
 
 
 BACKBONE_FOLDER: ResultFolder[Backbone] = sectioned(
@@ -120,7 +124,7 @@ def _write_basins_data(result: Basins, folder: Path) -> None:
 
 def _plane(result: Basins) -> dict[str, Section]:
     """The plane of initial states."""
-    figure = partial(single, partial(basins, result))
+    figure = partial(basins_figure, result)
     return {"basins": Section("Where motion ends", rows=basins_rows(result), figure=figure)}
 
 

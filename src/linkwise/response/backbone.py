@@ -1,10 +1,9 @@
-"""Nonlinear modes: free vibration of the undamped structure from a linear mode to large amplitudes."""
+"""Nonlinear modes from a linear mode to large amplitudes, of the undamped structure or as phase resonance of the damped."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from linkwise.display import JudgedView, align_columns
 from linkwise.errors import SimulationError, expect
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.uncertainty import Posterior
-from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
@@ -25,13 +23,9 @@ from linkwise.records.record import Record
 from linkwise.response.bands import band_ends, drawn_structures
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
-from linkwise.response.options import Answer, AskedStructure, shown_channels
-from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows, free_phase
-from linkwise.simulation.energy import potential_energy
-from linkwise.simulation.integrator.formulas import (
-    PhaseIntegrator,
-)
-from linkwise.simulation.run import run_time_parameters
+from linkwise.response.modal_motion import FreeMotion, ModalMotion, PhaseResonance
+from linkwise.response.options import FORCE, Answer, AskedStructure, Drive, shown_channels
+from linkwise.response.shooting import SAMPLES, amplitudes, channel_rows
 from linkwise.verdict import UNGRADED, Basis, Verdict
 
 _SMALL = 1e-3  # of the amplitude asked for, of the rest position, or m: where a mode should be linear
@@ -48,73 +42,6 @@ _DRAWS, _STATIONS, _FEWEST = (
     12,
     3,
 )  # of an answer, and points of its curve, and of a piece, near which they have motions
-_FREQUENCY = 0.2  # of omega: its size
-
-
-@dataclass(frozen=True, eq=False)
-class FreeMotion:
-    """The equations of a motion of the undamped structure from rest to rest, half a period long.
-
-    Unknowns are the displacements (n,) in m from which it is released and omega in rad/s. What is released from rest and comes
-    to rest again goes back the same way, since no law depends on velocities.
-    """
-
-    structure: Structure
-    integrator: PhaseIntegrator
-
-    @classmethod
-    def of(cls, structure: Structure) -> FreeMotion:
-        """Those of a structure without its damping. Raises StructureError for laws with memory or kinks."""
-        refuse_memory(structure.links, "backbones")
-        links = zip(structure.shape_key[1], structure.links, strict=True)
-        elastic = (shape._replace(law=link.law.elastic) for shape, link in links)
-        return cls(structure, free_phase(structure, tuple(elastic)))
-
-    @cached_property
-    def parameters(self) -> Floats:
-        """The run-time parameters."""
-        return run_time_parameters(self.structure, self.integrator.layout)
-
-    def _start(self, unknowns: Floats) -> Floats:
-        return np.concatenate([unknowns[:-1], np.zeros(self.structure.size)])
-
-    def __call__(self, unknowns: Floats) -> tuple[Floats, Floats]:
-        """The velocities (n,) after half a period, over omega, and their Jacobian (n, n + 1)."""
-        self.integrator.set_parameters(self.parameters)
-        size, omega = self.structure.size, float(unknowns[-1])
-        turn = self.integrator.turn(self._start(unknowns), omega, np.pi)
-        jacobian = np.column_stack([turn.by_start[size:, :size], turn.by_omega[size:]])
-        jacobian[:, -1] -= turn.end[size:] / omega
-        return turn.end[size:] / omega, jacobian / omega
-
-    def sizes(self, unknowns: Floats) -> Floats:
-        """The largest amplitude for all displacements, and that of omega."""
-        half = 0.5 * np.ptp(self.motion(unknowns, 8)[:, : self.structure.size], axis=0).max()
-        sizes = np.full(len(unknowns), half)
-        sizes[-1] = _FREQUENCY * abs(unknowns[-1])
-        return sizes
-
-    def motion(self, unknowns: Floats, samples: int = SAMPLES) -> Floats:
-        """(samples + 1, 2n) the motion over a period, its end included."""
-        self.integrator.set_parameters(self.parameters)
-        phases: Floats = np.linspace(0.0, np.pi, samples // 2 + 1)
-        there = self.integrator.motion(self._start(unknowns), float(unknowns[-1]), phases)
-        back = there[-2::-1].copy()
-        back[:, self.structure.size :] *= -1.0
-        return np.concatenate([there, back])
-
-    @cached_property
-    def _at_rest(self) -> float:
-        """The potential energy in J at rest."""
-        return float(potential_energy(self.structure, modes(self.structure).at, 0.0).sum())
-
-    def energy(self, point: Point) -> float:
-        """Energy in J above rest of a motion: all of it is potential when the motion begins."""
-        return float(potential_energy(self.structure, point.unknowns[:-1], 0.0).sum()) - self._at_rest
-
-    def amplitude(self, point: Point, row: Floats) -> float:
-        """Half of peak to peak of a channel that is a `row` (1, 2n) of states."""
-        return float(amplitudes(self.motion(point.unknowns), row, 1)[0][0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,13 +59,20 @@ class Backbone(JudgedView):
     hz : array of shape (P,)
         Frequencies in Hz; the first is that of the linear mode, but for its small amplitude.
     energy : array of shape (P,)
-        Energy in J above rest.
+        Energy in J above rest; in phase resonance the largest kinetic one.
+    damping : array of shape (P,)
+        Damping ratio: what the motion loses in a period, over 4 pi times its energy.
     amplitude : array of shape (P, C)
         Half of peak to peak of each channel.
     starts : array of shape (P, n)
-        Displacements in m from which the motions are released.
+        Displacements in m from which the motions are released; in phase resonance those a quarter of a period after the
+        largest force.
     lower, upper : array of shape (P,) or None
         Of an answer, ends in Hz of the 95 % band of the frequency at each energy; NaN where few draws have such a motion.
+    lower_damping, upper_damping : array of shape (P,) or None
+        The same of the damping ratio.
+    place, force : str, array of shape (P,) or None
+        In phase resonance, where the force acts, and its amplitude in N.
     reached : bool
         Whether the curve reached the end that was asked for.
     outside : tuple of str
@@ -164,9 +98,14 @@ class Backbone(JudgedView):
     hz: Floats
     energy: Floats
     amplitude: Floats
+    damping: Floats
     starts: Floats
     lower: Floats | None = None
     upper: Floats | None = None
+    lower_damping: Floats | None = None
+    upper_damping: Floats | None = None
+    place: str = ""
+    force: Floats | None = None
     reached: bool = True
     outside: tuple[str, ...] = ()
     measured: MeasuredPoints | None = None
@@ -223,7 +162,9 @@ class Backbone(JudgedView):
         dict
             "mode" and "points".
         """
-        columns = {"hz": self.hz, "energy": self.energy, "lower_hz": self.lower, "upper_hz": self.upper}
+        columns = {"hz": self.hz, "energy": self.energy, "damping": self.damping, "force": self.force}
+        columns |= {"lower_hz": self.lower, "upper_hz": self.upper}
+        columns |= {"lower_damping": self.lower_damping, "upper_damping": self.upper_damping}
         return {
             "method": "backbone",
             "structure": self.structure.name,
@@ -247,22 +188,40 @@ def backbone_headline(result: Backbone) -> tuple[str, ...]:
     """What was computed up to the largest amplitude, from which a curve may come back, in a sentence."""
     largest = int(result.amplitude.max(axis=1).argmax())
     end = f"{result.hz[0]:.5g} to {result.hz[largest]:.5g} Hz at {result.energy[largest]:.3g} J"
-    return (f"Mode {result.mode} of {result.structure.name} without its damping goes from {end}.",)
+    ratios = " to ".join(f"{100.0 * result.damping[at]:.3g}" for at in (0, largest))
+    damping = f"Its damping goes from {ratios} % of the critical one."
+    if result.force is None:
+        return (
+            f"Mode {result.mode} of {result.structure.name} without its damping goes from {end}.",
+            damping,
+        )
+    where = (
+        f"Phase resonance of {result.structure.name} in mode {result.mode}, under a force on {result.place}"
+    )
+    unit = Drive(FORCE, result.place).unit
+    return (f"{where}, goes from {end} and {result.force[largest]:.3g} {unit}.", damping)
 
 
 def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     """Some points: frequency, energy and amplitudes."""
     which = np.unique(np.linspace(0, len(result.hz) - 1, count).round().astype(int))
-    bands = []
-    if result.lower is not None and result.upper is not None:
-        ends = np.stack([result.lower, result.upper], axis=1)[which]
-        texts = ("{:.5g} to {:.5g}".format(*own) if np.isfinite(own).all() else "-" for own in ends)
-        bands = [("95 % band", *texts)]
+
+    def band(lower: Floats | None, upper: Floats | None, factor: float, digits: int) -> list[tuple[str, ...]]:
+        if lower is None or upper is None:
+            return []
+        ends = factor * np.stack([lower, upper], axis=1)[which]
+        texts = (f"{low:.{digits}g} to {high:.{digits}g}" if low == low else "-" for low, high in ends)
+        return [("95 % band", *texts)]
+
     columns = [
         ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
-        *bands,
+        *band(result.lower, result.upper, 1.0, 5),
+        ("damping, %", *(f"{ratio:.3g}" for ratio in 100.0 * result.damping[which])),
+        *band(result.lower_damping, result.upper_damping, 100.0, 3),
         ("energy, J", *(f"{energy:.3g}" for energy in result.energy[which])),
     ]
+    if result.force is not None:
+        columns.append(("force, N", *(f"{force:.3g}" for force in result.force[which])))
     for name, values in zip(result.channels, result.amplitude[which].T, strict=True):
         columns.append((f"{name}, {unit_in(result.structure, name)}", *(f"{value:.4g}" for value in values)))
     return list(zip(*columns, strict=True))
@@ -274,12 +233,14 @@ def backbone(
     *,
     to_amplitude: Mapping[str, float] | None = None,
     to_energy: float | None = None,
+    force: str | None = None,
     show: Sequence[str] = (),
 ) -> Backbone:
-    """Follow free vibration of a structure without its damping from a linear mode to large amplitudes.
+    """Follow free vibration of a structure without its damping from a linear mode to large amplitudes, or a phase resonance.
 
     The motions go from rest to rest and back the same way; the curve is followed by pseudo-arclength. Rest is the stable
-    equilibrium of least energy.
+    equilibrium of least energy. With `force` the structure keeps its damping, and the motions are those that a harmonic force
+    there sustains which they follow by a quarter of a period; laws may then have kinks and memory.
 
     Parameters
     ----------
@@ -291,20 +252,22 @@ def backbone(
         The channel and the amplitude, half of peak to peak, at which to end, such as ``{"x:m1": 0.01}``.
     to_energy : float, optional
         The energy in J at which to end. With neither, the curve ends where the frequency has changed by a third.
+    force : str, optional
+        The mass, or point of a host, on which a harmonic force acts: its phase resonance is followed.
     show : sequence of str
         Displacements and velocities whose amplitude is shown. By default the displacements of all masses and points.
 
     Returns
     -------
     Backbone
-        Frequency, energy and amplitudes along the curve; of an answer the frequency has a band.
+        Frequency, damping, energy and amplitudes along the curve; of an answer frequency and damping have bands.
 
     Raises
     ------
     SimulationError
         If there is no such mode, or the end is not what it must be.
     StructureError
-        If a coefficient has no value, or a law has memory or is not smooth.
+        If a coefficient has no value, or without `force` a law has memory or is not smooth.
     TypeError
         If `answer` has another type.
 
@@ -320,57 +283,81 @@ def backbone(
     structure = asked.structure
     refuse_rig(structure, "backbones")
     channels = shown_channels(structure, show)
-    free, count = FreeMotion.of(structure), structure.size
+    motion, count = _motion(structure, force), structure.size
     linear = modes(structure)
     if not (1 <= mode <= count and linear.frequencies[mode - 1] > 0.0):
         raise SimulationError(
             f"there is no vibration in mode {mode}; the frequencies of modes 1 to {count} are "
             f"{', '.join(f'{hz:.4g}' for hz in linear.frequencies)} Hz",
         )
-    end = _end(free, to_amplitude, to_energy)
-    points = _followed(free, _linear_start(free, linear, mode, to_amplitude or {}), end)
-    energy = np.array([free.energy(point) for point in points])
+    end = _end(motion, to_amplitude, to_energy)
+    points = _followed(motion, _linear_start(motion, linear, mode, to_amplitude or {}), end)
     if end is None and np.ptp([point.parameter for point in points]) < _LINEAR * points[0].parameter:
         raise SimulationError(
             f"the frequency of mode {mode} is {linear.frequencies[mode - 1]:.5g} Hz at any amplitude, so that nothing ends "
             "the curve: give an amplitude or an energy at which to end",
             arguments=("end",),
         )
-    motions = [free.motion(point.unknowns) for point in points]
+    motions = [motion.motion(point.unknowns) for point in points]
     zero = np.zeros(SAMPLES + 1)
     rows = channel_rows(structure, channels)
-    lower, upper = (None, None) if asked.posterior is None else _band(asked.posterior, free, points, energy)
+    along = _along(motion, points)
+    bands = (None,) * 4 if asked.posterior is None else _band(asked.posterior, motion, points, along)
     return Backbone(
         structure=structure,
         mode=mode,
         channels=channels,
-        hz=np.array([point.parameter for point in points]) / (2.0 * np.pi),
-        energy=energy,
-        amplitude=np.array([amplitudes(motion, rows, 1)[0] for motion in motions]),
-        starts=np.array([point.unknowns[:-1] for point in points]),
-        lower=lower,
-        upper=upper,
+        hz=along[:, 0] / (2.0 * np.pi),
+        energy=along[:, 2],
+        damping=along[:, 1],
+        amplitude=np.array([amplitudes(states, rows, 1)[0] for states in motions]),
+        starts=np.array([states[0, :count] for states in motions]),
+        lower=bands[0],
+        upper=bands[1],
+        lower_damping=bands[2],
+        upper_damping=bands[3],
+        place=force or "",
+        force=np.array([point.unknowns[-2] for point in points]) if force else None,
         reached=end is None or abs(end(points[-1])) <= _REACHED * abs(end(points[0])),
-        outside=tuple(asked.farthest(structure.elongations(motion[:, :count], zero)) for motion in motions)
+        outside=tuple(asked.farthest(structure.elongations(states[:, :count], zero)) for states in motions)
         if asked.ranges
         else (),
         basis=asked.basis,
     )
 
 
-def _band(
-    posterior: Posterior, free: FreeMotion, points: Sequence[Point], energy: Floats
-) -> tuple[Floats, Floats]:
-    """The ends (P,) in Hz of the band that draws of an answer have at energies (P,) of its curve.
+def _motion(structure: Structure, force: str | None) -> ModalMotion:
+    """Motions of a mode without damping, or under a force on a place."""
+    expect("backbone: force", force, str, type(None))
+    if force is None:
+        return FreeMotion.of_undamped(structure)
+    Drive(FORCE, force).check(structure)
+    return PhaseResonance(structure, force)
 
-    Each draw has a motion across the curve near some of its points. What counts is the ratio of its frequency to that of the
-    curve at the same energy, by interpolation, between two extremes of the energy along the curve.
+
+def _along(motion: ModalMotion, points: Sequence[Point]) -> Floats:
+    """(P, 3) angular frequency, damping ratio and energy of motions."""
+    return np.array([[point.parameter, motion.damping(point), motion.energy(point)] for point in points])
+
+
+def _band(
+    posterior: Posterior, motion: ModalMotion, points: Sequence[Point], along: Floats
+) -> tuple[Floats | None, ...]:
+    """The ends (P,) of the bands of frequency in Hz and of the damping ratio that draws of an answer have at the energies of
+    its curve, which has angular frequencies, damping ratios and energies `along` it (P, 3); None where shapes of hosts are
+    uncertain, on which the equations depend.
+
+    Each draw has a motion across the curve near some of its points. What counts is the ratio of its frequency, or damping, to
+    that of the curve at the same energy, by interpolation, between two extremes of the energy along the curve.
     """
-    hz = np.array([point.parameter for point in points])
+    energy = along[:, 2]
+    drawn = drawn_structures(posterior, _DRAWS, seed=0)
+    if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
+        return (None,) * 4
     extremes = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
-    ratios = np.full((_DRAWS, len(points)), np.nan)
-    for row, drawn in zip(ratios, drawn_structures(posterior, _DRAWS, seed=0), strict=True):
-        own = FreeMotion(drawn, free.integrator)
+    ratios = np.full((_DRAWS, len(points), 2), np.nan)
+    for table, structure in zip(ratios, drawn, strict=True):
+        own = motion.of(structure)
         for first, last in pairwise([0, *extremes.tolist(), len(points) - 1]):
             piece = slice(first, last + 1)
             share = max(round(_STATIONS * (last - first) / (len(points) - 1)), _FEWEST)
@@ -378,34 +365,34 @@ def _band(
             moved = [solve(own, points[k].unknowns, points[k].tangent) for k in stations]
             found = [point for point in moved if point is not None]
             if len(found) > 1:
-                at = np.array([own.energy(point) for point in found])
-                rising = np.argsort(energy[piece])
-                there = np.interp(at, energy[piece][rising], hz[piece][rising])
-                ratio, order = np.array([point.parameter for point in found]) / there, np.argsort(at)
-                row[piece] = np.interp(energy[piece], at[order], ratio[order])
-    lower, upper = band_ends(ratios)
-    return lower * hz / (2.0 * np.pi), upper * hz / (2.0 * np.pi)
+                values = _along(own, found)
+                rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
+                for column in range(2):
+                    there = np.interp(values[:, 2], energy[piece][rising], along[piece, column][rising])
+                    usable = (there > 0.0) & (
+                        values[:, column] > 0.0
+                    )  # not of an energy within rounding of none
+                    ratio = np.where(usable, values[:, column], np.nan) / np.where(usable, there, 1.0)
+                    table[piece, column] = np.interp(energy[piece], values[order, 2], ratio[order])
+    ends = band_ends(ratios)
+    units = along[:, 0] / (2.0 * np.pi), along[:, 1]
+    return tuple(side[:, column] * unit for column, unit in enumerate(units) for side in ends)
 
 
-def _linear_start(free: FreeMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:
+def _linear_start(motion: ModalMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:
     """The motion of so small an amplitude that its frequency is that of the linear mode, the curve going on to larger ones."""
-    shape = linear.shapes[:, mode - 1] / np.abs(linear.shapes[:, mode - 1]).max()
-    omega = 2.0 * np.pi * linear.frequencies[mode - 1]
-    along = np.append(shape, 0.0) / np.linalg.norm(shape)
     small = _SMALL * (max(to_amplitude.values(), default=0.0) or float(np.abs(linear.at).max()) or 1.0)
     for _ in range(_TRIALS):
-        start = solve(free, np.append(linear.at + small * shape, omega), along)
-        if start is not None and abs(start.parameter / omega - 1.0) < _LINEAR:
+        guess, along = motion.small(linear, mode, small)
+        start = solve(motion, guess, along)
+        if start is not None and abs(start.parameter / guess[-1] - 1.0) < motion.near_linear:
             return turned(start, along)
         small *= 0.1
-    raise SimulationError(
-        f"mode {mode} has no small vibration near its linear shape: its frequency may be a whole part of another's; take "
-        "another mode"
-    )
+    raise SimulationError(motion.without_small.format(mode))
 
 
 def _end(
-    free: FreeMotion, to_amplitude: Mapping[str, float] | None, to_energy: float | None
+    motion: ModalMotion, to_amplitude: Mapping[str, float] | None, to_energy: float | None
 ) -> Callable[[Point], float] | None:
     """What is negative before the end of the curve; None where no end is asked for."""
     expect("backbone: to_amplitude", to_amplitude, Mapping, type(None))
@@ -414,12 +401,12 @@ def _end(
         raise SimulationError("a backbone ends at an amplitude or at an energy; give one of the two")
     if to_energy is not None:
         most = _positive(to_energy, "the energy")
-        return lambda point: free.energy(point) - most
+        return lambda point: motion.energy(point) - most
     for name, size in (to_amplitude or {}).items():
         goal = _positive(size, "the amplitude")
-        shown = shown_channels(free.structure, (name,), "the end of a backbone", ())
-        row = channel_rows(free.structure, shown)
-        return lambda point: free.amplitude(point, row) - goal
+        shown = shown_channels(motion.structure, (name,), "the end of a backbone", ())
+        row = channel_rows(motion.structure, shown)
+        return lambda point: motion.amplitude(point, row) - goal
     return None
 
 
@@ -431,7 +418,7 @@ def _positive(size: float, what: str) -> float:
     return size
 
 
-def _followed(free: FreeMotion, start: Point, end: Callable[[Point], float] | None) -> list[Point]:
+def _followed(motion: ModalMotion, start: Point, end: Callable[[Point], float] | None) -> list[Point]:
     """The points from `start` to the `end`."""
     omega = start.parameter
     widest = (
@@ -443,7 +430,7 @@ def _followed(free: FreeMotion, start: Point, end: Callable[[Point], float] | No
         return (end is not None and end(point) >= 0.0) or float(point.sizes[0]) < float(start.sizes[0])
 
     steps = Steps(widest, longest=_LONGEST, most=_MOST, stop=reached)
-    points = [start, *follow(free, start, steps)[0]]
+    points = [start, *follow(motion, start, steps)[0]]
     if end is not None and len(points) > 1 and end(points[-1]) > 0.0 > end(points[-2]):
-        points[-1] = locate(free, points[-2], points[-1], end) or points[-1]
+        points[-1] = locate(motion, points[-2], points[-1], end) or points[-1]
     return points

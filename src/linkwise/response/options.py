@@ -20,7 +20,7 @@ from linkwise.expression.parser import parse
 from linkwise.model.link import BASE, refuse_signals
 from linkwise.model.structure import Structure
 from linkwise.model.structure_file import read_structure
-from linkwise.output import RESULT
+from linkwise.output import RESULT, answer_folder
 from linkwise.records.channel import Channel
 from linkwise.simulation.run import check_place
 from linkwise.verdict import UNGRADED, Basis
@@ -328,7 +328,7 @@ class AskedStructure:
                     return cls(answer.structure, posterior := Posterior.of(answer), ranges, posterior.basis)
                 except IdentificationError:
                     return cls(answer.structure, None, ranges, Basis(answer.grade, answer.status))
-        path = Path(answer)
+        path = answer_folder(Path(answer))
         if not (path / COVARIANCE).exists():
             return cls(read_structure(path), None, _ranges(path), Basis.stated_in(path))
         posterior = read_posterior(path)

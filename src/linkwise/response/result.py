@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from linkwise.verdict import UNGRADED, Basis, Verdict
 FOLD = "fold"
 _SHOWN_BIFURCATIONS = 6
 _OFF_CENTRE = 0.01  # of the amplitude: a mean beyond it is told
+_MIRRORED = 1e-3  # to which ends and peaks of two curves that are one line are equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +324,7 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
     largest = (f"largest {channel}" for channel in response.channels)
     rows = [("level", "branch", "Hz", *largest, "bifurcations (Hz)")]
     for level in response.levels:
-        size = f"{level.size:g} {response.drive.unit}"
+        size, twins = f"{level.size:g} {response.drive.unit}", mirrored(level)
         for number, branch in enumerate(level.branches, start=1):
             # unstable motion, which no test shows, counts where there is no other
             shown = branch.stable | ~branch.stable.any()
@@ -333,6 +335,7 @@ def peak_rows(response: Response) -> list[tuple[str, ...]]:
                 peak = f"{branch.amplitude[at, column]:.4g} {unit} at {branch.hz[at]:.5g} Hz"
                 cells.append(f"{peak}{_about(branch, column, unit)}")
             name = f"{number}" + (f" ({branch.turns} turns)" if branch.turns > 1 else "")
+            name += f" (mirror of {twins[number]})" if number in twins else ""
             span = f"{branch.hz.min():.4g} to {branch.hz.max():.4g}"
             rows.append((size, name, span, *cells, _bifurcation_text(branch) or "-"))
     return rows
@@ -351,6 +354,26 @@ def _bifurcation_text(branch: Branch) -> str:
     marked = [(name, hz) for name, hz in zip(branch.bifurcations, branch.hz, strict=True) if name]
     shown = [f"{name} {hz:.5g}" for name, hz in marked[:_SHOWN_BIFURCATIONS]]
     return ", ".join([*shown, *(["..."] if len(marked) > len(shown) else [])])
+
+
+def mirrored(level: ResponseLevel) -> dict[int, int]:
+    """The numbers of branches, from 1, that are others about the opposite mean, over the same frequencies and as large."""
+    found = {}
+    outlines = [_outline(branch) for branch in level.branches]
+    for (first, one), (second, other) in combinations(enumerate(outlines, start=1), 2):
+        ends, means = (np.array([own[part] for own in (one, other)]) for part in range(2))
+        off = np.abs(means).max()
+        alike = np.allclose(ends[0], ends[1], rtol=_MIRRORED) and off > _OFF_CENTRE * ends[0, 3:].max()
+        if alike and np.abs(means.sum(axis=0)).max() < _OFF_CENTRE * off:
+            found[second] = first
+    return found
+
+
+def _outline(branch: Branch) -> tuple[Floats, Floats]:
+    """Turns, lowest and highest frequency and peaks (3 + C,) of a branch, and what is farthest from 0 of its means (C,)."""
+    ends = np.concatenate([[branch.turns, branch.hz.min(), branch.hz.max()], branch.amplitude.max(axis=0)])
+    mean = np.zeros_like(branch.amplitude) if branch.mean is None else branch.mean
+    return ends, np.take_along_axis(mean, np.abs(mean).argmax(axis=0)[None], axis=0)[0]
 
 
 def _findings(response: Response, level: ResponseLevel) -> list[str]:

@@ -56,7 +56,8 @@ def free_phase(structure: Structure, links: tuple[LinkShape, ...]) -> PhaseInteg
         link = structure.links[0 if number is None else number]
         raise StructureError(
             f"the law {link.law.text} is not smooth (abs, sign, max, min, or flat parts of exp and tanh); free vibration is "
-            "computed for smooth laws: write sqrt(x**2 + s**2) for abs(x), with a small s",
+            "computed for smooth laws: follow its phase resonance under a force on a place (force), or write "
+            "sqrt(x**2 + s**2) for abs(x), with a small s",
             f'link "{link.name}"',
         )
     integrator = phase_integrator(shape)
