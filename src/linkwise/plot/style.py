@@ -23,7 +23,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from linkwise.arrays import Floats
 from linkwise.errors import StructureError, expect, require_known
@@ -190,11 +190,25 @@ def log_scale(axes: Axes, which: str, *, linear_to: float | None = None) -> None
     change = axes.set_xscale if which == "x" else axes.set_yscale
     if linear_to is None:
         change("log")
+        axis.set_major_locator(ShownLocator())
+        axis.set_minor_locator(ShownLocator(subs=range(2, 10), numticks=_FINELY_DIVIDED))
     else:
         change("symlog", linthresh=linear_to, linscale=0.6)
     axis.set_major_formatter(PowerFormatter(linthresh=linear_to))
     between = SparsePowerFormatter() if which == "x" else PowerFormatter()
     axis.set_minor_formatter(between if linear_to is None else NullFormatter())
+
+
+_FINELY_DIVIDED = 3  # powers of ten on an axis up to which ticks stand between them
+
+
+class ShownLocator(LogLocator):
+    """Ticks at powers of ten or between them, without those beyond the axis, which cost as much as those that are seen."""
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """The places of the ticks from `vmin` to `vmax`."""
+        low, high = vmin * (1.0 - 1e-9), vmax * (1.0 + 1e-9)
+        return [place for place in super().tick_values(vmin, vmax) if low <= place <= high]
 
 
 _NAMED_DIGITS = ((0.35, "23468"), (0.5, "2346"), (0.7, "236"), (1.05, "24"))

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import numpy as np
+import scipy
 from scipy.linalg.lapack import dpotrf, dpotrs
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import csc_array
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
@@ -150,7 +150,7 @@ def assemble_blocks(blocks: Iterable[tuple[Indices, Floats]], count: int) -> Flo
     positions, data = (np.concatenate(part) for part in zip(*parts, strict=True))
     if count <= _DENSE:
         return np.bincount(positions, data, count * count).reshape(count, count)
-    return csc_array(coo_array((data, divmod(positions, count)), shape=(count, count)))
+    return csc_array((data, divmod(positions, count)), shape=(count, count))
 
 
 def dense_blocks(blocks: Iterable[tuple[Indices, Floats]], numbers: Indices) -> Floats:
@@ -208,7 +208,8 @@ def _solver(h: Floats | csc_array, names: list[str]) -> Callable[[Floats], Float
         if failed or not np.min(factor.diagonal()) ** 2 >= SINGULAR:
             _raise_not_identifiable(_null_names(scaled, names))
         return lambda right: np.asarray((dpotrs(factor, (right.T * scale).T)[0].T * scale).T)
-    sparse = splu(csc_array(h.multiply(scale[:, None]).multiply(scale[None, :])))
+    scaled = csc_array(h.multiply(scale[:, None]).multiply(scale[None, :]))
+    sparse = scipy.sparse.linalg.splu(scaled)
     pivots = np.abs(sparse.U.diagonal())
     if pivots.min() < SINGULAR:
         _raise_not_identifiable([names[int(np.flatnonzero(sparse.perm_c == np.argmin(pivots))[0])]])
@@ -252,7 +253,7 @@ def _covariance(
     position = np.cumsum(free) - 1
     rows, columns = _within_links(system.structure_layout, free)
     data = sandwich(inner, middle, position[rows], position[columns])
-    return csc_array(coo_array((data, (rows, columns)), shape=(count, count)))
+    return csc_array((data, (rows, columns)), shape=(count, count))
 
 
 def significance(information: Floats, bias: Floats, windows: int) -> Floats:

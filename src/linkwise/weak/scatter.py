@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+import scipy
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
 from linkwise.arrays import Floats, Indices
 from linkwise.expression import Program, differentiate, symbols
@@ -223,7 +223,7 @@ def sandwich(h: csc_array, j: csc_array, rows: Indices, columns: Indices) -> Flo
 
     Some columns of h^-1 are in memory at a time, of as many parameters as there are.
     """
-    factor, values = splu(csc_array(h)), np.empty(len(rows))
+    factor, values = scipy.sparse.linalg.splu(csc_array(h)), np.empty(len(rows))
     for first in range(0, h.shape[0], _COLUMNS):
         some = np.flatnonzero((rows >= first) & (rows < first + _COLUMNS))
         which, places = np.unique(np.concatenate([rows[some], columns[some]]), return_inverse=True)
