@@ -40,7 +40,6 @@ from linkwise.weak.window import ORDER, Window
 
 _WIDER = 1.4  # rates are smoothed by test functions of so many times the width: twice the width flattens fast motion
 _SHARED = 0.5  # neighbouring windows share their noise, so that two count as one
-_LINKS_AT_ONCE = 16  # whose samples are in memory at a time
 _STEPS = 40  # of Gauss-Newton for coefficients that enter a law nonlinearly
 _CONVERGED_STEP = 1e-3  # of a standard error
 _NOT_CONVERGED = (
@@ -327,15 +326,12 @@ def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) 
     """(L, 2) ranges in m, from the samples: averages over windows would cut the peaks."""
     layout, ranges = equations.structure_layout, []
     deviation = np.sqrt(equations.context.floored_elongation_variance)
-    count = len(layout.structure.links)
-    for first in range(0, count, _LINKS_AT_ONCE):
-        links = range(first, min(first + _LINKS_AT_ONCE, count))
-        d = layout.elongations(motion.displacements, links)
+    for link in range(len(layout.structure.links)):
+        d = layout.elongations(motion.displacements, [link])
         if motion.missing is not None:
-            for row, link in zip(d, links, strict=True):
-                nodes = [node for node, _ in layout.elements[link].reading if node < layout.equations]
-                row[motion.missing[nodes].any(axis=0)] = np.nan
-        ranges.append(extremes(d.T, deviation[links.start : links.stop]))
+            nodes = [node for node, _ in layout.elements[link].reading if node < layout.equations]
+            d[:, motion.missing[nodes].any(axis=0)] = np.nan
+        ranges.append(extremes(d.T, deviation[[link]]))
     return np.concatenate(ranges)
 
 

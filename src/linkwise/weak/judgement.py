@@ -13,7 +13,7 @@ C. R. Rao, Math. Proc. Cambridge Philos. Soc. 44, 50 (1948), for the score test.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -58,13 +58,13 @@ def judgement(
         return forbidden
     if contradicted:
         return Verdict.MEASUREMENT_ERROR, _contradiction(contradicted)
-    lacking = missing_term(record, structure, equations, fit)
-    if lacking is None:
+    lacking = _missing_force(record, structure, equations, fit)
+    if not lacking:
         return Verdict.CONVERGED, f"{_EXPLAINED}."
     return Verdict.SYSTEMATIC_MISFIT, (
-        f"{_EXPLAINED}, but what they leave follows the motion: a force like {lacking.term} in {lacking.link}, "
-        f"{abs(lacking.z):.3g} standard errors in size, would explain a part of it. Intervals would count that as noise, so "
-        'none is given; a term or a link is missing, or a sensor or a stated mass is wrong. Method "ml" distinguishes these.'
+        f"{_EXPLAINED}, but what they leave follows the motion: a force like {lacking}, would explain a part of it. "
+        "Intervals would count that as noise, so none is given; a term or a link is missing, or a sensor or a stated mass is "
+        'wrong. Method "ml" distinguishes these.'
     )
 
 
@@ -174,19 +174,8 @@ _NOISE_POWER = 0.03  # relative error of the power of noise that is found; of st
 _CHANCE = 8.0  # with twice the logarithm of the number of scores: normal scores give one in 300 fits
 
 
-@dataclass(frozen=True)
-class MissingTerm:
-    """A `term` whose score `z`, in standard errors, is beyond chance in a `link`."""
-
-    link: str
-    term: str
-    z: float
-
-
-def missing_term(
-    record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit
-) -> MissingTerm | None:
-    """The most significant term that a link lacks; None where chance explains all scores."""
+def _missing_force(record: Record, structure: Structure, equations: WeakEquations, fit: WeakFit) -> str:
+    """The most significant term that a link lacks, in words; empty where chance explains all scores."""
     wide, added = _with_terms(structure)
     known = equations.by_name(fit.values)
     uncertain = _NOISE_POWER + (abs(fit.excess - 1.0) if record.noise else 0.0)
@@ -199,12 +188,12 @@ def missing_term(
             numbers, z = _scores(patch, system, values, tested, max(fit.excess, 1.0), uncertain)
             scores[numbers] = np.where(np.abs(z) > np.abs(scores[numbers]), z, scores[numbers])
     except (IdentificationError, np.linalg.LinAlgError):  # a term may not be finite along the motion
-        return None
+        return ""
     largest = int(np.argmax(np.abs(scores)))
     if not scores[largest] ** 2 > _CHANCE + 2.0 * float(np.log(max(np.sum(tested), 1))):
-        return None
+        return ""
     name = wide.parameters[largest].name
-    return MissingTerm(name.owner, added[name.key], float(scores[largest]))
+    return f"{added[name.key]} in {name.owner}, {abs(scores[largest]):.3g} standard errors in size"
 
 
 def _scores(

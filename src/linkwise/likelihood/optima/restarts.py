@@ -67,9 +67,8 @@ def fit_with_restarts(
     fit = fitted(theta, options=strict)
     rival = None if another is None or fit.interrupted else another(strict, fit)
     if rival is not None:
-        chosen = rival if rival.interrupted else _likelier(fit, rival)
-        nodes = rival.optimum.point.nodes if chosen.values is rival.values else None
-        fit = chosen
+        fit = rival if rival.interrupted else _best_of([fit, rival])
+        nodes = rival.optimum.point.nodes if fit.values is rival.values else None
     for _ in range(_ATTEMPTS - 1):
         if _ends(fit):
             return fit
@@ -82,35 +81,13 @@ def fit_with_restarts(
     return fitted(fit.values, options=options if nodes is None else replace(options, nodes=nodes))
 
 
-def _likelier(fit: LikelihoodFit, rival: LikelihoodFit) -> LikelihoodFit:
-    """The fit, or a rival that converged and is likelier by a relevant amount, with the values of the other if both may be."""
-    if not (rival.converged and fit.converged):
-        return rival if rival.converged else fit
-    gain = _gain(rival, fit)
-    if not (_ends(fit) and _ends(rival)):
-        return rival if gain > _RELEVANT else fit
-    likely, rejected = (rival, fit) if gain > 0.0 else (fit, rival)
-    tied = abs(gain) < _TIED
-    if tied and not likely.has_errors and rejected.has_errors:
-        likely, rejected = rejected, likely
-    return replace(likely, others=(rejected.values,)) if tied and _are_apart(rejected, likely) else likely
-
-
 def fit_from_starts(search: Search, starts: Sequence[Start]) -> LikelihoodFit:
     """Fit from the best starts until a fit explains the records, with the values of other fits that are as good as the best.
 
     Raises IdentificationError if the motion from none of them is finite.
     """
     near = [start for start in starts if start.misfit <= _NEAR * starts[0].misfit]
-    best, *others = attempts(partial(search, theta=start.values) for start in near[:_MOST])
-    as_good = (
-        fit.values
-        for fit in others
-        if fit.converged
-        and _are_apart(fit, best)
-        and abs(fit.misfit.cost(1.0) - best.misfit.cost(1.0)) < _TIED
-    )
-    return replace(best, others=tuple(as_good))
+    return _best_of(attempts(partial(search, theta=start.values) for start in near[:_MOST]))
 
 
 def fit_of_growing_records(search: Search, records: Sequence[Record], values: Floats) -> LikelihoodFit:
@@ -141,6 +118,19 @@ def attempts(searches: Iterable[Callable[[], LikelihoodFit]]) -> list[Likelihood
     if not fits:
         raise failures[0]
     return sorted(fits, key=_rank)
+
+
+def _best_of(fits: Sequence[LikelihoodFit]) -> LikelihoodFit:
+    """The best of fits, with the values of others that are as good."""
+    best, *others = sorted(fits, key=_rank)
+    as_good = (
+        fit.values
+        for fit in others
+        if fit.converged
+        and _are_apart(fit, best)
+        and abs(fit.misfit.cost(1.0) - best.misfit.cost(1.0)) < _TIED
+    )
+    return replace(best, others=tuple(as_good))
 
 
 def _rank(fit: LikelihoodFit) -> tuple[bool, float]:
