@@ -8,13 +8,13 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_041  # lines of all files of tests
+TESTS = 35_043  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (11, 2254),
     "analysis": (4, 506),
-    "cli": (20, 1884),
+    "cli": (20, 1885),
     "discovery": (18, 3536),
     "estimates": (7, 1433),
     "export": (9, 784),
@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1880),
     "records": (8, 1456),
     "report": (10, 1041),
-    "response": (13, 1929),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1930),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 913),
     "signals": (6, 831),
     "simulation": (9, 1648),
