@@ -8,11 +8,11 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_043  # lines of all files of tests
+TESTS = 35_054  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2254),
+    "absorption": (11, 2256),
     "analysis": (4, 506),
     "cli": (20, 1885),
     "discovery": (18, 3536),
