@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1880),
     "records": (8, 1456),
     "report": (10, 1041),
-    "response": (13, 1930),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1932),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 913),
     "signals": (6, 831),
     "simulation": (9, 1648),
