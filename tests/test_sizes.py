@@ -12,9 +12,9 @@ TESTS = 34_944  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2254),
+    "absorption": (11, 2256),
     "analysis": (4, 506),
-    "cli": (20, 1884),
+    "cli": (20, 1885),
     "discovery": (18, 3518),
     "estimates": (7, 1433),
     "export": (9, 784),
@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1887),
     "records": (8, 1456),
     "report": (10, 1041),
-    "response": (13, 1930),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1932),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 921),
     "signals": (6, 831),
     "simulation": (9, 1648),

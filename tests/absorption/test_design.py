@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -190,6 +191,16 @@ def test_curves_are_followed_side_by_side() -> None:
         np.testing.assert_array_equal(resonance.values(designs, 1.0, silent, pool), alone)
     with curve_pool(None) as none, curve_pool(1) as one:
         assert none is None and one is None
+    question: dict[str, Any] = {
+        "over": {"spring.c": (0.05, 0.5)},
+        "minimise": "resonance",
+        "sinks": ["spring"],
+    }
+    options = DesignOptions(evaluations=8, harmonic=DRIVEN, workers=1)
+    with ThreadPoolExecutor(1) as executor:  # of any library
+        found = lw.design(ABSORBER, options=options, executor=executor, **question)
+        assert executor.submit(lambda: 1).result() == 1
+    assert found.best == lw.design(ABSORBER, options=options, **question).best
 
 
 @pytest.mark.parametrize(

@@ -107,6 +107,7 @@ def test_without_links_they_are_discovered(file: Path) -> None:
 def test_what_is_missing_names_its_option_and_writes_nothing(options: str, message: str, file: Path) -> None:
     _, err = said(f"start rig.csv {options}", 2)
     assert message in err and "Traceback" not in err
+    assert options != "--yes" or "Laser sink" in err.partition("linkwise:")[0]  # the columns are shown first
     assert [path.name for path in file.parent.iterdir()] == ["rig.csv"]
 
 

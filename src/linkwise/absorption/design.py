@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Unpack, final
+from typing import Any, NamedTuple, Unpack, final
 
 import numpy as np
 
@@ -440,6 +440,7 @@ def design(
     options: DesignOptions | None = None,
     *,
     journal: str | Path | None = None,
+    executor: Executor | None = None,
     progress: Progress = silent,
     **keywords: Unpack[AbsorptionKeywords],
 ) -> Design:
@@ -460,6 +461,9 @@ def design(
     journal : str or Path, optional
         A file in which designs that were judged are kept until the search ends: the same call goes on where one was
         interrupted.
+    executor : concurrent.futures.Executor, optional
+        What follows the response curves of a resonance, in place of processes of this machine: an executor of any library
+        with this interface, as of `run_study`. It is not shut down.
     progress : Progress
         Called with a `ProgressReport` as simulations end.
     **keywords
@@ -495,12 +499,14 @@ def design(
     given = AskedStructure.of(structure)
     subject, drawn = given.structure, _drawn(given.posterior, options, over)
     simulated = options_given(AbsorptionOptions.of, None, keywords)
+    asked = _Question(drawn, over, minimise, options, simulated)
     at_places = list(placed(subject, options.places or {}))
     found: list[Design | None] = []
-    for number, (_, moved) in enumerate(at_places):
-        own = None if journal is None else Path(f"{journal}{number or ''}")
-        share = part(progress, number / len(at_places), (number + 1) / len(at_places))
-        found.append(_searched(moved, drawn, over, minimise, options, simulated, own, share))
+    with curve_pool(None if options.harmonic is None else options.workers, executor) as pool:
+        for number, (_, moved) in enumerate(at_places):
+            own = None if journal is None else Path(f"{journal}{number or ''}")
+            share = part(progress, number / len(at_places), (number + 1) / len(at_places))
+            found.append(_searched(moved, asked, own, pool, share))
     sign = -1.0 if options.maximise else 1.0
     best = min((own for own in found if own), key=lambda own: sign * own.objective, default=None)
     if best is None:
@@ -517,29 +523,32 @@ def design(
     return replace(best, given=next(as_given, None), basis=given.basis, places=tuple(places))
 
 
+class _Question(NamedTuple):
+    """What is asked of a structure: the coefficients that draws have, what is varied and minimised, how, and what runs."""
+
+    drawn: tuple[Mapping[str, float], ...]
+    over: Mapping[str, tuple[float, float]]
+    minimise: str
+    options: DesignOptions
+    simulated: AbsorptionOptions
+
+
 def _searched(
-    subject: Structure,
-    drawn: tuple[Mapping[str, float], ...],
-    over: Mapping[str, tuple[float, float]],
-    minimise: str,
-    options: DesignOptions,
-    simulated: AbsorptionOptions,
-    journal: Path | None,
-    progress: Progress,
+    subject: Structure, asked: _Question, journal: Path | None, pool: Executor | None, progress: Progress
 ) -> Design | None:
     """The best design of one structure; None where none keeps the limits and has a value."""
-    problem, comparison = _problem(subject, drawn, over, minimise, options, simulated)
+    drawn, over, _, options, _ = asked
+    problem, comparison = _problem(subject, *asked)
     budget = options.evaluations or _PER_PARAMETER * len(problem.axes)
-    before = Journal(
-        journal, (subject, drawn, over, minimise, replace(options, evaluations=None, workers=None), simulated)
-    )
+    regardless = asked._replace(options=replace(options, evaluations=None, workers=None))
+    before = Journal(journal, (subject, *regardless))
     progress(ProgressReport(0.0, f"{budget} designs"))
     start = _given(subject, problem.axes)
-    with curve_pool(None if problem.resonance is None else options.workers) as pool:
-        search = Search(replace(problem, pool=pool), budget, options.seed, before, part(progress, 0.0, 0.95))
-        if start is not None:
-            search.evaluate(start[None])
-        search.run()
+    within = part(progress, 0.0, 0.95)
+    search = Search(replace(problem, pool=pool), budget, options.seed, before, within)
+    if start is not None:
+        search.evaluate(start[None])
+    search.run()
     if (best := search.best()) is None:
         return None
     sign = -1.0 if options.maximise else 1.0

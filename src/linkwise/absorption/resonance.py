@@ -79,10 +79,12 @@ class Resonance:
 
 
 @contextmanager
-def curve_pool(workers: int | None) -> Iterator[Executor | None]:
-    """Processes that follow response curves, which is work of Python, so that threads would wait; None for a single one."""
-    if workers is None or workers < 2:
-        yield None
+def curve_pool(workers: int | None, executor: Executor | None = None) -> Iterator[Executor | None]:
+    """What follows response curves: an `executor` that is given, or processes, since threads would wait for each other's
+    Python; None for a single one.
+    """
+    if executor is not None or workers is None or workers < 2:
+        yield executor
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, initializer=one_blas_thread) as pool:

@@ -161,6 +161,7 @@ class _Test:
         """The test with its masses, which no file states: names are guessed from columns, numbers are asked."""
         if self.masses:
             return self
+        self._show()
         proposed = columns.proposed_masses(self.guesses) or ("m1",)
         options = " ".join(f"--mass {shlex.quote(f'{name}=KG')}" for name in proposed)
         self._require_person(f"No mass is given, and a record does not state it: give {options}.")

@@ -206,18 +206,19 @@ def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
     """Some points: frequency, energy and amplitudes."""
     which = np.unique(np.linspace(0, len(result.hz) - 1, count).round().astype(int))
 
-    def band(lower: Floats | None, upper: Floats | None, factor: float, digits: int) -> list[tuple[str, ...]]:
-        if lower is None or upper is None:
-            return []
-        ends = factor * np.stack([lower, upper], axis=1)[which]
-        texts = (f"{low:.{digits}g} to {high:.{digits}g}" if low == low else "-" for low, high in ends)
-        return [("95 % band", *texts)]
-
+    damping = [f"{ratio:.3g}" for ratio in 100.0 * result.damping[which]]
+    if result.lower_damping is not None and result.upper_damping is not None:
+        halves = 50.0 * (result.upper_damping - result.lower_damping)[which]
+        damping = [f"{text} ± {half:.1g}" for text, half in zip(damping, halves, strict=True)]
+    bands = []
+    if result.lower is not None and result.upper is not None:
+        ends = np.stack([result.lower, result.upper], axis=1)[which]
+        texts = ("{:.5g} to {:.5g}".format(*own) if np.isfinite(own).all() else "-" for own in ends)
+        bands = [("95 % band", *texts)]
     columns = [
         ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
-        *band(result.lower, result.upper, 1.0, 5),
-        ("damping, %", *(f"{ratio:.3g}" for ratio in 100.0 * result.damping[which])),
-        *band(result.lower_damping, result.upper_damping, 100.0, 3),
+        *bands,
+        ("damping, %", *damping),
         ("energy, J", *(f"{energy:.3g}" for energy in result.energy[which])),
     ]
     if result.force is not None:
