@@ -77,7 +77,7 @@ class TestedCauses:
     `quadratic` is in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of which `units` (h,) are in
     their own; `attenuation` is what a filter of unit size takes off the gain of a channel. Its model is in the segments of
     `longer`, by which blocks of the records scatter; `structure` has the values there. `beside` is the cost in the parameters
-    and in sizes of what else was asked for, with the units of these, if anything was.
+    and in sizes of what else was asked for, if anything was.
     """
 
     __test__ = False  # no test of pytest
@@ -88,7 +88,7 @@ class TestedCauses:
     attenuation: float
     longer: Optimum
     structure: Structure
-    beside: tuple[Quadratic, Floats] | None = None
+    beside: Quadratic | None = None
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
@@ -476,7 +476,7 @@ def tested_causes(
     if fit.random_forces:
         quadratic = _with_determinants(quadratic, fit, identified, lacking, columns, channels)
     own = columns.hypotheses[:h], columns.units[:h]
-    asked = whole.within(np.r_[:p, p + h : len(unknowns)]), columns.units[h:]
+    asked = whole.within(np.r_[:p, p + h : len(unknowns)])
     return TestedCauses(*own, quadratic, motion.attenuation, optimum, identified, asked if others else None)
 
 
