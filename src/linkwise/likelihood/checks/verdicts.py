@@ -452,7 +452,7 @@ def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
     ambient = any(force.ambient for force in fit.random_forces)
     if not before.leaves_noise or fit.optimum.coloured is not None or ambient:
         return None
-    hint = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
+    hint = doubt(fit, of.diagnosis.tested, searched=of.searched)
     return None if hint is None else _widened(before, *hint)
 
 
