@@ -260,7 +260,7 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
     """The record number `number` with what the forces add to channels of applied forces."""
     for force in forces if forces[0].amplitudes else ():
         name = Channel("force", force.mass)
-        acting = force.acting(_centred(record.time, record), number)
+        acting = force.acting(record.time - record.start - 0.5 * record.duration, number)
         if name in record.channels:
             values = record.values.copy()
             values[:, record.channels.index(name)] += acting
@@ -269,10 +269,6 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
             values = np.column_stack([record.values, acting])
             record = replace(record, channels=(*record.channels, name), values=values)
     return record
-
-
-def _centred(time: Floats, record: Record) -> Floats:
-    return time - record.start - 0.5 * record.duration
 
 
 @dataclass(frozen=True)

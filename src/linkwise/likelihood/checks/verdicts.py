@@ -178,8 +178,10 @@ def level_of_noise(of: Examined) -> Judgement | None:
 
 def noise_found_of_inputs(of: Examined) -> Judgement | None:
     """Whether inputs have more noise, as it was found, than measured inputs have."""
+    found = [force for force in of.fit.random_forces if force.found and not force.ambient]
+    if not found:
+        return None
     rms = {name: size for name, size, _ in input_kicks(of.fit.optimum, of.identified, of.channels)}
-    found = (force for force in of.fit.random_forces if force.found and not force.ambient)
     noisy = [force.where for force in found if force.deviation > NOISIEST_INPUT * rms[force.where]]
     if not noisy:
         return None
