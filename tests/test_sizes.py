@@ -21,7 +21,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (6, 1083),
     "files": (14, 1939),
     "identification": (13, 2392),
-    "inspection": (10, 1878),
+    "inspection": (10, 1879),
     "likelihood": (64, 14090),
     "modal": (5, 853),
     "model": (17, 2981),
