@@ -24,7 +24,7 @@ from within import assert_within
 
 import linkwise as lw
 from linkwise.likelihood.checks.recording import beyond_statement, recording_errors
-from linkwise.likelihood.tests.score_test import missing_forces
+from linkwise.likelihood.tests.score_test import missing_links, missing_terms
 from linkwise.verdict import Verdict
 
 SNR, SEED = 30.0, 41
@@ -137,7 +137,7 @@ def test_no_missing_link_joins_a_rotation_and_a_translation() -> None:
     spring = link("spring", "m1-beam.tip", "k*d", k=5.0)
     disc = link("shaft", "disc-ground", "k*d", k=5.0)
     mixed = structure({"m1": 1.0, "disc": 0.02}, spring, disc, hosts=[carrier], rotations=["disc"])
-    hypotheses = [hypothesis for hypothesis, _ in missing_forces(mixed)]
+    hypotheses = [hypothesis for hypothesis, _ in missing_terms(mixed) + missing_links(mixed)]
     links = {lacking.where: lacking.unit for lacking in hypotheses if lacking.kind == "link"}
     assert links == {
         "beam.tip-ground": "N", "beam.r-ground": "N m", "m1-ground": "N", "disc-beam.r": "N m",

@@ -253,7 +253,8 @@ def _clipped(
 def without_copies(record: Record) -> tuple[list[Record], dict[str, list[slice]]]:
     """The parts of a record before and behind samples that were there before, and which these are, by response."""
     again, there = np.zeros(len(record), dtype=bool), dict[str, list[slice]]()
-    signals = RecordSignals.of(record).responses if any(map(may_be_copied, record.values.T)) else ()
+    repeated = any(may_be_copied(record.channel(name)) for name in record.responses)
+    signals = RecordSignals.of(record).responses if repeated else ()
     for signal in signals:
         for _, copy in copies(signal):
             again[copy] = True

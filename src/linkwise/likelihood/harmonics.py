@@ -28,7 +28,7 @@ from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.terms import Hum, of_kind
 from linkwise.likelihood.tests.columns import Added
 from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
-from linkwise.likelihood.tests.score_test import Hypothesis, Quadratic, augmented_quadratic, in_turn
+from linkwise.likelihood.tests.score_test import Hypothesis, augmented_quadratic, in_turn
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -42,10 +42,12 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
-_TOGETHER = 24  # masses up to which they are tested with the other causes
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 _CHANCE = 16.0
+_HINTED = (
+    1.0 / 3.0
+)  # of that: what the clearest place and phase of a line gain at least where one is tested by all
 _FINE = 17  # frequencies around a line at which a hum is looked for
 _ALONE = 0.9  # of what hums of all sensors explain: a missing term leaves lines in several
 _HIGHEST = 0.4  # of the sampling rate
@@ -131,10 +133,11 @@ def estimated_harmonics(
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Lines in what a fit to `records` leaves, of as many frequencies as `looked_at`, and what may be one of them: `forces` on
-    masses, and behind these `hums`, a frequency in Hz in a channel each.
+    """Lines in what a `fit` to `records` leaves, of as many frequencies as `looked_at`, and what may be one of them: `forces`
+    on masses, and behind these `hums`, a frequency in Hz in a channel each.
     """
 
+    fit: LikelihoodFit
     records: Sequence[Record]
     lines: Sequence[_Line]
     looked_at: int
@@ -155,46 +158,70 @@ class Lines:
         known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
         width = 1.0 / records[0].duration
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
+        exact, every = _is_exact(fit), range(structure.size)
         forces = [
             HarmonicForce(structure.mass_names[mass], mass, line.frequency)
             for line in lines
-            for mass in line.masses
+            for mass in ((line.masses or every) if exact else every)
         ]
-        hums = [(line.frequency, channel) for line in lines for channel in line.channels]
-        return cls(records, lines, looked_at, forces, hums) if lines else None
+        channels = range(fit.optimum.segments.samples.shape[1])
+        hums = [
+            (line.frequency, channel) for line in lines for channel in (line.channels if exact else channels)
+        ]
+        return cls(fit, records, lines, looked_at, forces, hums) if lines else None
 
     def columns(self, optimum: Optimum) -> Iterator[Added]:
-        """A cosine and a sine in each record of each; none where the segments of an optimum do not tell their time, and of
-        many masses, whose other causes take all the memory that there is.
+        """Of each line of exact laws the force on the mass, and the hum of the sensor, that show it most, in the phase that
+        they show; none where the segments of an optimum do not tell their time.
         """
-        segments = optimum.segments
-        if not _tells_time(segments, self.records) or len(segments.system.incidence) > _TOGETHER:
+        if not (_is_exact(self.fit) and _tells_time(optimum.segments, self.records)):
             return
-        forces, units = _columns(optimum, self.records, self.forces)
-        along = in_turn(forces.starts, forces.middles)
-        for number, mass in enumerate(forces.second.tolist()):
-            error = Hypothesis(HARMONIC, self.forces[0].mass)
-            yield Added(error, [(-1, mass, along[:, number])], unit=float(units[number]))
-        hums = _hums(segments, self.records, self.hums)
-        for number, channel in enumerate([] if hums is None else hums.channel.tolist()):
-            assert hums is not None
-            yield Added(Hypothesis(HUM, ""), samples=[(channel, hums.values[:, number])], unit=1.0)
+        for line in self.lines:
+            for mass in line.masses[:1]:
+                forces, units = _columns(optimum, self.records, [HarmonicForce("", mass, line.frequency)])
+                sizes = _phases(self._kicks(mass), line.frequency, len(self.records)) / units
+                along = np.einsum("jhk,h->jk", in_turn(forces.starts, forces.middles), sizes)
+                yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, along)])
+            for channel in line.channels[:1]:
+                hums = _hums(optimum.segments, self.records, [(line.frequency, channel)])
+                sizes = _phases(self._residuals(channel), line.frequency, len(self.records))
+                assert hums is not None
+                shown = np.einsum("mhk,h->mk", hums.values, sizes)
+                yield Added(Hypothesis(HUM, ""), samples=[(channel, shown)])
 
-    def causes(self, fit: LikelihoodFit, tested: TestedCauses | None) -> Iterator[Cause]:
+    def _kicks(self, mass: int) -> tuple[Floats, Floats, Indices]:
+        """(K - 1,) slopes by kicks of a mass at the nodes behind segments, their times in s from the middles of the records,
+        and the numbers of these.
+        """
+        segments = self.fit.optimum.segments
+        time, owner = _times(segments, self.records)
+        middle = 0.5 * np.array([record.duration for record in self.records])[owner]
+        length = segments.step * segments.refine * len(segments.samples)
+        before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
+        at = time[:: len(segments.samples)] + length - middle - before
+        return self.fit.misfit.defects[len(segments.system.incidence) + mass], at[:-1], owner[:-1]
+
+    def _residuals(self, channel: int) -> tuple[Floats, Floats, Indices]:
+        """(K M,) residuals of a channel, their times in s since the starts of the records, and the numbers of these."""
+        time, owner = _times(self.fit.optimum.segments, self.records)
+        residuals = self.fit.misfit.residuals[:, channel]
+        return residuals.T.ravel(), time, np.repeat(owner, len(residuals))
+
+    def causes(self, tested: TestedCauses | None) -> Iterator[Cause]:
         """What would explain each line by its score: the harmonic force on the mass on which it explains most, or a hum.
 
-        By the equations in which causes were `tested`, where the `columns` were among them.
+        None where the `columns` that were `tested` beside causes explain far less.
         """
-        records = self.records
-        if tested is None or tested.beside is None:
-            optimum = _in_longer_segments(fit, records)
-            unknowns = _Unknowns.of(
-                fit, optimum, records, self.forces, _hums(optimum.segments, records, self.hums)
-            )
-        else:
-            unknowns = _Unknowns.by(fit, tested.longer, *tested.beside, self.forces, 2 * len(records))
-        gains, sizes = unknowns.each_alone(2 * len(records))
+        records, fit = self.records, self.fit
         limit = _CHANCE + 2.0 * np.log(self.looked_at * len(fit.segments.system.incidence))
+        if tested is not None and tested.beside is not None:
+            free, p = np.flatnonzero(fit.free), len(fit.values)
+            beside = tested.beside.within([*free, *range(p, len(tested.beside.slope))]).tests(len(free))
+            if not np.any(beside.gains > _HINTED * limit * fit.optimum.noise**2):
+                return
+        optimum = _in_longer_segments(fit, records)
+        hums = _hums(optimum.segments, records, self.hums)
+        gains, sizes = _Unknowns.of(fit, optimum, records, self.forces, hums).each_alone(2 * len(records))
         width = 1.0 / max(record.duration for record in records)
         for line in self.lines:
             of_forces = [k for k, force in enumerate(self.forces) if force.frequency == line.frequency]
@@ -215,11 +242,25 @@ class Lines:
                 yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
 
 
+def _is_exact(fit: LikelihoodFit) -> bool:
+    """Whether motion is that of the laws: defects are the slopes by forces on the masses, and residuals keep the hum of a
+    sensor. Other laws, and random forces, follow either.
+    """
+    return fit.optimum.q <= AnnealingSchedule.final_q and not fit.random_forces
+
+
+def _phases(series: tuple[Floats, Floats, Indices], frequency: float, records: int) -> Floats:
+    """(2 r,) sizes of a cosine and a sine in each record, of a frequency in Hz, that a series of values at times shows."""
+    values, time, owner = series
+    waves = np.stack(_waves(frequency, time, owner, records))
+    return np.asarray(waves @ np.nan_to_num(values))
+
+
 def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Record:
     """The record number `number` with what the forces add to channels of applied forces."""
     for force in forces if forces[0].amplitudes else ():
         name = Channel("force", force.mass)
-        acting = force.acting(_centred(record.time, record), number)
+        acting = force.acting(record.time - record.start - 0.5 * record.duration, number)
         if name in record.channels:
             values = record.values.copy()
             values[:, record.channels.index(name)] += acting
@@ -230,13 +271,9 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
     return record
 
 
-def _centred(time: Floats, record: Record) -> Floats:
-    return time - record.start - 0.5 * record.duration
-
-
 @dataclass(frozen=True)
 class _Line:
-    """A line at a `frequency` in Hz, and the numbers of `masses` on which a force, and of `channels` whose hum, may be it."""
+    """A line at a `frequency` in Hz, and the numbers of the `masses` and the `channels` that show it, the clearest first."""
 
     frequency: float
     masses: Sequence[int]
@@ -269,29 +306,23 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
             ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
             found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
-    return list(_highest(fit, np.concatenate(found, axis=1), records[0].duration)), count
+    return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
 
 
-def _highest(fit: LikelihoodFit, found: Floats, duration: float) -> Iterator[_Line]:
-    """The highest lines of those found: ratio, frequency, and kind and number of the series that shows each, (4, N).
-
-    The defects of exact laws are the slopes by forces on the masses, and their residuals keep the hum of a sensor. Other laws,
-    and random forces, follow either.
-    """
-    (ratio, frequency, kind, number), (_, channels, _) = found, fit.optimum.segments.samples.shape
-    exact = fit.optimum.q <= AnnealingSchedule.final_q and not fit.random_forces
-    masses = range(len(fit.optimum.segments.system.incidence))
+def _highest(found: Floats, duration: float) -> Iterator[_Line]:
+    """The highest lines of those found: ratio, frequency, and kind and number of the series that shows each, (4, N)."""
+    order = np.argsort(-found[0], kind="stable")
+    ratio, frequency, kind, number = found[:, order]
     for _ in range(_LINES):
         if not np.max(ratio, initial=0.0) >= _ABOVE:
             return
         line = float(frequency[int(np.argmax(ratio))])
         away = np.abs(frequency - line) * duration
         near = (away < 2.0) & (ratio >= _ABOVE)
-        of_channels, of_masses = (
-            np.unique(number[near & (kind == own)]).astype(int).tolist() for own in (0, 1)
+        channels, masses = (
+            list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
         )
-        shown = (of_masses or masses, of_channels) if exact else (masses, range(channels))
-        yield _Line(line, *shown)
+        yield _Line(line, masses, channels)
         ratio[away < 4.0] = 0.0
 
 
@@ -394,21 +425,7 @@ class _Unknowns:
             columns, units = _columns(optimum, records, forces)
             augmented = augmented_quadratic(optimum, columns, hums)
         units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
-        each = 2 * len(records) + bool(forces[0].amplitudes)
-        return cls.by(fit, optimum, augmented, units, forces, each)
-
-    @classmethod
-    def by(
-        cls,
-        fit: LikelihoodFit,
-        optimum: Optimum,
-        augmented: Quadratic,
-        units: Floats,
-        forces: Sequence[HarmonicForce],
-        each: int,
-    ) -> _Unknowns:
-        """Those by the cost in the parameters and, after them, in the unknowns, which have these `units` (h,)."""
-        p = len(augmented.slope) - len(units)
+        each, p = 2 * len(records) + bool(forces[0].amplitudes), len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)
         curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2
         own = slice(p, None)

@@ -185,7 +185,7 @@ class Examined:
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
         least = max(_LINE * random, AS_NOISE * first)
-        found = self.lines.causes(self.fit, self.diagnosis.tested) if self.lines else ()
+        found = self.lines.causes(self.diagnosis.tested) if self.lines else ()
         lines = (cause for cause in found if cause.gain > least)
         every = [*self.diagnosis.causes, *noisy, *forces, *lines]
         tells = bool(every) and not (noisy or self.fit.chi_square_off)

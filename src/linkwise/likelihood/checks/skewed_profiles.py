@@ -25,7 +25,6 @@ from linkwise.display import enumerated
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.optima.other_optima import (
     along_profile,
     is_loosened,
@@ -34,10 +33,11 @@ from linkwise.likelihood.optima.other_optima import (
     with_faint_modes,
 )
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.linear_model import FactoredModel, precise_model
+from linkwise.likelihood.shooting.linear_model import FactoredModel
 from linkwise.likelihood.shooting.residuals import evaluate
 from linkwise.likelihood.shooting.steps import pull_of_defects
-from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
+from linkwise.likelihood.tests.diagnosis import TestedCauses
+from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.runtime import one_blas_thread
 from linkwise.verdict import Verdict
 
@@ -219,20 +219,13 @@ class _Profiles:
 
     @classmethod
     def of(cls, fit: LikelihoodFit, tested: TestedCauses | None) -> _Profiles | None:
-        """Those of a fit; None of long records in pieces, and where equations are singular."""
-        if tested is not None and tested.quadratic.model is not None:
-            optimum, model = tested.longer, tested.quadratic.model
-        elif is_long(fit.segments):
+        """Those of a fit, by the model in which causes were `tested`; None of long records in pieces, and where it is
+        singular.
+        """
+        if tested is None or tested.quadratic.model is None:
             return None
-        else:
-            optimum = in_longer_segments(fit)
-            linear, factor = precise_model(optimum.linear(), optimum.q)
-            if factor is None:
-                return None
-            model = FactoredModel(linear, factor)
-        schur = model.factor.schur
-        free = np.ones(len(schur), dtype=bool)
-        free[: len(fit.free)] = fit.free
+        optimum, model = tested.longer, tested.quadratic.model
+        schur, free = model.factor.schur, free_of_bounds(fit)
         covariance = np.zeros_like(schur)
         still = model.factor.solve(np.zeros(len(schur), dtype=bool))
         try:

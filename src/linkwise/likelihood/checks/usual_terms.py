@@ -22,7 +22,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, Indices
 from linkwise.display import enumerated
 from linkwise.estimates.causes import UnseenTerm
 from linkwise.estimates.link_estimate import NORMAL_95
@@ -39,7 +39,6 @@ from linkwise.likelihood.tests.diagnosis import (
     beyond_white,
     in_longer_segments,
     link_forces,
-    which_stated,
 )
 from linkwise.likelihood.tests.score_test import (
     ASYMMETRY,
@@ -50,8 +49,6 @@ from linkwise.likelihood.tests.score_test import (
     Quadratic,
     linear_terms,
     single_tests,
-    which_between_modes,
-    which_usual,
 )
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.model.coefficient import MASS
@@ -77,21 +74,26 @@ those of 10 s of random motion differ from those of an endless record by about a
 beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
 
 
-def _hinted(fit: LikelihoodFit, identified: Structure, tested: TestedCauses, *, doubted: bool) -> Hint | None:
+def _is_of_a_law(hypothesis: Hypothesis) -> bool:
+    """Whether it is a usual term, or damping between modes."""
+    return hypothesis.is_usual or hypothesis.kind == BETWEEN_MODES
+
+
+def _hinted(fit: LikelihoodFit, tested: TestedCauses, *, doubted: bool) -> Hint | None:
     """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
 
     Damping between modes of hosts counts as one. Those at which the residuals hint; where it is `doubted` that the laws are
     exact, those of one link that are farther from zero than their standard error, of more links fewer, as chance gives more of
     them (Foster and George, Ann. Statist. 22, 1994).
     """
-    numbers = which_usual(tested.hypotheses, identified) + which_between_modes(tested.hypotheses)
-    if not numbers:
+    numbers = tested.which(_is_of_a_law)
+    if not len(numbers):
         return None
     hypotheses, p = [tested.hypotheses[number] for number in numbers], len(fit.values)
     limits = _limits(hypotheses, doubted=doubted)
-    if not np.any(_gains_of(tested, numbers) > limits * fit.optimum.noise**2):
+    if not np.any(tested.tests.gains[numbers] > limits * fit.optimum.noise**2):
         return None
-    quadratic = tested.quadratic.within([*range(p), *(p + number for number in numbers)])
+    quadratic = tested.quadratic.within([*range(p), *(p + numbers)])
     return _added(fit, hypotheses, quadratic, limits, _MOST_DOUBTED if doubted else _MOST)
 
 
@@ -151,20 +153,12 @@ def _limits(hypotheses: Sequence[Hypothesis], *, doubted: bool) -> Floats:
     return np.asarray(least + of_pair * between + PRICE_OF_REACH * memory)
 
 
-def _gains_of(tested: TestedCauses, numbers: Sequence[int]) -> Floats:
-    """What each of some hypotheses alone would take off the cost; 0 of those that cannot be told."""
-    gains = tested.tests.gains[np.array(numbers, dtype=int)]
-    return np.where(np.isfinite(gains), gains, 0.0)
-
-
 _DOUBT = 0.02
 """Probability of so large scores and so much scatter by chance, below which exact laws are doubted: one record in 50 has wider
 intervals for nothing."""
 
 
-def doubt(
-    fit: LikelihoodFit, identified: Structure, tested: TestedCauses | None, *, searched: bool
-) -> Hint | None:
+def doubt(fit: LikelihoodFit, tested: TestedCauses | None, *, searched: bool) -> Hint | None:
     """What intervals of exact laws hold where residuals hint at missing terms, none of them significant.
 
     None where nothing says that the laws are not exact. Where they were `searched` in these records, the search weighs each
@@ -172,7 +166,7 @@ def doubt(
     """
     if tested is None:
         return None
-    gains = _gains_of(tested, which_usual(tested.hypotheses, identified))
+    gains = tested.tests.gains[tested.which(lambda one: one.is_usual)]
     scores = np.sqrt(gains[gains > 0.0]) / fit.optimum.noise  # of each alone, without sign
     scatter = None if searched else scatter_of_blocks(fit, tested)
     if scatter is not None:
@@ -180,12 +174,12 @@ def doubt(
         product = scatter.chance * min(1.0, 2.0 * max(len(scores), 1) * beyond)
         if product * (1.0 - np.log(max(product, np.finfo(float).tiny))) < _DOUBT:
             by_blocks = {"blocks": scatter.added(fit.covariance)}
-            added, hint = _hinted(fit, identified, tested, doubted=True) or (
+            added, hint = _hinted(fit, tested, doubted=True) or (
                 {},
                 "a difference between parts of the records",
             )
             return by_blocks | added, hint
-    return _hinted(fit, identified, tested, doubted=False)
+    return _hinted(fit, tested, doubted=False)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial beyond what is finite gives no scatter
@@ -241,10 +235,8 @@ def unseen_terms(
     if tested is None:
         return ()
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    numbers = which_stated(tested.hypotheses, fit.segments.system.parameters.names)
-    if terms:
-        usual = which_usual(tested.hypotheses, identified)
-        numbers = usual + which_between_modes(tested.hypotheses) + numbers
+    of_laws = tested.which(_is_of_a_law) if terms else np.empty(0, dtype=int)
+    numbers = np.append(of_laws, tested.stated_masses())
     unseen = (term for term, _ in _bounded(fit, identified, tested, numbers, deviations))
     return tuple(sorted(unseen, key=lambda term: -term.standard_errors))
 
@@ -254,7 +246,7 @@ def _bounded(
     fit: LikelihoodFit,
     identified: Structure,
     tested: TestedCauses,
-    numbers: Sequence[int],
+    numbers: Indices,
     deviations: Floats,
     most: float = np.inf,
 ) -> Iterator[tuple[UnseenTerm, Floats]]:
@@ -262,7 +254,7 @@ def _bounded(
 
     Each is as large as the records let it be, and changes the coefficient that it changes farthest by at `most` a part of it.
     """
-    if not numbers or not fit.free.any():
+    if not (len(numbers) and fit.free.any()):
         return
     optimum, p, tests = fit.optimum, len(fit.values), tested.tests
     beyond_noise = NORMAL_95 * optimum.noise * beyond_white(fit)
@@ -314,11 +306,7 @@ def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -
     d, order = fit.misfit.trajectories.links[:, 0], fit.segments.system.order
     on_one_side = {identified.links[k].name for k in order[np.abs(np.sign(d).mean(axis=(0, 2))) > _ONE_SIDE]}
     open_ones = on_one_side - {link.name for link in identified.links if ASYMMETRY in linear_terms(link)}
-    numbers = [
-        number
-        for number in which_usual(tested.hypotheses, identified)
-        if tested.hypotheses[number].term == ASYMMETRY and tested.hypotheses[number].where in open_ones
-    ]
+    numbers = tested.which(lambda one: one.term == ASYMMETRY and one.is_usual and one.where in open_ones)
     held = list(_bounded(fit, identified, tested, numbers, deviations, _ASYMMETRY))
     if not held:
         return None
@@ -329,7 +317,7 @@ def asymmetry(fit: LikelihoodFit, identified: Structure, tested: TestedCauses) -
 
 
 def _wholes(
-    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Sequence[int]
+    fit: LikelihoodFit, identified: Structure, tested: TestedCauses, numbers: Indices
 ) -> Iterator[tuple[float, float]]:
     """Of each hypothesis of these numbers what its share is taken of, in its scale, and the largest share that is possible."""
     forces = link_forces(fit.optimum, identified)

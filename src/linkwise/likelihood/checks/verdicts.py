@@ -178,8 +178,10 @@ def level_of_noise(of: Examined) -> Judgement | None:
 
 def noise_found_of_inputs(of: Examined) -> Judgement | None:
     """Whether inputs have more noise, as it was found, than measured inputs have."""
+    found = [force for force in of.fit.random_forces if force.found and not force.ambient]
+    if not found:
+        return None
     rms = {name: size for name, size, _ in input_kicks(of.fit.optimum, of.identified, of.channels)}
-    found = (force for force in of.fit.random_forces if force.found and not force.ambient)
     noisy = [force.where for force in found if force.deviation > NOISIEST_INPUT * rms[force.where]]
     if not noisy:
         return None
@@ -452,7 +454,7 @@ def hinted_terms(of: Examined, before: Judgement) -> Judgement | None:
     ambient = any(force.ambient for force in fit.random_forces)
     if not before.leaves_noise or fit.optimum.coloured is not None or ambient:
         return None
-    hint = doubt(fit, of.identified, of.diagnosis.tested, searched=of.searched)
+    hint = doubt(fit, of.diagnosis.tested, searched=of.searched)
     return None if hint is None else _widened(before, *hint)
 
 

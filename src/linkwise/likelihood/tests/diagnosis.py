@@ -24,7 +24,7 @@ from itertools import chain
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.estimates.causes import CAUSE_KINDS, CLOCK, HIGH_PASS, Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.search import BLOCKS, EQUAL, FEWEST, BlockScores, Optimum
@@ -58,10 +58,9 @@ from linkwise.likelihood.tests.score_test import (
     candidate_forces,
     determinant_slopes,
     forces_along,
-    missing_forces,
+    missing_links,
     missing_terms,
     unit_of,
-    usual_terms,
 )
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure
@@ -77,7 +76,7 @@ class TestedCauses:
     `quadratic` is in the p scaled parameters and, after them, in the sizes of the `hypotheses`, of which `units` (h,) are in
     their own; `attenuation` is what a filter of unit size takes off the gain of a channel. Its model is in the segments of
     `longer`, by which blocks of the records scatter; `structure` has the values there. `beside` is the cost in the parameters
-    and in sizes of what else was asked for, with the units of these, if anything was.
+    and in sizes of what else was asked for, if anything was.
     """
 
     __test__ = False  # no test of pytest
@@ -88,7 +87,16 @@ class TestedCauses:
     attenuation: float
     longer: Optimum
     structure: Structure
-    beside: tuple[Quadratic, Floats] | None = None
+    beside: Quadratic | None = None
+
+    def which(self, wanted: Callable[[Hypothesis], bool]) -> Indices:
+        """The numbers of the hypotheses that are wanted."""
+        return np.flatnonzero([wanted(one) for one in self.hypotheses])
+
+    def stated_masses(self) -> Indices:
+        """The numbers of the errors of masses that are stated, not estimated."""
+        unknowns = self.longer.segments.system.parameters.names
+        return self.which(lambda one: one.kind == MASS and f"{one.where}.{MASS}" not in unknowns)
 
     @cached_property
     def block_scores(self) -> BlockScores | None:
@@ -137,15 +145,6 @@ Hint = tuple[dict[str, Floats], str]
 """What is added to the covariance (p, p) of the coefficients, by what makes it wider, and at what the residuals hint."""
 
 
-def which_stated(hypotheses: Sequence[Hypothesis], unknowns: Sequence[str]) -> list[int]:
-    """The numbers of the errors of masses that are not among the `unknowns`, by the names of these."""
-    return [
-        number
-        for number, hypothesis in enumerate(hypotheses)
-        if hypothesis.kind == MASS and f"{hypothesis.where}.{MASS}" not in unknowns
-    ]
-
-
 def likely_masses(hypotheses: Sequence[Hypothesis], gains: Floats) -> Bools:
     """Which of h hypotheses are errors of masses that chance hardly gives, where one of them gains more than all others.
 
@@ -174,10 +173,9 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
     would change a coefficient by more than its standard error; of sensors those alone that coefficients resemble, so that
     they change by more than the error is significant. None without any.
     """
-    masses = which_stated(tested.hypotheses, fit.optimum.segments.system.parameters.names)
-    sensors = [k for k, one in enumerate(tested.hypotheses) if one.kind in _USUAL_ERRORS]
+    sensors = tested.which(lambda one: one.kind in _USUAL_ERRORS)
     added, words = dict[str, Floats](), list[str]()
-    for what, numbers, resemblance in (("masses", masses, 0.0), ("sensors", sensors, 1.0)):
+    for what, numbers, resemblance in (("masses", tested.stated_masses(), 0.0), ("sensors", sensors, 1.0)):
         hint = _hinted(fit, tested, numbers, resemblance)
         if hint is not None:
             added[what] = hint[0]
@@ -186,24 +184,24 @@ def hinted_errors(fit: LikelihoodFit, tested: TestedCauses) -> Hint | None:
 
 
 def _hinted(
-    fit: LikelihoodFit, tested: TestedCauses, numbers: Sequence[int], resemblance: float
+    fit: LikelihoodFit, tested: TestedCauses, number: Indices, resemblance: float
 ) -> tuple[Floats, str] | None:
-    """What those among hypotheses of some `numbers` to which residuals point add to the covariance (p, p), and their names.
+    """What those among hypotheses of these numbers to which residuals point add to the covariance (p, p), and their names.
 
     Those count that move a coefficient by more than `resemblance` times what they are significant by, in standard errors.
     """
-    optimum, number = fit.optimum, np.array(numbers, dtype=int)
+    optimum = fit.optimum
     moves = tested.tests.changes[:, number] * optimum.scales.theta[: len(fit.values), np.newaxis]
     moves = np.where(fit.free[:, np.newaxis], moves, 0.0)
     deviations = np.sqrt(np.maximum(fit.covariance.diagonal(), np.finfo(float).tiny))
     shifts = np.max(np.abs(moves) / deviations[:, np.newaxis], axis=0, initial=0.0)
-    gains = np.nan_to_num(tested.tests.gains[number]) / (optimum.noise * beyond_white(fit)) ** 2
+    gains = tested.tests.gains[number] / (optimum.noise * beyond_white(fit)) ** 2
     resembled = shifts > resemblance * np.sqrt(gains)
     largest = float(np.max(gains[resembled], initial=0.0))
     if not largest > _HINT + 2.0 * np.log(max(int(np.count_nonzero(resembled)), 1)):
         return None
     errors = tested.tests.sizes[number] * tested.units[number]
-    relative = np.array([CAUSE_KINDS[tested.hypotheses[k].kind].relative for k in numbers])
+    relative = np.array([CAUSE_KINDS[tested.hypotheses[k].kind].relative for k in number])
     small = ~relative | (np.abs(errors) < LARGEST)
     likely = np.flatnonzero(resembled & (shifts > _FELT) & (gains > _AS_LIKELY * largest) & small)
     if not len(likely):
@@ -461,8 +459,10 @@ def tested_causes(
         there = [f"{link.name}.{name}" for link in identified.links for name in link.coefficients]
         lacking = missing_terms(identified, there)
     else:
-        named = optimum.segments.system.parameters.names
-        lacking = (missing_forces if terms else usual_terms)(identified, named)
+        lacking = missing_terms(identified, optimum.segments.system.parameters.names)
+        lacking = (
+            lacking + missing_links(identified) if terms else [each for each in lacking if each[0].is_usual]
+        )
         of_hosts = (shape_errors(motion), damping_between_modes(motion)) if identified.hosts else ()
         errors = (inertia_and_inputs(motion), errors_of_sensors(motion), base_errors(motion), *of_hosts)
     if fit.random_forces:
@@ -476,7 +476,7 @@ def tested_causes(
     if fit.random_forces:
         quadratic = _with_determinants(quadratic, fit, identified, lacking, columns, channels)
     own = columns.hypotheses[:h], columns.units[:h]
-    asked = whole.within(np.r_[:p, p + h : len(unknowns)]), columns.units[h:]
+    asked = whole.within(np.r_[:p, p + h : len(unknowns)])
     return TestedCauses(*own, quadratic, motion.attenuation, optimum, identified, asked if others else None)
 
 

@@ -463,6 +463,11 @@ class Hypothesis:
     source: str = ""
     unit: str = ""
 
+    @property
+    def is_usual(self) -> bool:
+        """Whether it is one of the few terms that links lack most often."""
+        return self.kind == "term" and self.term in _USUAL
+
 
 def unit_of(hypothesis: Hypothesis, structure: Structure) -> str:
     """The unit of its size: that of its force, of its kind, or of the channel that it is in."""
@@ -471,31 +476,6 @@ def unit_of(hypothesis: Hypothesis, structure: Structure) -> str:
 
 Lacking = list[tuple[Hypothesis, CandidateForce]]
 """What links or the structure may lack, with the force of each."""
-
-
-def missing_forces(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
-    """Terms that links may lack, and links that the structure may lack; as `missing_terms`."""
-    return missing_terms(structure, estimated) + _missing_links(structure)
-
-
-def usual_terms(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
-    """The few terms that links lack most often, for fits that leave no more than noise."""
-    every = missing_terms(structure, estimated)
-    return [every[number] for number in which_usual([hypothesis for hypothesis, _ in every], structure)]
-
-
-def which_usual(hypotheses: Sequence[Hypothesis], structure: Structure) -> list[int]:
-    """The numbers of the `usual_terms` among hypotheses."""
-    return [
-        number
-        for number, hypothesis in enumerate(hypotheses)
-        if hypothesis.kind == "term" and hypothesis.term in _USUAL and hypothesis.where not in structure.modes
-    ]
-
-
-def which_between_modes(hypotheses: Sequence[Hypothesis]) -> list[int]:
-    """The numbers of those of damping between modes of hosts."""
-    return [number for number, hypothesis in enumerate(hypotheses) if hypothesis.kind == BETWEEN_MODES]
 
 
 def missing_terms(structure: Structure, estimated: Collection[str] = ()) -> Lacking:
@@ -537,7 +517,7 @@ def linear_terms(link: Link, estimated: Collection[str] | None = None) -> set[st
     }
 
 
-def _missing_links(structure: Structure) -> Lacking:
+def missing_links(structure: Structure) -> Lacking:
     """Links between masses or points, and from one to the ground, that are not there; none where there are too many of them.
 
     Where links end at the base, so may those; at the ground as well only where a link does. None joins a rotation and what
