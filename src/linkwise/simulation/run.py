@@ -444,15 +444,14 @@ class RunOptions:
     """How to run a schedule.
 
     `longest_step` in s bounds the steps; `extended` says whether to start in 80-bit arithmetic; `repeated` is an earlier run
-    of the same schedule and options to repeat step by step; the time after every step is appended to `log`; `most_steps` is
-    that between two output times; `into` has room for the motion at all output times.
+    of the same schedule and options to repeat step by step; the time after every step is appended to `log`; `into` has room
+    for the motion at all output times.
     """
 
     longest_step: float = np.inf
     extended: bool = True
     repeated: RunLog | None = None
     log: list[float] | None = None
-    most_steps: int = MOST_STEPS
     into: Motion | None = None
 
 
@@ -563,7 +562,7 @@ class _Run:
             states = np.vstack([state[None], result.states, self.integrator.state]).astype(float) * SCALE
             x = states[:, : self.schedule.structure.size]
             self.check_distance(np.full(len(x), float(self.integrator.time)), x)
-            if fruitless > self.options.most_steps // self.schedule.structure.size + 2 * CHUNK:
+            if fruitless > MOST_STEPS // self.schedule.structure.size + 2 * CHUNK:
                 time, state = float(self.integrator.time), self.integrator.state
                 raise too_many_steps(self.schedule, time, state, fruitless)
 
