@@ -4,7 +4,6 @@ search for the best ones tried.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
 
@@ -22,7 +21,7 @@ from linkwise.absorption.motion import TAIL
 from linkwise.absorption.result import Absorption
 from linkwise.absorption.search import DesignAxis
 from linkwise.arrays import Bools, Floats
-from linkwise.errors import LinkwiseError, require_known
+from linkwise.errors import require_known
 from linkwise.plot.style import (
     CHAOS,
     IDENTIFIED,
@@ -213,11 +212,9 @@ def map(
     return axes
 
 
-def map_figure(result: AbsorptionMap, names: Sequence[str] = SHOWN) -> Figure:
+def map_figure(result: AbsorptionMap) -> Figure:
     """One panel a quantity."""
-    if not names:
-        raise LinkwiseError("names must hold at least one quantity, got none")
-    draws = [partial(map, result, name) for name in names]
+    draws = [partial(map, result, name) for name in SHOWN]
     return pictures(draws, width=7.4, height=(0.7, 2.7), legend_columns=2)
 
 

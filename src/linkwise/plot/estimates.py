@@ -190,6 +190,8 @@ def fit_figure(record: Record, channels: Mapping[str, tuple[Floats, Floats]]) ->
             over_frequency.set(xlim=spectrogram.frequency[[1, -2]], ylabel=f"{unit}/√Hz")
             log_scale(over_frequency, "x")
             log_scale(over_frequency, "y")
+        for axes in panels[:-2]:  # whose range is that of the lowest
+            axes.tick_params(which="both", labelbottom=False)
         panels[-2].set_xlabel("time, s")
         panels[-1].set_xlabel("frequency, Hz")
         legend_below(figure, panels[0])

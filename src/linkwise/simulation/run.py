@@ -80,11 +80,10 @@ class RunSchedule:
     @cached_property
     def stops(self) -> Floats:
         """Times (S,) in s at which integration stops, including 0 and `end`."""
-        impulses = [impulse.time for impulse in self.excitation.impulses]
-        inner = [self.times[self.block : -1 : self.block], impulses]
-        inner += [drive.pieces.edges for drive in self._sampled]
-        stops = np.unique(np.concatenate([np.asarray(part, dtype=float) for part in inner]))
-        return np.concatenate([[0.0], stops[(stops > 0.0) & (stops < self.end)], [self.end]])
+        stops = {*self.times[self.block : -1 : self.block].tolist()}
+        stops |= {impulse.time for impulse in self.excitation.impulses}
+        stops = stops.union(*(drive.pieces.edges.tolist() for drive in self._sampled))
+        return np.array([0.0, *sorted(stop for stop in stops if 0.0 < stop < self.end), self.end])
 
     @property
     def _sampled(self) -> list[Sampled]:
@@ -445,15 +444,14 @@ class RunOptions:
     """How to run a schedule.
 
     `longest_step` in s bounds the steps; `extended` says whether to start in 80-bit arithmetic; `repeated` is an earlier run
-    of the same schedule and options to repeat step by step; the time after every step is appended to `log`; `most_steps` is
-    that between two output times; `into` has room for the motion at all output times.
+    of the same schedule and options to repeat step by step; the time after every step is appended to `log`; `into` has room
+    for the motion at all output times.
     """
 
     longest_step: float = np.inf
     extended: bool = True
     repeated: RunLog | None = None
     log: list[float] | None = None
-    most_steps: int = MOST_STEPS
     into: Motion | None = None
 
 
@@ -564,7 +562,7 @@ class _Run:
             states = np.vstack([state[None], result.states, self.integrator.state]).astype(float) * SCALE
             x = states[:, : self.schedule.structure.size]
             self.check_distance(np.full(len(x), float(self.integrator.time)), x)
-            if fruitless > self.options.most_steps // self.schedule.structure.size + 2 * CHUNK:
+            if fruitless > MOST_STEPS // self.schedule.structure.size + 2 * CHUNK:
                 time, state = float(self.integrator.time), self.integrator.state
                 raise too_many_steps(self.schedule, time, state, fruitless)
 
@@ -589,11 +587,12 @@ class _Run:
     def store(self, states: NDArray[np.floating]) -> None:
         """Store the scaled states at the next output times, and hand over complete blocks."""
         block, size = self.schedule.block, self.schedule.structure.size
+        kinds = slice(size), slice(size, 2 * size), slice(2 * size, None)
         for first in range(0, len(states), block):
             part = states[first : first + block]
             rows = slice(self.next - self.first, self.next - self.first + len(part))
-            for own, motion in zip(np.split(part, [size, 2 * size], axis=1), self.motion, strict=True):
-                np.multiply(own, SCALE, out=motion[rows], casting="same_kind")
+            for columns, motion in zip(kinds, self.motion, strict=True):
+                np.multiply(part[:, columns], SCALE, out=motion[rows], casting="same_kind")
             self.next += len(part)
             if self.next - self.handed >= block:
                 self.flush()

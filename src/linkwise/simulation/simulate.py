@@ -249,10 +249,14 @@ def _measured(
     """What channels measure (N, C), of arrays of all masses and links by kind of channel, and states by name."""
     values = np.empty((len(grid), len(channels)))
     for kind in MOTIONS:
-        shown = {n: c for n, c in enumerate(channels) if c.kind == kind and not c.is_input}
+        shown = [n for n, channel in enumerate(channels) if channel.kind == kind and not channel.is_input]
         if shown:
-            rows = np.array([structure.topology.row(channel.place) for channel in shown.values()])
-            values[:, list(shown)] = arrays[kind] @ rows.T
+            rows = np.array([structure.topology.row(channels[n].place) for n in shown])
+            seen = arrays[kind] @ rows.T
+            if len(shown) == len(channels):
+                values = seen
+            else:
+                values[:, shown] = seen
     for column, channel in enumerate(channels):
         order = channel.order if channel.is_motion else 0
         if channel.is_input:
@@ -264,6 +268,7 @@ def _measured(
             values[:, column] = arrays[channel.kind][:, structure.links.index(structure.link(channel.place))]
         if channel.relative:
             values[:, column] -= drive.drives[BASE].derivative(grid, order)
+    values.setflags(write=False)  # so that the record need not copy them
     return values
 
 
