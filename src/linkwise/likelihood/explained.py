@@ -553,15 +553,18 @@ def _beside_slip(model: _Model) -> _Model | None:
 
 
 def _beside_error(first: _Model, model: _Model) -> _Model | None:
-    """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first."""
+    """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first.
+
+    Noise that the inputs show comes first where it leaves nothing, and else after an error that it would follow.
+    """
     if model.is_explained:
         return None
-    named, records = model.answer.diagnosis[:1], model.records
-    hidden = any(cause.kind.endswith(_HIDDEN) for cause in named)
-    rung = (_first_error(model) if hidden else None) or (
-        _noise(model.options, records, first.answer) or _first_error(model)
-    )
-    return None if rung is None else model.beside(*rung[1], options=rung[0])
+    noise, error = _noise(model.options, model.records, first.answer), _first_error(model)
+    noisy = None if noise is None else model.beside(*noise[1], options=noise[0])
+    hidden = any(cause.kind.endswith(_HIDDEN) for cause in model.answer.diagnosis[:1])
+    if noisy is not None and (noisy.is_explained or not hidden or error is None):
+        return noisy
+    return noisy if error is None else model.beside(*error[1], options=error[0]) or noisy
 
 
 def _beside_scale(model: _Model) -> _Model | None:
