@@ -8,18 +8,18 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_924  # lines of all files of tests
+TESTS = 34_942  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (10, 2196),
     "analysis": (4, 506),
-    "cli": (20, 1864),
+    "cli": (20, 1867),
     "discovery": (18, 3536),
     "estimates": (7, 1433),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1939),
+    "files": (14, 1941),
     "identification": (13, 2392),
     "inspection": (10, 1873),
     "likelihood": (64, 14159),
