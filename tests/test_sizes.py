@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_968  # lines of all files of tests
+TESTS = 34_969  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -27,7 +27,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "model": (17, 2981),
     "paper": (3, 368),
     "plot": (12, 1862),
-    "records": (8, 1456),
+    "records": (8, 1457),
     "report": (10, 1028),
     "response": (12, 1756),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 888),
