@@ -188,6 +188,19 @@ def harvester() -> MeasuredSet:
     return MeasuredSet("BistableX", record, beam, "none for a free run")
 
 
+def harvester_between_wells() -> MeasuredSet:
+    """The same harvester as it jumps between its wells: 4 s of the tip by laser, the base, and the voltage of its patch."""
+    folder = PUBLIC / "americocunhajr/BistableX/DataExperimental/poincare_analysis/chaos_symmetric"
+    file = loadmat(folder / "DPsv00000.mat")
+    base, voltage, laser = (file[name][:, 1] for name in ("X1", "X2", "X3"))
+    values = np.column_stack([9.81 * base, 0.1 * laser, voltage])  # 0.1 m/s per V, as its authors take it
+    channels = ("a:base", "v:tip", "state:harvester.V")
+    record = lw.Record(0.0, 2048.0, channels, values).decimate(8)
+    link = lw.model.named_law("piezo-harvester").link("harvester", ("tip", "base"))
+    beam = lw.Structure("", (lw.Mass("tip", lw.Coefficient.number(1.0)),), (link,))
+    return MeasuredSet("BistableX, both wells", record, beam, "none for a free run", 0.9)
+
+
 STUDENTS = {"x:frame[mm]": "sensor2", "x:damper[mm]": "sensor1"}
 
 
@@ -273,6 +286,7 @@ SETS: tuple[Callable[[], MeasuredSet], ...] = (
     mr_damper,
     friction_damper,
     harvester,
+    harvester_between_wells,
     sloshing,
     double_beam,
     pendulum,

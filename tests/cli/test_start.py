@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import said
 
@@ -109,6 +110,24 @@ def test_what_is_missing_names_its_option_and_writes_nothing(options: str, messa
     assert message in err and "Traceback" not in err
     assert options != "--yes" or "Laser sink" in err.partition("linkwise:")[0]  # the columns are shown first
     assert [path.name for path in file.parent.iterdir()] == ["rig.csv"]
+
+
+def test_uneven_times_are_resampled_as_the_refusal_of_them_advises(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a micro-controller, which reads its sensor when it comes round."""
+    monkeypatch.chdir(tmp_path)
+    spring = lw.rig({"m1": 1.0}, {"spring": "m1 - ground: k*d + c*v"}, {"spring.k": 400.0, "spring.c": 0.5})
+    swing = lw.simulate(spring, release={"x:m1": 0.01}, duration=3.0, rate=1000.0)
+    uneven = np.cumsum(np.random.default_rng(3).integers(9, 12, 270))
+    rows = zip(swing.time[uneven], 1e3 * swing["x:m1"][uneven], strict=True)
+    Path("log.csv").write_text("\n".join(["Time [s],Laser [mm]", *(f"{t:.3f},{x:.5f}" for t, x in rows)]))
+    asked = "start log.csv --mass m1=1 --link 'spring: m1 - ground: k*d + c*v' --yes"
+    assert "On the command line: --resample HZ" in said(f"{asked} -o even", 2).err
+    said(f"{asked} -o resampled --resample 100")
+    assert lw.files.read_mapping("resampled/sensors.toml").resample == 100.0
+    stiffness = lw.read_structure("resampled/answer/structure.toml").coefficient("spring.k").value
+    assert stiffness == pytest.approx(400.0, rel=0.01)
 
 
 def test_a_file_without_a_motion_is_refused(file: Path) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from linkwise.likelihood.checks.table import judge
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.search import BLOCKS
-from linkwise.likelihood.shooting.minimise import AnnealingStatus
+from linkwise.likelihood.shooting.minimise import Annealer, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.widened import with_cause
 
 pytestmark = pytest.mark.slow
@@ -245,6 +246,30 @@ def test_a_search_that_does_not_converge_says_where_it_is_stuck(at: int, easier:
     assert judgement.verdict is lw.Verdict.NOT_CONVERGED
     assert "Half of what is left of the record lies between" in judgement.message
     assert f"identify the record {easier}" in judgement.message
+
+
+def test_a_search_that_fails_at_looser_links_leaves_the_answer_of_tighter_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of a measured harvester: the likeliest model error was looser than any at which a search converged."""
+    spring = structure({"m1": 1.0}, link("spring1", "m1-ground", "k*d + c*v + k3*d**3", k=3e4, c=8.0, k3=2e7))
+    record = lw.simulate(
+        spring, forces={"m1": "90*sin(140*t) + 90*sin(193*t)"}, duration=1.2, rate=1000.0
+    ).with_noise(60.0, seed=75)
+    asked = structure({"m1": 1.0}, link("spring1", "m1-ground", "k*d + c*v"))
+    annealed = Annealer.__call__
+
+    def failing(of: Annealer, segments: Any, start: Any, scales: Any, schedule: AnnealingSchedule) -> Any:
+        fit = annealed(of, segments, start, scales, schedule)
+        converges = schedule.initial_q == schedule.final_q <= 3.0
+        return fit if converges else replace(fit, status=AnnealingStatus.EXHAUSTED)
+
+    monkeypatch.setattr(Annealer, "__call__", failing)
+    monkeypatch.setattr("linkwise.likelihood.search.with_noise_from_misfit", lambda *_: None)
+    fit = lw.identify(record, asked, as_stated=True)
+    assert fit.grade is lw.Grade.APPROXIMATE
+    low, high = present(fit.coefficient("spring1.k").interval)
+    assert 3e4 < low < high < 5e4  # the cubic spring stiffens it
 
 
 def test_a_term_beside_which_a_coefficient_changes_is_no_second_answer() -> None:

@@ -76,6 +76,7 @@ def test_a_record_cannot_be_changed(record: Record, wave: dict[str, Floats]) -> 
         ("y:m1", "unknown kind 'y'; choose from x (displacement, m)"),
         ("force:base", "a base is moved by x:base, v:base or a:base"),
         ("x:m1[mm]", "'m1[mm]' is not a valid name of a mass"),
+        ("signal:u[V]", "'u[V]' is not a valid name of a signal: a record is in SI units"),
     ],
 )
 def test_what_is_no_channel_is_refused(name: str, message: str) -> None:

@@ -74,6 +74,8 @@ class StartOptions:
         A column that is no channel. Repeatable.
     rate : float | None
         Sampling rate of a file without a time column.
+    resample : float | None
+        Rate to which uneven times are interpolated.
     header : str | int | None
         The header line of a text file, if it is not found: its number, or text that it contains.
     yes : bool
@@ -89,6 +91,7 @@ class StartOptions:
     channel: tuple[str, ...] = typed("NAME=COLUMN", multiple=True)
     leave_out: tuple[str, ...] = typed("COLUMN", multiple=True)
     rate: float | None = typed("HZ", type=POSITIVE)
+    resample: float | None = typed("HZ", type=POSITIVE)
     header: str | int | None = typed("LINE", callback=header_line)
     yes: bool = typed(is_flag=True)
     output: Path | None = typed("DIR", "-o", "--output", type=FOLDER)
@@ -154,8 +157,10 @@ class _Test:
     def mapping(self) -> lw.files.RecordMapping:
         """The columns, the masses and the rate as a mapping file states them."""
         named = {_key(guess): guess.label for guess in self.guesses if guess.name}
-        rate = self.options.rate or self.rate
-        return lw.files.RecordMapping(named, masses=self.masses, rate=rate, header=self.options.header)
+        options, rate = self.options, self.options.rate or self.rate
+        return lw.files.RecordMapping(
+            named, masses=self.masses, rate=rate, resample=options.resample, header=options.header
+        )
 
     def with_masses(self) -> _Test:
         """The test with its masses, which no file states: names are guessed from columns, numbers are asked."""

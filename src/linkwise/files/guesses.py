@@ -350,7 +350,7 @@ def _sentence(guess: ColumnGuess) -> str:
 
 
 def mapping_text(file: str, guesses: Sequence[ColumnGuess], stated: RecordMapping | None = None) -> str:
-    """The text of a mapping file for the record `file`, with the header, rate and masses that are `stated`."""
+    """The text of a mapping file for the record `file`, with the header, rates and masses that are `stated`."""
     blocks = [_block(guess) for guess in guesses if guess.name]
     spare = [guess.label for guess in guesses if not guess.name]
     unused = [f"\n# not used: {', '.join(map(toml_text, spare))}\n"] if spare else []
@@ -361,6 +361,8 @@ def mapping_text(file: str, guesses: Sequence[ColumnGuess], stated: RecordMappin
     stated = stated or RecordMapping()
     if stated.rate is not None:
         head = head.replace('# rate = "1 kHz"   ', f"rate = {stated.rate!r}", 1)
+    if stated.resample is not None:
+        head += f"resample = {stated.resample!r}\n"
     if stated.header is not None:
         head += f"header = {toml_text(stated.header)}\n"
     masses = "".join(f"{toml_text(name)} = {toml_text(mass)}\n" for name, mass in stated.masses.items())

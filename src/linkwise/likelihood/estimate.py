@@ -107,7 +107,7 @@ _LOOSENED = (
 )
 
 _ENDED_EARLY = (AnnealingStatus.EXHAUSTED, AnnealingStatus.STUCK)
-_QUIET = 1e-6  # of the motion: noise, at 120 dB, that no sensor is without unless it was filtered off
+_QUIET = 1e-3  # of the motion: noise, at 60 dB, beside which a search creeps where laws leave more
 _PART = 0.01  # of the motion, which stands for it until the residuals tell
 _DENOISED = 2  # times that a fit beside high passes is repeated: the noise left in their integrals is then that of the motion
 _INSEPARABLE = 100.0  # variance of an unknown over that beside known others: a correlation of 0.995 of two
@@ -459,7 +459,7 @@ class MaximumLikelihood(AskedFor, Estimator):
     ) -> LikelihoodFit:
         """A fit; noise adds up in what high passes take off, so that it is repeated with what the one before shows of them."""
         fit = self._searched(structure, records, options)
-        if fit.status in _ENDED_EARLY and (noisier := _with_noise_of_filtered(records)) is not None:
+        if fit.status in _ENDED_EARLY and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._searched(structure, noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = self._searched(structure, noisier, options)
@@ -524,8 +524,8 @@ class MaximumLikelihood(AskedFor, Estimator):
         return attempts(searches)[0]
 
 
-def _with_noise_of_filtered(records: Sequence[Record]) -> list[Record] | None:
-    """The records with a part of their motion as noise of channels that show none, as filtered ones do; None without any."""
+def _with_noise_of_quiet(records: Sequence[Record]) -> list[Record] | None:
+    """The records with a part of their motion as noise of channels that show hardly any; None without any."""
     first = records[0]
     found, unstated = channel_noise(first), [name for name in first.responses if name not in first.noise]
     sizes = {name: float(np.sqrt(np.nanmean(first.channel(name) ** 2))) for name in unstated}

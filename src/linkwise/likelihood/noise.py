@@ -139,12 +139,14 @@ class ModelErrorCandidate:
     """A fit at a relaxation, its factor on the noise, and -2 log of its marginal likelihood.
 
     `exact` where the laws need no model error: the search went down to them from one, and they are as likely without.
+    `surpassed` where a search at the next relaxation, which may be likelier, did not converge.
     """
 
     fit: AnnealingFit
     noise: float
     cost: float
     exact: bool = False
+    surpassed: bool = False
 
 
 def with_model_error(
@@ -154,8 +156,7 @@ def with_model_error(
 
     For every relaxation q of a geometric grid the orbit is fitted again and the noise profiled out; the marginal likelihood
     in the Laplace approximation selects q. The search goes up from a converged fit; without one, where the laws are too far
-    off, it goes down from the `start`, to exact laws at most. None where no point of the grid is the best, or where it takes
-    too many steps.
+    off, it goes down from the `start`, to exact laws at most. None where no point of the grid is the best.
     """
     if fit.status is AnnealingStatus.CONVERGED:
         grid = [fit.q * _RATIO**power for power in range(_COUNT)]
@@ -172,7 +173,8 @@ def with_model_error(
 def _grid_search(
     segments: Segments, point: Iterate, scales: Scales, grid: Sequence[float], annealer: Annealer
 ) -> ModelErrorCandidate | None:
-    """The best relaxation, once two worse ones follow it; None where the grid ends before, or a fit does not converge.
+    """The best relaxation, once two worse ones follow it, or of those before a search that does not converge, or takes too
+    many steps; None where the grid ends before.
 
     The last point of a grid that goes down stands for exact laws, and is taken where it is as likely. An interrupt from the
     keyboard ends the search where it is.
@@ -184,7 +186,7 @@ def _grid_search(
             return ModelErrorCandidate(fit, 1.0, np.inf)
         steps += len(fit.path)
         if fit.status is not AnnealingStatus.CONVERGED or steps > _MOST_STEPS:
-            return None
+            return best and replace(best, surpassed=True)
         point = fit.point
         noise, cost = evidence(segments, fit, q, annealer.loss)
         if best is None or cost < best.cost:

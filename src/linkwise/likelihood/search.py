@@ -442,12 +442,12 @@ def explained_fit(
     inexact, known = options.model_error and segments.random is None, options.relaxation is not None
     white_alone = known or not (inexact and options.coloured_noise)
     coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
-    candidate = None
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
     unlimited = inexact and options.steps >= AnnealingSchedule.max_steps
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
-    if inexact and (known or unreached or off_by_laws):
-        candidate = with_model_error(segments, fit, start, annealer)
+    is_sought = inexact and (known or unreached or off_by_laws)
+    found = with_model_error(segments, fit, start, annealer) if is_sought else None
+    candidate = None if found is not None and found.surpassed else found
     if coloured is not None and (candidate is None or coloured.cost < candidate.cost):
         stated = any_stated and off
         return ExplainedFit(
@@ -466,6 +466,8 @@ def explained_fit(
         return ExplainedFit(
             noisier, noisier.covariance, chi_square, chi_square_off=True, noise_from_misfit=True
         )
+    elif found is not None and unreached:
+        return _with_model_error(segments, found, annealer, limit, any_stated)
     return ExplainedFit(fit, fit.covariance, fit.chi_square, off)
 
 

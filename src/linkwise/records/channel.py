@@ -123,7 +123,8 @@ class Channel(str):
             known = ", ".join(f"{key} ({kind.quantity}, {kind.unit})" for key, kind in KINDS.items())
             wrong = f"unknown kind {kind!r}; choose from {known}"
         elif place != place.strip() or _RESERVED & set(place):
-            wrong = f"{place!r} is not a valid name of a mass"
+            unit = ": a record is in SI units, which its channels do not state" if "[" in place else ""
+            wrong = f"{place!r} is not a valid name of a {KINDS[kind].of}{unit}"
         elif kind == "force" and place == BASE:
             wrong = "a base is moved by x:base, v:base or a:base, not by a force"
         elif kind == "state" and not (channel.link and channel.state):

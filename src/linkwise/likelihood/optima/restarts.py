@@ -133,13 +133,14 @@ def _best_of(fits: Sequence[LikelihoodFit]) -> LikelihoodFit:
     return replace(best, others=tuple(as_good))
 
 
-def _rank(fit: LikelihoodFit) -> tuple[bool, float]:
-    """Fits that converged to what noise or a model error explains first, then those that leave least.
+def _rank(fit: LikelihoodFit) -> tuple[bool, bool, float]:
+    """Fits that converged to what noise or a model error explains first, noise before, then those that leave least.
 
     The relaxation of a model error counts as misfit.
     """
-    settled = fit.converged and not fit.chi_square_off
-    return not settled, fit.chi_square if fit.model_error == 0.0 else fit.misfit.cost(fit.model_error)
+    settled, inexact = fit.converged and not fit.chi_square_off, fit.model_error > 0.0
+    left = fit.misfit.cost(fit.model_error) / fit.samples if inexact else fit.chi_square
+    return not settled, settled and inexact, left
 
 
 def _are_apart(fit: LikelihoodFit, best: LikelihoodFit) -> bool:
