@@ -143,13 +143,15 @@ def attempts(searches: Iterable[Callable[[], LikelihoodFit]]) -> list[Likelihood
     return sorted(fits, key=_rank)
 
 
-def _rank(fit: LikelihoodFit) -> tuple[bool, float]:
-    """Fits that converged to what noise or a model error explains first, then those that leave least.
+def is_settled(fit: LikelihoodFit) -> bool:
+    """Whether a fit converged to what noise or a model error explains, and its motion does not run away from the records."""
+    runs_away = fit.model_error > 0.0 and fit.optimum.runs_away
+    return fit.converged and not fit.chi_square_off and not runs_away
 
-    The relaxation of a model error counts as misfit.
-    """
-    settled = fit.converged and not fit.chi_square_off
-    return not settled, fit.chi_square if fit.model_error == 0.0 else fit.misfit.cost(fit.model_error)
+
+def _rank(fit: LikelihoodFit) -> tuple[bool, float]:
+    """Fits that are settled first, then those that leave least; the relaxation of a model error counts as misfit."""
+    return not is_settled(fit), fit.chi_square if fit.model_error == 0.0 else fit.misfit.cost(fit.model_error)
 
 
 def _are_apart(fit: LikelihoodFit, best: LikelihoodFit) -> bool:
