@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from present import present
 from structures import oscillator
 
 import linkwise as lw
@@ -109,3 +110,19 @@ def test_no_force_saturates_in_a_link_that_does_not_move() -> None:
     record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
     model = _Model(lambda *asked: stated, SPRING, LikelihoodOptions(), [record], stated)
     assert _by_saturation(model) is None
+
+
+@pytest.mark.parametrize("off", ["rel:x:m1", "a:base"])
+def test_a_gain_is_that_of_the_base_or_of_the_sensor(off: str) -> None:
+    """One is off by 3 %, and the record tells their ratio alone: a cubic stiffness may be off by twice as much."""
+    true = oscillator("k*d + k3*d**3 + c*v", to="base", k=900.0, k3=2e5, c=1.5)
+    base = "4e-3*sin(25*t) + 3e-3*sin(36*t + 1) + 2e-3*sin(17*t + 2)"
+    clean = lw.simulate(true, base=base, duration=4.0, rate=200.0, sensors=["rel:x", "a:base"])
+    record = replace(clean.with_noise(40.0, seed=4), simulated=None)
+    values = np.where([str(name) == "a:base" for name in clean.channels], clean.values, record.values)
+    values = values * np.where([str(name) == off for name in clean.channels], 1.03, 1.0)
+    second = lw.identify(replace(record, values=values), true.unknown("all")).alternative
+    assert second is not None
+    assert {cause.where for cause in second.added if cause.kind == "gain"} == {"rel:x:m1", "a:base"}
+    cubic = second.coefficient("link.k3")
+    assert abs(present(cubic.value) - 2e5) < 2.0 * present(cubic.standard_error) < 4.0 * 2.0 * 0.03 * 2e5

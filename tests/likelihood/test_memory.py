@@ -3,6 +3,8 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -23,6 +25,7 @@ from within import assert_within
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.likelihood.optima.restarts import attempts, is_settled
 from linkwise.likelihood.shooting.flow import Inputs, flow
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.shooting.tangents import tangents
@@ -147,6 +150,26 @@ def test_a_harvester_is_identified_from_absolute_velocity_and_voltage(part: floa
     starts = nearby(true, part) if part else {}
     unknown = {name: lw.Coefficient.unknown(starts.get(f"piezo.{name}")) for name in TIP}
     assert_within(lw.identify(on_exact_base(record, 30.0, 9), harvester(1.0, **unknown)), true, 3.5)
+
+
+def test_values_by_which_motion_runs_away_come_last() -> None:
+    """They leave noise a few samples at a time, and others are nearer; the beginning of the record is searched then."""
+
+    def found(*, runs_away: bool) -> Any:
+        return SimpleNamespace(
+            interrupted=False,
+            leaves_noise=False,
+            converged=True,
+            chi_square_off=not runs_away,
+            chi_square=1.07 if runs_away else 65.0,
+            model_error=1.0 if runs_away else 0.0,
+            optimum=SimpleNamespace(runs_away=runs_away),
+            misfit=SimpleNamespace(cost=lambda q: 6.4e3),
+        )
+
+    away, far = found(runs_away=True), found(runs_away=False)
+    assert attempts([lambda: away, lambda: far])[0] is far
+    assert not is_settled(away) and not is_settled(far)
 
 
 def nearby(subject: lw.Structure, part: float) -> dict[str, float]:

@@ -52,6 +52,7 @@ from linkwise.likelihood.optima.restarts import (
     fit_from_starts,
     fit_of_growing_records,
     fit_with_restarts,
+    is_settled,
 )
 from linkwise.likelihood.options import (
     AskedFor,
@@ -505,7 +506,11 @@ class MaximumLikelihood(AskedFor, Estimator):
         by_links = knows_masses and not structure.hosts and needs_integration(framed_ones[0], structure)
 
         def fit(kind: FindStarts) -> LikelihoodFit:
-            return fit_from_starts(partial(search, records), kind(framed_ones, structure, given))
+            starts = kind(framed_ones, structure, given)
+            found = fit_from_starts(partial(search, records), starts)
+            grown = partial(fit_of_growing_records, search, records, starts[0].values)
+            done = found.interrupted or is_settled(found)
+            return found if done else attempts([grown, lambda: found])[0]
 
         kinds = [
             *[memory_starts_by_links] * by_links,

@@ -65,6 +65,7 @@ from linkwise.likelihood.widened import FREED, with_cause, with_saturation
 from linkwise.model.coefficient import Coefficient
 from linkwise.model.structure import Structure
 from linkwise.progress import part
+from linkwise.records.channel import BASE
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.force_window import coarse_hits, coarseness, without_hits
@@ -87,7 +88,7 @@ _BY_HITS = (
 _SCALES = ("mass", "force gain", "gain")
 _TRIED = 3  # causes that are as likely
 _HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, which follows what they leave
-_OF_STIFFNESS = -2.0  # the power of the time in N/m at a known mass
+_OF_STIFFNESS = 0.0, -2.0  # the powers of the length and of the time in N/m at a known mass
 _STEPS = 40  # of a fit whose laws may be wrong; right ones take a quarter of it
 
 _FEW = 4  # masses, beside forces on which all terms are tested in some seconds
@@ -202,9 +203,11 @@ class _Model:
 
     @property
     def reported(self) -> Estimate:
-        """Its answer, with the sizes of what was added as they were found, and what clocks leave open in its covariance."""
-        changes = self._of_open_clocks
-        covariance = self.answer.covariance + np.outer(changes, changes)
+        """Its answer, with the sizes of what was added as they were found, and what clocks and a base leave open in its
+        covariance.
+        """
+        changes = self._of_open_scales
+        covariance = self.answer.covariance + changes.T @ changes
         return replace(self.answer, added=as_found(self.added, self.answer), covariance=covariance)
 
     @property
@@ -222,18 +225,22 @@ class _Model:
         return bool(self.added) and approximate and not answer.diagnosis
 
     @property
-    def _of_open_clocks(self) -> Floats:
-        """(p,) what coefficients change by where another of the clocks that run apart is the right one.
+    def _of_open_scales(self) -> Floats:
+        """(2, p) what coefficients change by where another of the clocks that run apart is the right one, and where the motion
+        of the base has an error and sensors are right.
 
-        A coefficient goes with the power of time in its unit, and in that of the length that the sensors tell.
+        A coefficient goes with the powers of time and length in its unit, and with time in the length that the sensors tell.
         """
         apart = max(
             (abs(cause.size) for cause in self.added if cause.kind == CLOCK and cause.remark), default=0.0
         )
+        base = [str(name) for name in self.records[0].inputs if name.place == BASE]
+        longer = max((cause.known_within for cause in self.added if cause.where in base), default=0.0)
         channels = (channel for channel in self.records[0].channels if channel.is_motion)
         order = max((channel.order for channel in channels), default=0)
-        powers = np.array([_power_of_time(parameter.unit, order) for parameter in self.answer.parameters])
-        return np.asarray(np.where(self.answer.free, PPM * apart * powers * self.answer.values, 0.0))
+        powers = np.array([_powers(parameter.unit) for parameter in self.answer.parameters])
+        of_clock = PPM * apart * (powers[:, 1] + order * powers[:, 0])
+        return np.where(self.answer.free, (of_clock, longer * powers[:, 0]), 0.0) * self.answer.values
 
     @property
     def misfit(self) -> float:
@@ -241,13 +248,13 @@ class _Model:
         return (self.answer.chi_square_per_sample or 0.0) * self.answer.samples
 
 
-def _power_of_time(unit: str, order: int) -> float:
-    """By which power of the time a coefficient changes where sensors show the derivative of this order of a displacement."""
+def _powers(unit: str) -> tuple[float, float]:
+    """The powers of the length and of the time in the unit of a coefficient."""
     try:
         _, length, time, _ = base_exponents(unit)
     except LinkwiseError:  # of a law that does not determine it
         return _OF_STIFFNESS
-    return float(time + order * length)
+    return float(length), float(time)
 
 
 def explained_answer(
@@ -571,7 +578,7 @@ def _beside_scale(model: _Model) -> _Model | None:
     """The model with all masses, and gains of the forces, known to within what one of them is off by; None where more is left.
 
     Laws with unknown coefficients determine ratios of masses and forces, and not which of them is off; nor, where a gain of a
-    sensor comes first, whether it is the sensor.
+    sensor comes first, whether it is the sensor, or the motion of a base.
     """
     first, structure, record = next(iter(model.answer.diagnosis), None), model.structure, model.records[0]
     if model.added or first is None or first.kind not in _SCALES or abs(first.size) > _CALIBRATED:
@@ -594,6 +601,7 @@ def _beside_scale(model: _Model) -> _Model | None:
         return None
     open_ = [("mass", name) for name in known] + [("force gain", name) for name in forces]
     open_ += [("gain", name) for name in sensors]
+    open_ += [("gain", name) for name in record.inputs if sensors and name.place == BASE]
     added = tuple(
         replace(named.get(key, replace(first, kind=key[0], where=key[1], size=0.0)), known_within=most)
         for key in open_

@@ -133,12 +133,15 @@ def _best_of(fits: Sequence[LikelihoodFit]) -> LikelihoodFit:
     return replace(best, others=tuple(as_good))
 
 
-def _rank(fit: LikelihoodFit) -> tuple[bool, bool, float]:
-    """Fits that converged to what noise or a model error explains first, noise before, then those that leave least.
+def is_settled(fit: LikelihoodFit) -> bool:
+    """Whether a fit converged to what noise or a model error explains, and its motion does not run away from the records."""
+    runs_away = fit.model_error > 0.0 and fit.optimum.runs_away
+    return fit.converged and not fit.chi_square_off and not runs_away
 
-    The relaxation of a model error counts as misfit.
-    """
-    settled, inexact = fit.converged and not fit.chi_square_off, fit.model_error > 0.0
+
+def _rank(fit: LikelihoodFit) -> tuple[bool, bool, float]:
+    """Fits that are settled first, noise before a model error, then those that leave least; its relaxation counts as misfit."""
+    settled, inexact = is_settled(fit), fit.model_error > 0.0
     left = fit.misfit.cost(fit.model_error) / fit.samples if inexact else fit.chi_square
     return not settled, settled and inexact, left
 
