@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 34_924  # lines of all files of tests
+TESTS = 34_942  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -30,7 +30,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "records": (8, 1456),
     "report": (10, 1028),
     "response": (12, 1756),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 888),
+    "root": (11, 892),
     "signals": (6, 831),
     "simulation": (9, 1648),
     "sindy": (9, 1063),
