@@ -46,7 +46,7 @@ from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import COMMON, Channel
 from linkwise.records.record import Record
-from linkwise.runtime import available_memory
+from linkwise.runtime import available_memory, keep_freed_memory
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.signals.noise import channel_noise, noise_floor
 from linkwise.units import base_exponents
@@ -442,6 +442,7 @@ def shooting_problem(
     system = system_with(structure, places, min(record.step for record in records))
     count = sum(-(-len(record) // sensing.samples) for record in records)
     require_room(count, structure.size, system.dimension, system.parameters.size)
+    keep_freed_memory()
     valued = structure.with_values(dict(zip(system.parameters.names, map(float, theta), strict=True)))
     pairs = zip(records, sensing.noise, strict=True)
     starts = [start_states(record, valued, noise, sensing.samples) for record, noise in pairs]

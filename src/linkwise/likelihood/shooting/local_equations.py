@@ -38,8 +38,7 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
     """
     segments, groups = rows.segments, rows.groups
     pairs, p = _pairs(groups), sum(len(group.border) for group in groups)
-    reach = [(group.states, group.rows) for group in groups if len(group.states)]
-    model = empty_model(segments, rows.misfit, p, blocks, np.float32, reach)
+    model = empty_model(segments, rows.misfit, p, blocks, np.float32)
     estimated = np.ones(p, dtype=bool)
     if rows.errors is not None:  # what is tested beside these is asked for in no blocks
         estimated[segments.system.parameters.size : rows.fixed] = False

@@ -156,10 +156,6 @@ def blocks_of(part: slice, ends: Sequence[int]) -> list[tuple[int, slice]]:
     return [(block, slice(a, b)) for block, (a, b) in enumerate(pairwise(within)) if b > a]
 
 
-EVERY: tuple[tuple[slice | Indices, slice | Indices], ...] = ((slice(None), slice(None)),)
-"""Columns and rows of the ends of segments, where all states move all."""
-
-
 @dataclass(frozen=True, eq=False)
 class Linearization:
     """Gauss-Newton model of a misfit: products of the samples' rows, and the ends of the segments.
@@ -174,8 +170,6 @@ class Linearization:
         The end of a segment by its node, and by the border; last the defect, sign reversed.
     joined : array of shape (K - 1, m)
         What defects weigh, as in both ends: 1, or 0 of what is not continuous.
-    reach : sequence of tuple
-        The states in groups, with the rows of `state_ends` that are not zero for them.
     shift : array of shape (m, p), optional
         Shifts by the border, relative to which the nodes are.
     """
@@ -187,7 +181,6 @@ class Linearization:
     state_ends: NDArray[Any]
     right_ends: NDArray[Any]
     joined: Floats
-    reach: Sequence[tuple[slice | Indices, slice | Indices]] = EVERY
     shift: Floats | None = None
 
     def within(self, border: Indices) -> Linearization:
@@ -206,19 +199,23 @@ class Linearization:
         """Normal equations with squared defects weighted by 1 / q^2."""
         weight, m = 1.0 / q**2, self.state.shape[1]
         diagonal, right = self.state.astype(float), self.right.astype(float)
+        coupling = np.empty(self.state_ends.shape)
         diagonal[1:, range(m), range(m)] += weight * self.joined**2
         size = max(16, _AT_ONCE // right[0].size)
         for first in range(0, len(self.joined), size):
             some = slice(first, min(first + size, len(self.joined)))
-            for states, rows in self.reach:
-                ends = self.state_ends[some, rows].astype(float, copy=False)
-                weighted = weight * ends[:, :, states].transpose(0, 2, 1)
-                diagonal[some, states] += weighted @ ends
-                right[some, states] += weighted @ self.right_ends[some, rows]
-            right[1:][some] -= weight * self.joined[some, :, None] * self.right_ends[some]
+            ends, by_border = (
+                own[some].astype(float, copy=False) for own in (self.state_ends, self.right_ends)
+            )
+            weighted = weight * ends.transpose(0, 2, 1)
+            joined = weight * self.joined[some, :, None]
+            diagonal[some] += weighted @ ends
+            right[some] += weighted @ by_border
+            right[1:][some] -= joined * by_border
+            np.multiply(ends, -joined, out=coupling[some])
         return BorderedSystem(
             diagonal,
-            self.state_ends * (-weight * self.joined[:, :, None]),
+            coupling,
             right,
             self.of_data.matrix + weight * self.of_defects.matrix,
             self.of_data.gradient + weight * self.of_defects.gradient,
@@ -256,7 +253,6 @@ def empty_model(
     p: int,
     blocks: int,
     precision: type[np.floating[Any]],
-    reach: Sequence[tuple[slice | Indices, slice | Indices]] = EVERY,
 ) -> Linearization:
     """A model of zeros for a border of p unknowns, but for the defects, with K ends, of which the last will be left out."""
     m, K = segments.system.dimension, segments.count
@@ -267,7 +263,7 @@ def empty_model(
     state, state_ends = np.zeros((2, K, m, m), precision)
     of_data, of_defects = Corners.empty(p, blocks), Corners.empty(p, blocks)
     right = np.zeros((K, m, p + 1), precision)
-    return Linearization(state, right, of_data, of_defects, state_ends, right_ends, joined, reach)
+    return Linearization(state, right, of_data, of_defects, state_ends, right_ends, joined)
 
 
 def filled(

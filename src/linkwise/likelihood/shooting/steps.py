@@ -174,31 +174,6 @@ def freedom(segments: Segments) -> float:
     return float(int(segments.observed.sum()) + known - states - segments.parameters)
 
 
-def full_reduction(
-    segments: Segments, linear: Linearization, misfit: Misfit, scales: Scales, damped: DampedEquations
-) -> float:
-    """What a full step is predicted to take off the cost, where a damped one, which is short, takes off little anywhere.
-
-    Parameters
-    ----------
-    segments, misfit, scales
-        As of `damped_step`.
-    linear : Linearization
-        The linearised problem.
-    damped : DampedEquations
-        The equations of the last step.
-
-    Returns
-    -------
-    float
-        The predicted reduction; 0 where the last step was a full one, infinite where the equations are not positive definite.
-    """
-    if damped.damping < SLIGHT:
-        return 0.0
-    attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
-    return float("inf") if attempt is None else attempt[1]
-
-
 def pull_of_defects(linear: Linearization, defects: Floats) -> tuple[Floats, Floats]:
     """What defects add to the gradient of the cost, which normal equations have on their right-hand side.
 
@@ -512,9 +487,10 @@ def is_settled(
     bool
         Whether the search may end.
     """
-    if not is_explained(segments, misfit, loss):
+    if damped.damping < SLIGHT or not is_explained(segments, misfit, loss):
         return True
-    return full_reduction(segments, linear, misfit, scales, damped) < little
+    attempt = damped_step(segments, DampedEquations.of(linear, damped.q, 0.0), misfit, scales, 1.0)
+    return attempt is not None and attempt[1] < little
 
 
 def is_explained(segments: Segments, misfit: Misfit, loss: Loss) -> bool:
