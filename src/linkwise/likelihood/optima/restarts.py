@@ -140,7 +140,7 @@ def is_settled(fit: LikelihoodFit) -> bool:
 
 
 def _rank(fit: LikelihoodFit) -> tuple[bool, bool, float]:
-    """Fits that are settled first, noise before a model error, then those that leave least; its relaxation counts as misfit."""
+    """Fits that are settled first, noise before a model error, then those that leave least; relaxations count as misfit."""
     settled, inexact = is_settled(fit), fit.model_error > 0.0
     left = fit.misfit.cost(fit.model_error) / fit.samples if inexact else fit.chi_square
     return not settled, settled and inexact, left
