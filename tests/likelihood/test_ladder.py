@@ -12,7 +12,7 @@ from structures import oscillator
 
 import linkwise as lw
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.explained import _by_saturation, _Model, _with_errors
+from linkwise.likelihood.explained import _by_event, _by_saturation, _Model, _with_errors
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.terms import Drift
 
@@ -69,6 +69,22 @@ def test_an_error_that_noise_of_an_input_hides_is_taken_in_before_that(kind: str
     assert found.is_explained and [cause.kind for cause in found.added] == [kind]
     noisy = _with_errors(replace(first, answer=answer([replace(HIGH_PASS, kind="offset")])))
     assert noisy.added[0].kind == "input noise"
+
+    def by_noise(structure: lw.Structure, options: LikelihoodOptions, records: Sequence[lw.Record]) -> Any:
+        return answer([] if options.random else [HIGH_PASS])
+
+    resembles = _with_errors(replace(first, answered=by_noise))
+    assert [cause.kind for cause in resembles.added] == ["input noise"]
+
+
+@pytest.mark.parametrize("at", [-0.1, 2.1])
+def test_an_event_at_an_end_of_a_record_leaves_it_whole(at: float) -> None:
+    record = lw.Record(0.0, 100.0, ("x:m1",), np.zeros((201, 1)))
+    event = Cause("event", "m1", at, "s", 90.0, 0.05)
+    assert (
+        _by_event(_Model(lambda *asked: answer([]), SPRING, LikelihoodOptions(), [record], answer([event])))
+        is None
+    )
 
 
 def test_a_drift_is_a_line_before_it_may_follow_the_motion() -> None:

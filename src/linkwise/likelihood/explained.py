@@ -350,7 +350,10 @@ def _by_event(first: _Model) -> _Model | None:
     if event is None or len(first.records) > 1:
         return None
     [record] = first.records
-    times = (record.start, event.size - event.standard_error), (event.size + event.standard_error, np.inf)
+    before, behind = event.size - event.standard_error, event.size + event.standard_error
+    if before < record.start or behind > record.start + record.duration:
+        return None
+    times = (record.start, before), (behind, np.inf)
     named = replace(event, remark="the parts before and behind it are taken as two records")
     parts = first.beside(named, records=[record.between(*of_part) for of_part in times])
     return None if parts is None else _with_errors(parts)

@@ -119,13 +119,16 @@ def _moves_fast(record: Record) -> bool:
 
 def denser(record: Record) -> tuple[Record, int]:
     """A record with samples between those that were measured, twelve a period of the fastest motion, and how many times as
-    dense it is; it states the noise of its responses. The given one where it is dense or long, where samples are missing,
-    or an input does not run band-limited between its samples.
+    dense it is; it states the noise of its responses. The given one where it is dense or long, or too short to tell, where
+    samples are missing, or an input does not run band-limited between its samples.
     """
     stated = any(record.interpolation.get(name, BAND_LIMITED) != BAND_LIMITED for name in record.inputs)
     if stated or np.isnan(record.values).any() or not is_sparse([record]):
         return record, 1
-    factor = ceil(_DENSE * highest_frequency(record) / record.rate)
+    highest = highest_frequency(record)
+    if np.isnan(highest):
+        return record, 1
+    factor = ceil(_DENSE * highest / record.rate)
     noise, values = dict(record.noise) | channel_noise(record), _between(record.values, factor)
     return replace(record, values=values, rate=factor * record.rate, noise=noise), factor
 

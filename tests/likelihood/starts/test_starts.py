@@ -159,3 +159,14 @@ def test_a_filter_that_diverges_is_the_least_likely() -> None:
     with np.errstate(all="ignore"):
         likelihood, _ = likeliest_change(record, LinearPart.of(spring.unknown("all")), {"x:m1": 1e-200})
     assert likelihood == -np.inf
+
+
+@pytest.mark.parametrize("kind", ["x", "v", "a"])
+@pytest.mark.parametrize("samples", [2, 6, 12, 20])
+def test_records_of_few_samples_are_refused_or_answered(kind: str, samples: int) -> None:
+    chain = lw.bnes_chain(2)
+    motion = lw.simulate(chain, release={"v:m1": 1.0}, duration=0.2, rate=500.0, sensors=(kind,))
+    try:
+        lw.identify(motion.with_noise(40.0, seed=1)[:samples], chain.unknown("nes"))
+    except lw.LinkwiseError as error:
+        assert "samples" in str(error) or "time" in str(error)

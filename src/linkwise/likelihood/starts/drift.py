@@ -30,6 +30,7 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from linkwise.arrays import Floats, Indices
+from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.link_states import link_motion
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
@@ -39,6 +40,7 @@ from linkwise.signals.states import DRIFT_FREQUENCY, channel_motion, highpass
 _OFFSET = 1e-4  # of the power of a parabola: noise, integrated twice, leaves more beside it
 # samples on each side of a window's centre: fewer do not separate an offset and a slope from noise
 _SHORTEST = 6
+_FEWEST = 4 * _SHORTEST + 1  # samples of a record, of four such halves
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,17 @@ def link_signals(record: Record, structure: Structure, sigma: dict[str, float]) 
     -------
     LinkSignals
         The signals.
+
+    Raises
+    ------
+    IdentificationError
+        If the record is shorter than the shortest windows, in which lines of integration are taken out.
     """
+    if len(record) < _FEWEST:
+        raise IdentificationError(
+            f"the record has {len(record)} samples, too few to integrate sensors of velocity or acceleration; it needs at "
+            f"least {_FEWEST}"
+        )
     channels = [record.motions_of(name)[0] for name in structure.mass_names]
     x, v, a = np.stack([channel_motion(record, channel, sigma[channel]) for channel in channels], axis=1)
     orders, noise = ([channel.order for channel in channels], [sigma[channel] for channel in channels])
