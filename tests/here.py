@@ -11,7 +11,7 @@ from typing import Self, final
 import pytest
 
 from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, run_batch
-from linkwise.study.row import Case, Row
+from linkwise.study.subject import Case, Row
 
 
 class Died(Exception):

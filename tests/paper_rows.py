@@ -7,8 +7,8 @@ from pathlib import Path
 
 from linkwise.paper.tables import TABLE_2
 from linkwise.study.definition import Study, read_study
-from linkwise.study.row import Case, Row
 from linkwise.study.store import open_store
+from linkwise.study.subject import Case, Row
 
 CYCLES = 3
 SPREAD = (0.5, 1.0, 2.0)  # of the errors of the three cycles

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from linkwise.study.definition import Study, parse_study
-from linkwise.study.row import Case, Row
+from linkwise.study.subject import Case, Row
 from linkwise.study.summary import StudySummary, SuccessMap, maps_of
 
 TEXT = """

@@ -14,7 +14,7 @@ import linkwise as lw
 from linkwise.paper.tables import TABLE_2, Table2, explanation
 from linkwise.report.study import StudyReport, study_figures, study_page
 from linkwise.study.definition import parse_study, read_study
-from linkwise.study.row import FAILED, Row
+from linkwise.study.subject import FAILED, Row
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

@@ -13,8 +13,8 @@ from small_study import small
 import linkwise as lw
 from linkwise.cli import run
 from linkwise.output import FullDiskError
-from linkwise.study.row import FAILED, WORKER_DIED, Row
 from linkwise.study.store import open_store
+from linkwise.study.subject import FAILED, WORKER_DIED, Row
 
 
 @pytest.mark.slow

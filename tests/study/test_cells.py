@@ -16,8 +16,8 @@ from small_study import DIVERGING, small
 import linkwise as lw
 from linkwise.study.definition import Study, parse_study
 from linkwise.study.executor import CaseBatch, run_batch
-from linkwise.study.row import FAILED, Case, Row
 from linkwise.study.store import open_store
+from linkwise.study.subject import FAILED, Case, Row
 from linkwise.study.summary import Cell, StudySummary, SuccessMap, maps_of
 
 TEXT = """

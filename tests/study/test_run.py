@@ -14,9 +14,9 @@ from problems import chain_record
 import linkwise as lw
 from linkwise.progress import silent
 from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor, run_batch
-from linkwise.study.row import Case
 from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
+from linkwise.study.subject import Case
 
 
 @pytest.mark.slow

@@ -33,8 +33,7 @@ from linkwise.plot.studies import curve_styles, draw_curves
 from linkwise.plot.style import IDENTIFIED, MEASURED, SERIES, TRUE, legend_below, sheet
 from linkwise.simulation.simulate import NEIGHBOURS, OrbitEnvelope, orbit_envelope
 from linkwise.study.definition import Study
-from linkwise.study.row import Row
-from linkwise.study.subject import Subject
+from linkwise.study.subject import Row, Subject
 from linkwise.study.summary import StudySummary
 
 

@@ -16,8 +16,7 @@ import numpy as np
 
 from linkwise.model.chains import bnes_chain
 from linkwise.study.definition import Study
-from linkwise.study.row import Row
-from linkwise.study.subject import Subject
+from linkwise.study.subject import Row, Subject
 from linkwise.study.summary import Cell, StudySummary
 from linkwise.verdict import Verdict
 

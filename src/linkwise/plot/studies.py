@@ -25,7 +25,7 @@ from linkwise.plot.style import (
     pictures,
     sheet,
 )
-from linkwise.study.row import Row
+from linkwise.study.subject import Row
 from linkwise.study.summary import Cell, StudySummary, SuccessMap
 
 QUANTITIES = {"nmse": "NMSE of the force, %", "seconds": "time of one estimate, s"}

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from linkwise.plot import style
-    from linkwise.report import truth as truths
+    from linkwise.study import methods
 else:  # what draws and renders loads where a page is written: who wants the numbers alone does not wait for it
     style = lazy_module("linkwise.plot.style")
-    truths = lazy_module("linkwise.report.truth")
+    methods = lazy_module("linkwise.study.methods")
 
 _PIXELS = 96  # of a page in an inch of a figure
 _PAGE = 1_200_000  # characters of figures on a page; further ones lie beside it
@@ -115,7 +115,7 @@ def rendered(template: str, **parts: Any) -> str:
 
 def _document(result: Any, truth: Structure | None) -> dict[str, Any]:
     """What a result says of itself, and beside a true structure; and the version."""
-    beside = {} if truth is None else truths.compared(result, truth)
+    beside = {} if truth is None else methods.compared(result, truth)
     return {**result.to_dict(), "version": __version__, **beside}
 
 

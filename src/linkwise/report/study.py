@@ -33,8 +33,8 @@ from linkwise.report.page import csv_table, embedded, rendered
 from linkwise.sindy.conventions import MEANING
 from linkwise.sindy.regression import REGRESSORS
 from linkwise.study.definition import Study
-from linkwise.study.row import Row
 from linkwise.study.store import read_rows, stored_study
+from linkwise.study.subject import Row
 from linkwise.study.summary import SPREAD, Cell, StudySummary, SuccessMap, covered, maps_of
 from linkwise.verdict import Verdict, admit_intervals
 

@@ -34,8 +34,7 @@ from linkwise.study.methods import (
     SindyMethod,
     StudyMethod,
 )
-from linkwise.study.row import Case
-from linkwise.study.subject import Subject, study_errors_at
+from linkwise.study.subject import Case, Subject, study_errors_at
 
 _Entry = TypeVar("_Entry", Subject, StudyMethod)
 

@@ -34,7 +34,7 @@ from linkwise.errors import LinkwiseError, StudyError
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study, build_study
-from linkwise.study.row import FAILED, INTERNAL_ERROR, Case, MethodResult, Row
+from linkwise.study.subject import FAILED, INTERNAL_ERROR, Case, MethodResult, Row
 
 ErrorType = type[BaseException] | None  # of the error that ends the work
 _RECORDS = 64  # clean records that a worker caches

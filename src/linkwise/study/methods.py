@@ -17,9 +17,10 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.discovery.candidates import DiscoveryOptions, candidates_for
 from linkwise.discovery.discover import discover
+from linkwise.discovery.result import Discovery
 from linkwise.discovery.terms import DEFAULT, parse_terms
-from linkwise.errors import IdentificationError
-from linkwise.estimates.estimate import Estimator
+from linkwise.errors import IdentificationError, RecordError
+from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.estimates.scoring import align_truth, term_score
 from linkwise.expression import Expression, Number, Symbol, add, multiply, polynomial, substitute
 from linkwise.identification.identify import IdentificationMethod, identify, nmse
@@ -37,8 +38,7 @@ from linkwise.sindy.regression import REGRESSORS
 from linkwise.sindy.regression.gram import Gram
 from linkwise.sindy.regression.linear_system import StreamedSystem
 from linkwise.sindy.regression.regressor import RegressionFit, Regressor
-from linkwise.study.row import MethodResult
-from linkwise.study.subject import Subject
+from linkwise.study.subject import MethodResult, Subject
 from linkwise.verdict import Grade, Verdict, status_of
 
 
@@ -503,3 +503,28 @@ def _pysindy() -> Any:
     except ModuleNotFoundError as error:
         message = f"{_KIND} need the library pysindy; install it with pip install 'linkwise[peers]'"
         raise IdentificationError(message) from error
+
+
+_SCORES = ("right", "missing", "extra", "missing_links", "extra_links")
+
+
+def compared(result: object, truth: Structure) -> dict[str, Any]:
+    """The errors of forces in %, and of a discovery the score of its terms; nothing of other results."""
+    if isinstance(result, Discovery):
+        score = term_score(result.structure, truth)
+        errors = _force_errors(result.estimate, align_truth(result.structure, truth))
+        return {"nmse_percent": errors, "truth": {name: list(getattr(score, name)) for name in _SCORES}}
+    return {"nmse_percent": _force_errors(result, truth)} if isinstance(result, Estimate) else {}
+
+
+def _force_errors(estimate: Estimate, truth: Structure) -> dict[str, float | None]:
+    """The NMSE of the force of each link in %, None where the record does not determine it."""
+    links = (link for link in estimate.structure.links if link.name not in estimate.structure.modes)
+    return {link.name: _error(truth.link(link.name), link, estimate.record) for link in links}
+
+
+def _error(true: Link, identified: Link, record: Record) -> float | None:
+    try:
+        return nmse(true, identified, record)
+    except RecordError:  # an end without displacement, or a force that does not vary
+        return None

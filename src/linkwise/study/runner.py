@@ -27,8 +27,8 @@ from linkwise.study.executor import (
     failed_row,
     next_batch,
 )
-from linkwise.study.row import WORKER_DIED, Case, Row
 from linkwise.study.store import SHARDS, Store, open_store, read_rows
+from linkwise.study.subject import WORKER_DIED, Case, Row
 from linkwise.study.summary import export_study
 
 _MOST_DEATHS = 3  # of workers that run a case, after which the case is the reason

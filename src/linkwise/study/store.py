@@ -19,7 +19,7 @@ from linkwise import __version__
 from linkwise.errors import StudyError
 from linkwise.output import FullDiskError
 from linkwise.study.definition import Study, build_study
-from linkwise.study.row import REPEATED, Case, Row
+from linkwise.study.subject import REPEATED, Case, Row
 
 DATABASE, LOCK, SHARDS = "study.sqlite", "study.lock", "shards"
 _OWN = {DATABASE, f"{DATABASE}-journal", LOCK, f"{LOCK}-journal", SHARDS}

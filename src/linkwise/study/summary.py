@@ -22,9 +22,8 @@ from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.model.structure import Structure
 from linkwise.output import atomic_file
 from linkwise.study.definition import Study
-from linkwise.study.row import Row
 from linkwise.study.store import read_rows, stored_study
-from linkwise.study.subject import Subject
+from linkwise.study.subject import Row, Subject
 from linkwise.verdict import Verdict
 
 SPREAD = (0.05, 0.95)  # quantiles over the seeds that figures show about a median
