@@ -16,7 +16,6 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import Cause
-from linkwise.likelihood.checks.horizons import held_closer
 from linkwise.likelihood.checks.judgement import LIKELIER, Examined, Judgement
 from linkwise.likelihood.checks.jumps import moment
 from linkwise.likelihood.fit import LikelihoodFit
@@ -56,25 +55,28 @@ def changed_coefficients(of: Examined, before: Judgement) -> Judgement | None:
         return None
     jump = of.jump  # which another moment may hold as well
     others = [cause for cause in before.diagnosis if jump is None or cause is not jump.event]
-    change, value = likeliest_change(of.fit, of.records, of.diagnosis.tested, others), "One value"
+    change, beside = likeliest_change(of.fit, of.records, of.diagnosis.tested, others), ""
     if change is not None and jump is not None and len(others) < len(before.diagnosis):
         change = change if change.gain > jump.of_one else None
-    closer = None if change or of.causes else held_closer(of.fit, of.identified, of.channels)
-    if closer is not None:
-        diagnosis, value = closer.diagnosis, "Held closer to the laws, one value"
+    if change is None and not of.causes and (closer := of.closer) is not None:
+        diagnosis, beside = closer.diagnosis, "Held closer to the laws"
         change = likeliest_change(closer.fit, of.records, diagnosis.tested, diagnosis.causes)
         change = change if change is not None and closer.explains_most(change.gain) else None
-    if change is None:
-        return None
+    return None if change is None else _with_change(before, change, beside)
+
+
+def _with_change(judgement: Judgement, change: Cause, beside: str) -> Judgement:
+    """The judgement without trust, since a coefficient changes; `beside` what laws lack, in words, if that shows it."""
+    explained = f"{beside}, one value" if beside else "One value"
     return replace(
-        before,
+        judgement,
         verdict=Verdict.COEFFICIENT_CHANGES,
         message=(
-            f"{value} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
+            f"{explained} of {change.where} does not explain all of the record: {change.description} would lower -2 log "
             f"likelihood by {change.gain:.3g}, more than any missing term or error of a sensor. An interval would include "
             "neither value: identify the parts of the record before and after it by themselves."
         ),
-        diagnosis=(change, *before.diagnosis),
+        diagnosis=(change, *judgement.diagnosis),
         added={},
     )
 

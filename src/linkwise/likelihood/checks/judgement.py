@@ -13,6 +13,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import format_percent
 from linkwise.estimates.causes import SLIP, Cause
+from linkwise.likelihood.checks.horizons import CloserFit, held_closer
 from linkwise.likelihood.checks.jumps import Jump, likeliest_jump
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
 from linkwise.likelihood.fit import LikelihoodFit
@@ -197,6 +198,14 @@ class Examined:
     def jump(self) -> Jump | None:
         """The likeliest moment at which the motion of exact laws begins anew; None where chance gives as much."""
         return likeliest_jump(self.fit, self.identified, self.records, self.diagnosis.tested)
+
+    @cached_property
+    def closer(self) -> CloserFit | None:
+        """The fit with its motion held closer to the laws; None beside noise of inputs that channels show to be there."""
+        shown, forces = self.levels_of_inputs, self.fit.random_forces
+        if forces and all(force.deviation <= _SHOWN * shown.get(force.where, 0.0) for force in forces):
+            return None
+        return held_closer(self.fit, self.identified, self.channels)
 
     @cached_property
     def share(self) -> float:

@@ -31,6 +31,7 @@ VERDICTS = (
 """Checks that find the verdict, in their order: the first that has one does."""
 
 FINDINGS = (
+    Check("hidden terms", "approximates", verdicts.term_hidden_by_model_error),
     Check("unrecorded forces", "names", verdicts.remarks_on_forces),
     Check("motion that goes on", "names", verdicts.motion_that_goes_on),
     Check("noise of inputs", "widens", verdicts.noise_of_inputs),

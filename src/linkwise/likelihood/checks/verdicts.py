@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from linkwise.arrays import Floats
-from linkwise.display import enumerated
+from linkwise.display import enumerated, format_percent
 from linkwise.estimates.causes import EVENT, Cause
+from linkwise.likelihood.checks.horizons import dissipates, hidden_term
 from linkwise.likelihood.checks.judgement import (
     AS_NOISE,
     LARGEST_SHIFT,
@@ -34,6 +35,7 @@ from linkwise.likelihood.tests.variances import (
     for_noise_of_inputs,
     input_kicks,
 )
+from linkwise.model.coefficient import MASS
 from linkwise.signals.noise import outliers_exceed_noise
 from linkwise.verdict import Verdict
 
@@ -365,6 +367,42 @@ def _of_instrument(cause: Cause) -> str:
     return (
         f", but {would_explain(cause)}, more than any missing term. Coefficients would be wrong by more than intervals of "
         "exact laws say: correct it, or estimate it with the other unknowns."
+    )
+
+
+def term_hidden_by_model_error(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether the motion held closer to the laws shows a missing term, or an error of a mass, that is hidden otherwise.
+
+    Beside a model error, or where it would change coefficients by no more than intervals hold, it is named.
+    """
+    if before.verdict.forbids or before.diagnosis or of.closer is None:
+        return None
+    hidden = hidden_term(of.fit, of.closer)
+    if hidden is None:
+        return None
+    cause, change, shift = hidden
+    is_mass = cause.kind == MASS
+    is_small = shift <= LARGEST_SHIFT and (is_mass or of.fit.random_forces)
+    # a small part of the force, and a large one of what dissipates
+    damps = change >= LARGEST_TERM and dissipates(cause.term)
+    if is_small or (of.fit.model_error > 0.0 and not is_mass and not damps):
+        named = (replace(cause, shift=shift),)
+        return replace(
+            before, message=f"{before.message}{likeliest(named)}{moved(named)}", diagnosis=(cause,)
+        )
+    is_changed = cause.shifted and change > 0.0
+    changed = f", and change {cause.shifted} by {format_percent(change)}" if is_changed else ""
+    noise = " and ".join(f"noise of {force.where}" for force in of.fit.random_forces)
+    where = f"with the {noise}" if noise else "where the motion departs from it a little"
+    advice = ": correct it, or estimate it with the other unknowns" if is_mass else "; a term is missing"
+    return replace(
+        before,
+        verdict=Verdict.MEASUREMENT_ERROR if is_mass else Verdict.SYSTEMATIC_MISFIT,
+        message=(
+            f"The structure explains the record only {where}. Held closer, most of what is left follows the motion: "
+            f"{would_explain(cause)}{changed}. Intervals of exact laws would not include that{advice}."
+        ),
+        diagnosis=(cause,),
     )
 
 
