@@ -162,6 +162,7 @@ def test_values_by_which_motion_runs_away_come_last() -> None:
             converged=True,
             chi_square_off=not runs_away,
             chi_square=1.07 if runs_away else 65.0,
+            samples=6000,
             model_error=1.0 if runs_away else 0.0,
             optimum=SimpleNamespace(runs_away=runs_away),
             misfit=SimpleNamespace(cost=lambda q: 6.4e3),

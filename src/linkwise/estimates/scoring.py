@@ -133,7 +133,7 @@ def align_truth(discovered: Structure, truth: Structure) -> Structure:
 
     Parameters
     ----------
-    discovered, truth
+    discovered, truth : Structure
         As of `term_score`.
 
     Returns

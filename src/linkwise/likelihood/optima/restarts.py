@@ -67,8 +67,9 @@ def fit_with_restarts(
     fit = fitted(theta, options=strict)
     rival = None if another is None or fit.interrupted else another(strict, fit)
     if rival is not None:
-        fit = rival if rival.interrupted else _best_of([fit, rival])
-        nodes = rival.optimum.point.nodes if fit.values is rival.values else None
+        chosen = rival if rival.interrupted else _likelier(fit, rival)
+        nodes = rival.optimum.point.nodes if chosen.values is rival.values else None
+        fit = chosen
     for _ in range(_ATTEMPTS - 1):
         if _ends(fit):
             return fit
@@ -81,13 +82,35 @@ def fit_with_restarts(
     return fitted(fit.values, options=options if nodes is None else replace(options, nodes=nodes))
 
 
+def _likelier(fit: LikelihoodFit, rival: LikelihoodFit) -> LikelihoodFit:
+    """The fit, or a rival that converged and is likelier by a relevant amount, with the values of the other if both may be."""
+    if not (rival.converged and fit.converged):
+        return rival if rival.converged else fit
+    gain = _gain(rival, fit)
+    if not (_ends(fit) and _ends(rival)):
+        return rival if gain > _RELEVANT else fit
+    likely, rejected = (rival, fit) if gain > 0.0 else (fit, rival)
+    tied = abs(gain) < _TIED
+    if tied and not likely.has_errors and rejected.has_errors:
+        likely, rejected = rejected, likely
+    return replace(likely, others=(rejected.values,)) if tied and _are_apart(rejected, likely) else likely
+
+
 def fit_from_starts(search: Search, starts: Sequence[Start]) -> LikelihoodFit:
     """Fit from the best starts until a fit explains the records, with the values of other fits that are as good as the best.
 
     Raises IdentificationError if the motion from none of them is finite.
     """
     near = [start for start in starts if start.misfit <= _NEAR * starts[0].misfit]
-    return _best_of(attempts(partial(search, theta=start.values) for start in near[:_MOST]))
+    best, *others = attempts(partial(search, theta=start.values) for start in near[:_MOST])
+    as_good = (
+        fit.values
+        for fit in others
+        if fit.converged
+        and _are_apart(fit, best)
+        and abs(fit.misfit.cost(1.0) - best.misfit.cost(1.0)) < _TIED
+    )
+    return replace(best, others=tuple(as_good))
 
 
 def fit_of_growing_records(search: Search, records: Sequence[Record], values: Floats) -> LikelihoodFit:
@@ -120,30 +143,21 @@ def attempts(searches: Iterable[Callable[[], LikelihoodFit]]) -> list[Likelihood
     return sorted(fits, key=_rank)
 
 
-def _best_of(fits: Sequence[LikelihoodFit]) -> LikelihoodFit:
-    """The best of fits, with the values of others that are as good."""
-    best, *others = sorted(fits, key=_rank)
-    as_good = (
-        fit.values
-        for fit in others
-        if fit.converged
-        and _are_apart(fit, best)
-        and abs(fit.misfit.cost(1.0) - best.misfit.cost(1.0)) < _TIED
-    )
-    return replace(best, others=tuple(as_good))
+def _runs_away(fit: LikelihoodFit) -> bool:
+    """Whether motion with a model error soon runs away from the records, which it follows a few samples at a time."""
+    return fit.model_error > 0.0 and fit.optimum.runs_away
 
 
 def is_settled(fit: LikelihoodFit) -> bool:
     """Whether a fit converged to what noise or a model error explains, and its motion does not run away from the records."""
-    runs_away = fit.model_error > 0.0 and fit.optimum.runs_away
-    return fit.converged and not fit.chi_square_off and not runs_away
+    return fit.converged and not fit.chi_square_off and not _runs_away(fit)
 
 
-def _rank(fit: LikelihoodFit) -> tuple[bool, bool, float]:
+def _rank(fit: LikelihoodFit) -> tuple[bool, bool, bool, float]:
     """Fits that are settled first, noise before a model error, then those that leave least; relaxations count as misfit."""
     settled, inexact = is_settled(fit), fit.model_error > 0.0
     left = fit.misfit.cost(fit.model_error) / fit.samples if inexact else fit.chi_square
-    return not settled, settled and inexact, left
+    return not settled, _runs_away(fit), settled and inexact, left
 
 
 def _are_apart(fit: LikelihoodFit, best: LikelihoodFit) -> bool:
