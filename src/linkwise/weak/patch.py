@@ -13,12 +13,11 @@ Measurement Error Models, 1987) does not depend on the mass, so a patch of masse
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
 
 import numpy as np
-import scipy
 
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
@@ -163,7 +162,7 @@ class PatchContext:
     ) -> Floats:
         """(q, q) bias of the products of all terms due to noise, `slopes` (q,) those that are constant, 0 for others."""
         noise = self.motion.covariance(layout.nodes)
-        return noise_bias(layout, terms, slopes, noise, self.window, valid, self.rate_window.slope)
+        return noise_bias(layout, terms, slopes, noise, self.window, valid, self.rate_window.slope[0])
 
     def _evaluated(self, layout: PatchLayout) -> tuple[list[LawTerms], Floats]:
         """The terms of laws at every sample, and the slopes (q,) of all terms where they are constant, 0 for others."""
@@ -205,8 +204,10 @@ class PatchContext:
                 )
 
     def _rates(self, d: Floats) -> Floats:
-        """(m, N) v from d (m, N); windows at the edges, where it is none, have no equation."""
-        return np.asarray(scipy.ndimage.correlate1d(d, self.rate_window.slope, axis=1, mode="nearest"))
+        """(m, N) v from d (m, N), held at the edges."""
+        single = replace(self.rate_window, stride=1)
+        inner = single.filter(d, single.slope)[0]
+        return np.pad(inner, ((0, 0), (single.half, single.half)), mode="edge")
 
     def _rows(self, layout: PatchLayout, evaluated: Sequence[LawTerms]) -> Floats:
         """(q, R): the terms under their kernels."""

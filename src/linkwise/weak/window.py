@@ -22,6 +22,8 @@ _NARROWEST = 1.8  # samples of standard deviation: the aliasing of a narrower ph
 _NARROWEST_EXACT = 2.2  # the same for a record without noise, where the alias leaves 1e-5 of the coefficients
 _WIDEST = 400.0
 _DISTANCE = 1.6  # standard deviations from one window to the next
+_AT_ONCE = 2**17  # samples that are processed together: they fit in the cache
+_BLOCK = 8  # outputs in one row of the blocked product
 
 
 @dataclass(frozen=True)
@@ -101,19 +103,16 @@ class Window:
 
     @cached_property
     def slope(self) -> Floats:
-        """(length,) filter for the derivative at the centre of a polynomial of degree six, fitted with the weight phi."""
+        """(1, length) filter for the derivative at the centre of a polynomial of degree six, fitted with the weight phi."""
         u = np.arange(-self.half, self.half + 1) / self.half
         odd = u ** np.array([[1], [3], [5]])
         weighted = odd * self.kernels[PHI]
         first = np.linalg.solve(weighted @ odd.T, [1.0, 0.0, 0.0])
-        return np.asarray(first @ weighted / (self.half * self.step))
+        return np.asarray(first @ weighted / (self.half * self.step))[None]
 
     def filter(self, signals: Floats, kernels: Floats) -> Floats:
         """(Q, S, R) sums of kernels (Q, length) times signals (S, N) over the samples of every window."""
-        pieces = (
-            np.lib.stride_tricks.sliding_window_view(row, self.length)[:: self.stride] for row in signals
-        )
-        return np.stack([kernels @ windows.T for windows in pieces], axis=1)
+        return _strided_filter(signals, kernels, self.stride)
 
     @cached_property
     def cross_correlations(self) -> Floats:
@@ -194,3 +193,37 @@ def _exact(kernel: Floats, phi: Floats, powers: Sequence[int], moments: Floats) 
     functions = u ** np.array(powers)[:, None]
     added = np.linalg.solve((functions * phi) @ functions.T, moments - functions @ kernel)
     return np.asarray(kernel + phi * (added @ functions))
+
+
+def _strided_filter(signals: Floats, kernels: Floats, stride: int) -> Floats:
+    """(Q, S, (N - T) // stride + 1) correlations of signals (S, N) with kernels (Q, T) at every stride-th sample.
+
+    Each block of outputs is one product with a banded Toeplitz matrix.
+    """
+    (count, samples), (filters, length) = signals.shape, kernels.shape
+    rows = (samples - length) // stride + 1
+    per_block = max(1, min(rows, _BLOCK))
+    blocks, span = rows // per_block, (per_block - 1) * stride + length
+    toeplitz = np.zeros((filters, span, per_block))
+    for row in range(per_block):
+        toeplitz[:, row * stride : row * stride + length, row] = kernels
+    pieces = _windows(signals, blocks, span, per_block * stride)
+    result, last = np.empty((filters, count, rows)), blocks * per_block
+    group = max(1, _AT_ONCE // (blocks * span))
+    for first in range(0, count, group):
+        part = np.ascontiguousarray(pieces[first : first + group])
+        for kernel in range(filters):
+            target = result[kernel, first : first + group, :last]
+            np.matmul(part, toeplitz[kernel], out=target.reshape(len(target), blocks, per_block))
+    if last < rows:  # fewer than a block
+        ends = _windows(signals[:, last * stride :], rows - last, length, stride)
+        result[:, :, last:] = (ends @ kernels.T).transpose(2, 0, 1)
+    return result
+
+
+def _windows(signals: Floats, count: int, length: int, stride: int) -> Floats:
+    """(S, count, length) pieces of signals at every stride-th sample, which must all be inside; as views."""
+    # as `sliding_window_view`, whose checks cost as much as a short filter
+    by_signal, by_sample = signals.strides
+    shape, strides = (len(signals), count, length), (by_signal, stride * by_sample, by_sample)
+    return np.lib.stride_tricks.as_strided(signals, shape, strides, writeable=False)
