@@ -71,6 +71,8 @@ def test_an_error_that_noise_of_an_input_hides_is_taken_in_before_that(kind: str
     assert noisy.added[0].kind == "input noise"
 
     def by_noise(structure: lw.Structure, options: LikelihoodOptions, records: Sequence[lw.Record]) -> Any:
+        if options.errors:
+            raise lw.IdentificationError("the clock does not settle")
         return answer([] if options.random else [HIGH_PASS])
 
     resembles = _with_errors(replace(first, answered=by_noise))

@@ -565,16 +565,16 @@ def _beside_slip(model: _Model) -> _Model | None:
 def _beside_error(first: _Model, model: _Model) -> _Model | None:
     """The model with noise of inputs, or with the error of a sensor or an input that its diagnosis names first.
 
-    Noise that the inputs show comes first where it leaves nothing, and else after an error that it would follow.
+    Where noise would hide that error it comes second, as where no fit settles the error, which noise of a hit resembles.
     """
     if model.is_explained:
         return None
-    noise, error = _noise(model.options, model.records, first.answer), _first_error(model)
-    noisy = None if noise is None else model.beside(*noise[1], options=noise[0])
-    hidden = any(cause.kind.endswith(_HIDDEN) for cause in model.answer.diagnosis[:1])
-    if noisy is not None and (noisy.is_explained or not hidden or error is None):
-        return noisy
-    return noisy if error is None else model.beside(*error[1], options=error[0]) or noisy
+    named = model.answer.diagnosis[:1]
+    rungs = [_noise(model.options, model.records, first.answer), _first_error(model)]
+    if any(cause.kind.endswith(_HIDDEN) for cause in named):
+        rungs.reverse()
+    fits = (model.beside(*rung[1], options=rung[0]) for rung in rungs if rung is not None)
+    return next((fit for fit in fits if fit is not None), None)
 
 
 def _beside_scale(model: _Model) -> _Model | None:
