@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 from here import studies_here
+from matplotlib.figure import Figure
 from present import some
 from problems import chain_record
 from public import public
@@ -45,7 +46,9 @@ NO_ANSWERS = {  # what public functions give that is not an answer of its own, a
 }
 
 # for type checkers
-LATE = {k.__name__: k for k in (lw.Structure, lw.inspection.LevelComparison, lw.analysis.OrbitEnvelope)}
+LATE = {
+    k.__name__: k for k in (lw.Structure, lw.inspection.LevelComparison, lw.analysis.OrbitEnvelope, Figure)
+}
 
 
 def classes(annotation: object) -> Iterator[type]:

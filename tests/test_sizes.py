@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_220  # lines of all files of tests
+TESTS = 35_255  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -22,20 +22,20 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "files": (14, 1941),
     "identification": (13, 2392),
     "inspection": (10, 1879),
-    "likelihood": (64, 14093),
+    "likelihood": (64, 14176),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
     "plot": (12, 1887),
     "records": (8, 1457),
     "report": (9, 1026),
-    "response": (13, 1932),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1946),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 925),
     "signals": (6, 834),
     "simulation": (9, 1652),
     "sindy": (9, 1063),
     "study": (9, 1523),
-    "weak": (11, 1728),
+    "weak": (11, 1753),
 }
 
 

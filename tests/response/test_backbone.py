@@ -139,6 +139,19 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     assert "95 % band" in str(curve)
 
 
+@pytest.mark.parametrize("deviation", [0.04, 0.3])
+def test_the_band_of_damping_holds_none_where_the_record_does_not_tell_it(deviation: float) -> None:
+    duffing = oscillator(HARDENING, k=K, k3=K3, c=0.4)
+    bounds = np.array([-np.inf]), np.array([np.inf])
+    answer = lw.estimates.Posterior(duffing, (Name("link", "c"),), np.array([[deviation**2]]), *bounds)
+    curve = lw.backbone(answer, 1, to_amplitude={"x:m1": 0.1})
+    assert curve.lower_damping is not None and curve.upper_damping is not None
+    ends = np.stack([curve.lower_damping, curve.upper_damping]) / curve.damping
+    assert ends[:, 0] == pytest.approx(1.0 + 1.96 * np.array([-1.0, 1.0]) * deviation / 0.4, rel=1e-6)
+    along = np.abs(ends - ends[:, :1]) / (1.96 * deviation / 0.4)
+    assert along.max() < 0.05  # linear between twelve stations, the damping ratio falling to half
+
+
 def test_the_band_of_a_curve_that_comes_back_has_two_frequencies_at_an_energy() -> None:
     """From a well to the barrier and back; each way its own motions count."""
     chain = lw.bnes_chain(2)

@@ -533,7 +533,7 @@ def _with_noise_of_quiet(records: Sequence[Record]) -> list[Record] | None:
     """The records with a part of their motion as noise of channels that show hardly any; None without any."""
     first = records[0]
     found, unstated = channel_noise(first), [name for name in first.responses if name not in first.noise]
-    sizes = {name: float(np.sqrt(np.nanmean(first.channel(name) ** 2))) for name in unstated}
+    sizes = {name: float(np.nanstd(first.channel(name))) for name in unstated}
     quiet = {str(name): _PART * size for name, size in sizes.items() if found[name] < _QUIET * size}
     return [replace(record, noise={**record.noise, **quiet}) for record in records] if quiet else None
 

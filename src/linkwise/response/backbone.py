@@ -20,7 +20,7 @@ from linkwise.model.structure import Structure, refuse_rig
 from linkwise.records.channel import Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
-from linkwise.response.bands import band_ends, drawn_structures
+from linkwise.response.bands import drawn_structures, spread
 from linkwise.response.continuation import Point, Steps, follow, locate, solve, turned
 from linkwise.response.measured import MeasuredPoints, decay_points
 from linkwise.response.modal_motion import FreeMotion, ModalMotion, PhaseResonance
@@ -35,6 +35,7 @@ _LINEAR, _TRIALS = (
     10,
 )  # change of a frequency that a linear mode has at most, and how often a tenth is tried
 _LONGEST = 0.08  # step along the curve
+_ROUNDING = 1e-12  # of the largest energy: less is that of no motion
 _MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
 _DRAWS, _STATIONS, _FEWEST = (
@@ -198,7 +199,7 @@ def backbone_headline(result: Backbone) -> tuple[str, ...]:
     where = (
         f"Phase resonance of {result.structure.name} in mode {result.mode}, under a force on {result.place}"
     )
-    unit = Drive(FORCE, result.place).unit
+    unit = unit_in(result.structure, f"force:{result.place}")
     return (f"{where}, goes from {end} and {result.force[largest]:.3g} {unit}.", damping)
 
 
@@ -208,24 +209,29 @@ def backbone_rows(result: Backbone, count: int = 12) -> list[tuple[str, ...]]:
 
     damping = [f"{ratio:.3g}" for ratio in 100.0 * result.damping[which]]
     if result.lower_damping is not None and result.upper_damping is not None:
-        halves = 50.0 * (result.upper_damping - result.lower_damping)[which]
-        damping = [f"{text} ± {half:.1g}" for text, half in zip(damping, halves, strict=True)]
+        ends = 100.0 * np.stack([result.lower_damping, result.upper_damping], axis=1)[which]
+        damping = [f"{text} ({_to(own, 3)})" for text, own in zip(damping, ends, strict=True)]
     bands = []
     if result.lower is not None and result.upper is not None:
         ends = np.stack([result.lower, result.upper], axis=1)[which]
-        texts = ("{:.5g} to {:.5g}".format(*own) if np.isfinite(own).all() else "-" for own in ends)
-        bands = [("95 % band", *texts)]
+        bands = [("95 % band", *(_to(own, 5) for own in ends))]
     columns = [
         ("Hz", *(f"{hz:.5g}" for hz in result.hz[which])),
         *bands,
-        ("damping, %", *damping),
+        ("damping, % (95 % band)" if result.lower_damping is not None else "damping, %", *damping),
         ("energy, J", *(f"{energy:.3g}" for energy in result.energy[which])),
     ]
     if result.force is not None:
-        columns.append(("force, N", *(f"{force:.3g}" for force in result.force[which])))
+        unit = unit_in(result.structure, f"force:{result.place}")
+        columns.append((f"force, {unit}", *(f"{force:.3g}" for force in result.force[which])))
     for name, values in zip(result.channels, result.amplitude[which].T, strict=True):
         columns.append((f"{name}, {unit_in(result.structure, name)}", *(f"{value:.4g}" for value in values)))
     return list(zip(*columns, strict=True))
+
+
+def _to(ends: Floats, digits: int) -> str:
+    """The ends (2,) of a band in a cell."""
+    return "{:.{d}g} to {:.{d}g}".format(*ends, d=digits) if np.isfinite(ends).all() else "-"
 
 
 def backbone(
@@ -348,16 +354,17 @@ def _band(
     its curve, which has angular frequencies, damping ratios and energies `along` it (P, 3); None where shapes of hosts are
     uncertain, on which the equations depend.
 
-    Each draw has a motion across the curve near some of its points. What counts is the ratio of its frequency, or damping, to
-    that of the curve at the same energy, by interpolation, between two extremes of the energy along the curve.
+    Each draw has a motion across the curve near some of its points. What counts is the logarithm of the ratio of its frequency
+    to that of the curve at the same energy, and the difference of damping, which may have either sign, by interpolation,
+    between two extremes of the energy along the curve.
     """
     energy = along[:, 2]
     drawn = drawn_structures(posterior, _DRAWS, seed=0)
     if any(structure.shape_key != posterior.structure.shape_key for structure in drawn):
         return (None,) * 4
     extremes = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
-    ratios = np.full((_DRAWS, len(points), 2), np.nan)
-    for table, structure in zip(ratios, drawn, strict=True):
+    off = np.full((_DRAWS, len(points), 2), np.nan)
+    for table, structure in zip(off, drawn, strict=True):
         own = motion.of(structure)
         for first, last in pairwise([0, *extremes.tolist(), len(points) - 1]):
             piece = slice(first, last + 1)
@@ -368,16 +375,23 @@ def _band(
             if len(found) > 1:
                 values = _along(own, found)
                 rising, order = np.argsort(energy[piece]), np.argsort(values[:, 2])
+                omega, ratio = (
+                    np.interp(values[:, 2], energy[piece][rising], along[piece, column][rising])
+                    for column in range(2)
+                )
+                own_off = np.stack([np.log(values[:, 0] / omega), values[:, 1] - ratio], axis=1)
+                own_off[values[:, 2] < _ROUNDING * energy.max()] = np.nan
                 for column in range(2):
-                    there = np.interp(values[:, 2], energy[piece][rising], along[piece, column][rising])
-                    usable = (there > 0.0) & (
-                        values[:, column] > 0.0
-                    )  # not of an energy within rounding of none
-                    ratio = np.where(usable, values[:, column], np.nan) / np.where(usable, there, 1.0)
-                    table[piece, column] = np.interp(energy[piece], values[order, 2], ratio[order])
-    ends = band_ends(ratios)
-    units = along[:, 0] / (2.0 * np.pi), along[:, 1]
-    return tuple(side[:, column] * unit for column, unit in enumerate(units) for side in ends)
+                    table[piece, column] = np.interp(energy[piece], values[order, 2], own_off[order, column])
+    lower, upper = spread(off)
+    hz = along[:, 0] / (2.0 * np.pi)
+    damping = along[:, 1]
+    return (
+        hz * np.exp(lower[:, 0]),
+        hz * np.exp(upper[:, 0]),
+        damping + lower[:, 1],
+        damping + upper[:, 1],
+    )
 
 
 def _linear_start(motion: ModalMotion, linear: Modes, mode: int, to_amplitude: Mapping[str, float]) -> Point:

@@ -82,16 +82,21 @@ def drawn_structures(posterior: Posterior, count: int, seed: int) -> list[Struct
 
 
 def band_ends(ratios: Floats) -> tuple[Floats, Floats]:
-    """The ends of the band, over the curve, of draws (R, ...) of what is positive over the curve; NaN where fewer than half
-    of them have a motion. On either side it is as wide as the root mean square of the draws there says of normal ones.
+    """The ends of the band, over the curve, of draws (R, ...) of what is positive over the curve, as of `spread`."""
+    lower, upper = spread(np.log(ratios))
+    return np.exp(lower), np.exp(upper)
+
+
+def spread(off: Floats) -> tuple[Floats, Floats]:
+    """How far below and above the curve the band reaches where draws (R, ...) are `off` it; NaN where fewer than half of them
+    have a motion. On either side it is as wide as the root mean square of the draws there says of normal ones.
     """
-    logs = np.log(ratios)
-    enough = np.isfinite(logs).mean(axis=0) >= _LEAST
+    enough = np.isfinite(off).mean(axis=0) >= _LEAST
     ends = []
     for side in (-1.0, 1.0):
-        there = side * logs > 0.0
-        mean_square = np.where(there, logs**2, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
-        ends.append(np.where(enough, np.exp(side * _DEVIATIONS * np.sqrt(mean_square)), np.nan))
+        there = side * off > 0.0
+        mean_square = np.where(there, off**2, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+        ends.append(np.where(enough, side * _DEVIATIONS * np.sqrt(mean_square), np.nan))
     return ends[0], ends[1]
 
 

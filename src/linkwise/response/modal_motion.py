@@ -32,6 +32,7 @@ _SETTLING, _HELD = (
     5,
     1e-9,
 )  # steps to states of a given motion, and the singular value, relative to the largest, of what is held
+_ROUNDING = 1e-13  # of the energy: a loss that is none
 _SMALL_FORCE = 0.01  # of mass times acceleration: the first guess of the force in resonance
 
 
@@ -76,8 +77,9 @@ class ModalMotion(ABC):
         """What a motion loses in a period in J."""
 
     def damping(self, point: Point) -> float:
-        """The damping ratio of a motion."""
-        return self.loss(point) / (4.0 * np.pi * self.energy(point))
+        """The damping ratio of a motion; 0 where it loses no more of its energy than rounding."""
+        loss, energy = self.loss(point), self.energy(point)
+        return 0.0 if abs(loss) < _ROUNDING * abs(energy) else loss / (4.0 * np.pi * energy)
 
     def amplitude(self, point: Point, row: Floats) -> float:
         """Half of peak to peak of a channel that is a `row` (1, N) of states."""

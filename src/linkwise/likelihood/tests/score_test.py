@@ -111,6 +111,7 @@ def _states(left: Floats, added: Floats, follows: Bools) -> Floats:
     return np.asarray(states.reshape(turned.shape).transpose(2, 0, 1))
 
 
+_AT_ONCE = 20_000  # values of forces with memory along some links: more leave the cache, and are slower
 _REACH = 0.3  # of the standard deviation of the elongation
 
 
@@ -383,12 +384,14 @@ def forces_along(
         d, v = (motion[:, kind, first] - motion[:, kind, second] for kind in (0, 1))
         for number, values in zip(laws, program(d, v, *along.values()), strict=True):
             put(number, values)
+    some = max(1, _AT_ONCE // motion[:, 0, 0].size)
     for law, of_links in memory.items():
-        firsts, seconds = np.array(list(of_links.values())).T
-        elongations = motion[:, :, firsts] - motion[:, :, seconds]
-        values = law.along(elongations, segments.step * every, segments.linked)
-        for place, number in enumerate(of_links):
-            put(number, values[:, place])
+        for part in (list(of_links)[first : first + some] for first in range(0, len(of_links), some)):
+            firsts, seconds = np.array([of_links[number] for number in part]).T
+            elongations = motion[:, :, firsts] - motion[:, :, seconds]
+            values = law.along(elongations, segments.step * every, segments.linked)
+            for place, number in enumerate(part):
+                put(number, values[:, place])
     return both, units
 
 
