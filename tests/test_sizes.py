@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_255  # lines of all files of tests
+TESTS = 35_263  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -29,7 +29,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "plot": (12, 1887),
     "records": (8, 1457),
     "report": (9, 1026),
-    "response": (13, 1946),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
+    "response": (13, 1952),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 925),
     "signals": (6, 834),
     "simulation": (9, 1652),

@@ -139,6 +139,14 @@ def test_the_band_of_an_answer_is_that_of_its_frequency() -> None:
     assert "95 % band" in str(curve)
 
 
+def test_phase_resonance_ends_where_the_structure_feeds_itself() -> None:
+    """At a van der Pol oscillation, of amplitude 2 sqrt(0.6/2e4), the force that holds the motion vanishes."""
+    fed = oscillator("k*d + c*v + c2*d**2*v", k=900.0, c=-0.6, c2=2e4)
+    curve = lw.backbone(fed, 1, to_amplitude={"x:m1": 0.02}, force="m1")
+    assert not curve.reached and "by itself, without the force, as a limit cycle" in curve.findings[0]
+    assert curve.amplitude[-1, 0] == pytest.approx(2.0 * np.sqrt(0.6 / 2e4), rel=1e-3)
+
+
 @pytest.mark.parametrize("deviation", [0.04, 0.3])
 def test_the_band_of_damping_holds_none_where_the_record_does_not_tell_it(deviation: float) -> None:
     duffing = oscillator(HARDENING, k=K, k3=K3, c=0.4)

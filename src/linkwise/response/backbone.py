@@ -35,6 +35,7 @@ _LINEAR, _TRIALS = (
     10,
 )  # change of a frequency that a linear mode has at most, and how often a tenth is tried
 _LONGEST = 0.08  # step along the curve
+_VANISHED = 1e-6  # of the largest force along a curve: none
 _ROUNDING = 1e-12  # of the largest energy: less is that of no motion
 _MOST = 600  # points
 _CHANGE = 1.0 / 3.0  # of the frequency, at which a curve ends where no end is asked for
@@ -143,9 +144,14 @@ class Backbone(JudgedView):
         """Whether the curve ends too soon, and where a link leaves the range of the record, in sentences."""
         sentences = []
         if not self.reached:
+            holds = self.force is None or abs(self.force[-1]) > _VANISHED * np.abs(self.force).max()
+            reason = (
+                "it came back to a small vibration, as in another well, or bends too sharply to be followed"
+                if holds
+                else "the structure holds this motion by itself, without the force, as a limit cycle"
+            )
             sentences.append(
-                f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for: it came back to a small "
-                "vibration, as in another well, or bends too sharply to be followed."
+                f"The curve ends at {self.hz[-1]:.5g} Hz before the end that was asked for: {reason}."
             )
         first = next((number for number, link in enumerate(self.outside) if link), None)
         if first is not None:
