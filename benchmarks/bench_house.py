@@ -75,7 +75,12 @@ def test_sizes() -> None:
     print(f"\n{'package':44}{'files':>8}{'lines of code':>15}")
     for package in packages:
         print(f"{package:44}{counted['files', package]:8}{counted['lines', package]:15}")
-    later = [lines_of_code(path.read_text(encoding="utf-8")) for name in LATER for path in SOURCE.glob(name)]
+    later = [
+        lines_of_code(path.read_text(encoding="utf-8"))
+        for name in LATER
+        for path in SOURCE.glob(name)
+        if path.is_file()
+    ]
     files, code = (total(counted, what, ESTIMATORS) for what in ("files", "lines"))
     print(f"{'whole':44}{total(counted, 'files'):8}{total(counted, 'lines'):15}")
     print(f"{'without ' + ', '.join(ESTIMATORS):44}{files:8}{code:15}")
