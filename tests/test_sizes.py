@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_263  # lines of all files of tests
+TESTS = 35_265  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -26,7 +26,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
-    "plot": (12, 1887),
+    "plot": (12, 1890),
     "records": (8, 1457),
     "report": (9, 1026),
     "response": (13, 1952),  # continuation, shooting, search of branches, harmonic balance, backbones, basins

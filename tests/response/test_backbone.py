@@ -156,6 +156,8 @@ def test_the_band_of_damping_holds_none_where_the_record_does_not_tell_it(deviat
     assert curve.lower_damping is not None and curve.upper_damping is not None
     ends = np.stack([curve.lower_damping, curve.upper_damping]) / curve.damping
     assert ends[:, 0] == pytest.approx(1.0 + 1.96 * np.array([-1.0, 1.0]) * deviation / 0.4, rel=1e-6)
+    low, high = curve.plot().axes[-1].get_ylim()
+    assert low <= 100.0 * min(0.0, curve.lower_damping.min()) and high >= 100.0 * curve.upper_damping.max()
     along = np.abs(ends - ends[:, :1]) / (1.96 * deviation / 0.4)
     assert along.max() < 0.05  # linear between twelve stations, the damping ratio falling to half
 

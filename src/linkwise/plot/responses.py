@@ -187,12 +187,15 @@ def backbone(
 
 def _damping(result: Backbone, axes: Axes) -> Axes:
     """Draw the damping ratio of a nonlinear mode over its frequency."""
+    lowest = 100.0 * float(np.min(result.damping))
     if result.lower_damping is not None and result.upper_damping is not None:
         ends = 100.0 * result.lower_damping, 100.0 * result.upper_damping
         axes.fill_between(result.hz, *ends, color="black", alpha=_BAND, linewidth=0)
+        lowest = min(lowest, *ends[0][np.isfinite(ends[0])].tolist())
     axes.plot(result.hz, 100.0 * result.damping, color="black")
     axes.set(xlabel="frequency, Hz", ylabel="damping\n%")
-    axes.set_ylim(bottom=0.0)
+    if lowest >= 0.0:
+        axes.set_ylim(bottom=0.0)
     return axes
 
 
