@@ -22,16 +22,17 @@ import numpy as np
 
 from linkwise.arrays import Floats, Indices
 from linkwise.display import enumerated
+from linkwise.errors import IdentificationError
 from linkwise.estimates.link_estimate import NORMAL_95
 from linkwise.likelihood.checks.judgement import SKEWED, Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.optima.other_optima import (
     along_profile,
     is_loosened,
-    rise,
     rises_by,
     with_faint_modes,
 )
+from linkwise.likelihood.optima.profiles import Profile
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.linear_model import FactoredModel
 from linkwise.likelihood.shooting.residuals import evaluate
@@ -44,13 +45,6 @@ from linkwise.verdict import Verdict
 _SKEWED = 0.3
 """Acceleration beyond which a profile is followed. Of 768 fits of two masses at 16 to 40 dB one in 18 is beyond; below it most
 profiles end within a quarter of where standard errors say, and errors are as large as these."""
-_FIRST = 4.0  # standard errors that a skewed profile is followed by first
-_FARTHEST = 40.0  # the same: a wider interval carries no information
-_CLOSE = 0.1  # of the rise to the end of an interval in standard errors
-_STEP = 1.2  # factor between distances inside and outside, the latter of which is taken then
-_TRIALS = 8
-_SHARES = (0.2, 0.8)  # of the way from inside to outside, where the next trial is
-_GROWTH = (1.3, 3.0)  # of the distance where the end is still beyond, by about the rise to the power of 3/4
 _WIDER = 1.05  # times as wide, that an interval is said to be
 _BEYOND = 6.0, 9.0  # standard errors at which a wall is looked over
 _TOO_LITTLE = 0.5  # of the rise expected there
@@ -135,40 +129,17 @@ def _reach_on_slow_side(fit: LikelihoodFit, number: int, acceleration: float) ->
 
 
 def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
-    """How many standard errors away, on a side, the profile of a parameter is at its 95 % quantile; None if that is not found.
-
-    It may have a step there, from one way of the motion to another: then it ends behind that.
+    """How many standard errors away, on a side, the profile of a parameter is at its 95 % quantile; None if that is not found,
+    too far away, or there is a higher optimum on the way.
     """
-    parameters, error = fit.segments.system.parameters, float(np.sqrt(fit.covariance[number, number]))
-    bound = float((parameters.upper if side > 0.0 else parameters.lower)[number])
-    edge = (bound - float(fit.values[number])) / (side * error)
-    inside, outside = (0.0, 0.0), (np.inf, np.inf)  # distances and roots of the rise
-    distance = min(_FIRST, edge)
-    for _ in range(_TRIALS):
-        risen, converged = rise(fit, *along_profile(fit, number, side * distance), distance)
-        if risen * distance**2 < _LOWER:
-            return None
-        root = float(np.sqrt(max(risen, 0.0))) * distance
-        if root < NORMAL_95:  # the rise itself is no larger where the others were not found
-            inside = distance, root
-        elif converged:
-            outside = distance, root
-        if converged and abs(root - NORMAL_95) < _CLOSE * NORMAL_95:
-            return distance * NORMAL_95 / root
-        if inside[0] == edge:
-            return edge
-        if outside[0] < _STEP * inside[0]:
-            return outside[0]
-        if np.isfinite(outside[0]):
-            share = (NORMAL_95 - inside[1]) / (outside[1] - inside[1])
-            distance = inside[0] + float(np.clip(share, *_SHARES)) * (outside[0] - inside[0])
-        elif inside[0] < distance:  # where the others were not found
-            distance = float(np.sqrt(max(inside[0], min(1.0, 0.5 * distance)) * distance))
-        else:
-            distance = min(distance * float(np.clip((NORMAL_95 / max(root, _CLOSE)) ** 1.5, *_GROWTH)), edge)
-        if distance > _FARTHEST:
-            return None
-    return None
+    error = float(np.sqrt(fit.covariance[number, number]))
+    try:
+        profile = Profile(fit.optimum, number, error)
+        end = profile.end(side * error)
+    except IdentificationError:
+        return None
+    reach = abs(end - profile.value) / error
+    return reach if np.isfinite(reach) and profile.lowest >= _LOWER else None
 
 
 def _accelerations(fit: LikelihoodFit, tested: TestedCauses | None) -> dict[int, float]:

@@ -138,7 +138,7 @@ def profile_ends(optimum: Optimum, name: str, deviation: float, progress: Progre
         If a fit with the parameter held does not converge.
     """
     column = optimum.segments.system.parameters.names.index(name)
-    profile = _Profile(optimum, name, column, deviation, progress)
+    profile = Profile(optimum, column, deviation, progress)
     return profile.end(-deviation), profile.end(deviation)
 
 
@@ -149,18 +149,20 @@ def _column(estimate: Estimate, name: str) -> int:
     return names.index(name)
 
 
-class _Profile:
-    """The cost along one parameter, minimised over everything else."""
+class Profile:
+    """The cost along one parameter, by its number, minimised over everything else, from the `value` at the optimum on.
 
-    def __init__(
-        self, optimum: Optimum, name: str, column: int, deviation: float, progress: Progress
-    ) -> None:
-        self.optimum, self.name, self.column, self.progress = optimum, name, column, progress
+    `lowest` is the least rise of -2 log likelihood that was met, below zero where there is a higher optimum.
+    """
+
+    def __init__(self, optimum: Optimum, column: int, deviation: float, progress: Progress = silent) -> None:
+        self.optimum, self.column, self.progress = optimum, column, progress
+        self.name = optimum.segments.system.parameters.names[column]
         self.noise = optimum.noise
         if optimum.of_white is not None:  # as which the cost takes the noise
             self.noise *= deviation / float(np.sqrt(optimum.of_white[column, column]))
         self.best = self._fitted(optimum.point)
-        self.value = float(self.best.point.theta[column])
+        self.value, self.lowest = float(self.best.point.theta[column]), 0.0
 
     def end(self, deviation: float) -> float:
         """End of the interval on the side given by the sign of `deviation`, a standard error.
@@ -180,8 +182,9 @@ class _Profile:
                 value = edge if moved == reach < _FARTHEST else self.value + moved * deviation
                 self.progress(ProgressReport(0.5 * (deviation > 0.0), f"{self.name} = {value:.6g}", value))
                 fit = self._fitted(points[nearest], value)
-                rise = max(fit.misfit.cost(fit.q) - self.best.misfit.cost(fit.q), 0.0)
-                root = float(np.sqrt(rise)) / self.noise - NORMAL_95
+                rise = (fit.misfit.cost(fit.q) - self.best.misfit.cost(fit.q)) / self.noise**2
+                self.lowest = min(self.lowest, rise)
+                root = float(np.sqrt(max(rise, 0.0))) - NORMAL_95
                 points[moved], excess[moved] = fit.point, root if abs(root) > _CLOSE else 0.0
             return excess[moved]
 
