@@ -50,7 +50,6 @@ from linkwise.likelihood.rigs.problem import (
     cell_name,
     cell_noise,
     minimise,
-    rig_forces,
 )
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress, ProgressReport, part, silent
@@ -427,24 +426,24 @@ def _on_rig(
     samples = _burn_samples(scored, burn)
     structure = given.structure
     try:
-        forces = rig_forces(scored, structure)
+        of_structure = RigProblem.of([scored], structure).with_substeps(_SUBSTEPS)
     except IdentificationError as error:
         raise RecordError(str(error)) from None
-    noise = cell_noise([scored], structure)
+    noise = cell_noise([scored])
     free, theta, known = given.uncertain
-    problem = RigProblem(free, (forces,)).with_substeps(_SUBSTEPS)
-    minimum, covariance = _started(RigProblem(structure, (forces,)).with_substeps(_SUBSTEPS), noise, samples)
+    problem = replace(of_structure, structure=free)
+    minimum, covariance = _started(of_structure, noise, samples)
     minimum = Minimum(np.append(theta, minimum.unknowns), minimum.cost, minimum.paths, minimum.converged)
     count, cells = len(scored), len(problem.links)
     slopes = problem.jacobian(minimum.paths).reshape(cells, count, -1)
     of_states = slopes[..., len(theta) :], covariance
     of_coefficients = slopes[..., : len(theta)], known
     moved = motion_deviations(problem, minimum).reshape(cells, count)
-    every = problem.records[0].motion.substeps
+    motion = problem.motions[0]
+    every = motion.substeps
     predicted = np.stack([path.force()[::every] for path in minimum.paths], axis=1)
     predicted[:samples] = np.nan
     spread = np.zeros((count, cells)) + law_error * np.nanstd(predicted, axis=0)
-    motion = problem.records[0].motion
     prediction = Prediction(
         predicted=predicted,
         variances=np.stack([_variance(*of_states), _variance(*of_coefficients), spread**2], axis=1),
@@ -452,18 +451,18 @@ def _on_rig(
         v=np.outer(motion.v[::every], structure.base_incidence),
     )
     levels: dict[str, float] = {
-        cell_name(structure, link): float(np.hypot(noise[link], np.sqrt(np.mean(moved[number] ** 2))))
-        for number, link in enumerate(problem.links)
+        cell.channel: float(np.hypot(noise[cell.channel], np.sqrt(np.mean(own**2))))
+        for cell, own in zip(problem.cells, moved, strict=True)
     }
     progress(ProgressReport(1.0, "forces along the motion"))
     variance = np.where(np.isnan(predicted), np.nan, prediction.variances.sum(axis=1))
     return samples, prediction, (predicted, variance), levels
 
 
-def _started(problem: RigProblem, noise: dict[int, float], burn: int) -> tuple[Minimum, Floats]:
+def _started(problem: RigProblem, noise: dict[str, float], burn: int) -> tuple[Minimum, Floats]:
     """The states at the start that explain the forces of the first `burn` samples best, and their covariance."""
-    cells = [(len(cell.measured), cell.link) for cell in problem.cells]
-    weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / noise[link], 0.0) for n, link in cells])
+    cells = [(len(cell.measured), noise[cell.channel]) for cell in problem.cells]
+    weights = np.concatenate([np.where(np.arange(n) < burn, 1.0 / sigma, 0.0) for n, sigma in cells])
     start = np.zeros(problem.size)
     paths = problem.paths(start)
     if not all(path.converged for path in paths):

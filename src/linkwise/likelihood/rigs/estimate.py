@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -37,7 +37,6 @@ from linkwise.likelihood.rigs.problem import (
     cell_name,
     cell_noise,
     minimise,
-    rig_forces,
     starts,
 )
 from linkwise.likelihood.search import BlockScores
@@ -51,51 +50,7 @@ from linkwise.records.record import Record
 from linkwise.verdict import Grade, Verdict
 
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
-
-
-def covariance_of(
-    problem: RigProblem,
-    minimum: Minimum,
-    free: Bools,
-    cells: Floats,
-    weights: Floats,
-    residuals: Floats,
-    *,
-    inexact: bool,
-) -> tuple[Floats, bool]:
-    """Covariance (u, u), 0 for what is not `free`, and whether the forces determine the unknowns.
-
-    `cells` (R,) is the noise of load cells in N, `weights` are those of the residuals (R,); with `inexact` laws these scatter
-    by more than noise.
-    """
-    weighted = weights[:, None] * problem.jacobian(minimum.paths)[:, free]
-    certainty = problem.certainty[free]
-    normal = weighted.T @ weighted + np.diag(certainty**2)
-    scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    determined = bool(values[0] > _SINGULAR * values[-1])
-    inverse = (vectors / np.maximum(values, _SINGULAR * values[-1])) @ vectors.T / np.outer(scale, scale)
-    scores = weights[:, None] * weighted
-    if inexact:
-        white = inverse @ noise_of_sums(problem, minimum, 1.0 / weights, scores) @ inverse
-        sandwich = inverse @ newey_west(problem, scores * residuals[:, None]) @ inverse
-        by_blocks = block_scores(problem, weighted, scores * residuals[:, None], certainty)
-        every = np.ones(len(white), dtype=bool)
-        errors = [np.sqrt(white.diagonal()), *(by_blocks.merged(count).by_scores(every) for count in _BLOCKS)]
-        ratio = np.max(errors, axis=0) / np.sqrt(np.maximum(sandwich.diagonal(), 1e-300))
-        sandwich = sandwich * np.outer(np.maximum(ratio, 1.0), np.maximum(ratio, 1.0))
-    else:
-        sandwich = inverse @ noise_of_sums(problem, minimum, cells, scores) @ inverse
-    sandwich = sandwich + inverse @ np.diag(certainty**2) @ inverse
-    covariance = np.zeros((problem.size, problem.size))
-    covariance[np.ix_(free, free)] = 0.5 * (sandwich + sandwich.T)
-    return covariance, determined
-
-
-def noise_of_sums(problem: RigProblem, minimum: Minimum, cells: Floats, rows: Floats) -> Floats:
-    """Covariance (f, f) of sums of forces with weights (R, f) by the noise of load cells, `cells` (R,), and of the motion."""
-    white, moved = cells[:, None] * rows, problem.noise_of_motion(minimum.paths, rows)
-    return np.asarray(white.T @ white + moved.T @ moved)
+_BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
 
 
 def newey_west(problem: RigProblem, rows: Floats) -> Floats:
@@ -112,25 +67,6 @@ def newey_west(problem: RigProblem, rows: Floats) -> Floats:
     return np.asarray(0.5 * (total + total.T))
 
 
-_BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
-
-
-def block_scores(problem: RigProblem, weighted: Floats, rows: Floats, certainty: Floats) -> BlockScores:
-    """Scores and information of parts of the records, equal in length, from derivatives and scores (R, f) of samples."""
-    firsts = np.cumsum([0, *(len(record.motion.d[:: record.motion.substeps]) for record in problem.records)])
-    label = (
-        np.concatenate([firsts[cell.record] + np.arange(len(cell.measured)) for cell in problem.cells])
-        * _BLOCKS[0]
-        // firsts[-1]
-    )
-    parts = [label == block for block in range(_BLOCKS[0])]
-    known = np.diag(certainty**2) / _BLOCKS[0]
-    return BlockScores(
-        np.stack([rows[part].sum(axis=0) for part in parts]),
-        np.stack([weighted[part].T @ weighted[part] + known for part in parts]),
-    )
-
-
 _MOST_SUBSTEPS = 32
 _DISCRETISED = 0.5  # of the residuals over the root of their number: what finer steps may change, far below errors of noise
 _CHI_SQUARE = 0.08  # what the estimate of the noise may leave chi-square off by
@@ -144,95 +80,150 @@ _WHOLE_STEPS = 60  # of a search from each
 
 @dataclass(frozen=True, eq=False)
 class RigFit:
-    """A minimum of the weighted squares of what load cells show beside the laws.
-
-    Attributes
-    ----------
-    problem : RigProblem
-        Records, structure and unknowns.
-    minimum : Minimum
-        The unknowns (u,), and the links along the motions.
-    covariance : array of shape (u, u)
-        Their covariance; of those at a bound 0.
-    free : array of bool, shape (u,)
-        False at a bound.
-    residuals, deviations : array of shape (R,)
-        Measured less modelled forces in N, and their standard deviations from the noise of load cells and motion.
-    cells : array of shape (R,)
-        Standard deviations in N of the noise of load cells alone.
-    model_force : float
-        Standard deviation in N of what the laws leave beside noise, 0 where noise explains the residuals.
-    chi_square : float
-        Per degree of freedom, of noise alone.
-    determined : bool
-        Whether the forces determine all unknowns.
-    """
+    """A minimum of the weighted squares of what load cells show beside the laws, and their `noise` in N by channel."""
 
     problem: RigProblem
     minimum: Minimum
-    covariance: Floats
-    free: Bools
-    residuals: Floats
-    deviations: Floats
-    cells: Floats
-    model_force: float
-    chi_square: float
-    determined: bool
+    noise: Mapping[str, float]
+
+    @cached_property
+    def residuals(self) -> Floats:
+        """(R,) measured less modelled forces in N."""
+        return self.problem.residuals(self.minimum.unknowns, self.minimum.paths)
+
+    @cached_property
+    def cells(self) -> Floats:
+        """(R,) standard deviations in N of the noise of load cells alone."""
+        cells = self.problem.cells
+        return np.concatenate([np.full(len(cell.measured), self.noise[cell.channel]) for cell in cells])
+
+    @cached_property
+    def deviations(self) -> Floats:
+        """(R,) standard deviations in N of the residuals from the noise of load cells and motion."""
+        return np.hypot(self.cells, motion_deviations(self.problem, self.minimum))
+
+    @cached_property
+    def model_force(self) -> float:
+        """Standard deviation in N of what the laws leave beside noise, 0 where noise explains the residuals."""
+        return _model_force(self.residuals, self.deviations, self.problem.size)
+
+    @property
+    def chi_square(self) -> float:
+        """Per degree of freedom, of noise alone."""
+        freedom = max(int(np.count_nonzero(self.residuals)) - self.problem.size, 1)
+        return float(np.sum((self.residuals / self.deviations) ** 2)) / freedom
 
     @property
     def weights(self) -> Floats:
         """(R,) one over the standard deviations of the residuals."""
         return 1.0 / np.hypot(self.deviations, self.model_force)
 
+    @cached_property
+    def free(self) -> Bools:
+        """(u,) False at a bound."""
+        (low, high), unknowns = self.problem.bounds, self.minimum.unknowns
+        size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
+        return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
+
+    @cached_property
+    def weighted(self) -> Floats:
+        """(R, f) derivatives of the modelled forces by free unknowns, in standard deviations of the residuals."""
+        return self.weights[:, None] * self.problem.jacobian(self.minimum.paths)[:, self.free]
+
+    @cached_property
+    def _inverse(self) -> tuple[Floats, bool]:
+        """(f, f) that of the information on free unknowns, and whether the forces determine all of these."""
+        normal = self.weighted.T @ self.weighted + self._known
+        scale = np.sqrt(np.maximum(normal.diagonal(), 1e-300))
+        values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+        inverse = (vectors / np.maximum(values, _SINGULAR * values[-1])) @ vectors.T / np.outer(scale, scale)
+        return inverse, bool(values[0] > _SINGULAR * values[-1])
+
+    @property
+    def _known(self) -> Floats:
+        """(f, f) the information that is known of free unknowns beforehand."""
+        return np.diag(self.problem.certainty[self.free] ** 2)
+
+    @property
+    def determined(self) -> bool:
+        """Whether the forces determine all unknowns."""
+        return self._inverse[1]
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(u, u) that of the unknowns, 0 at a bound; of inexact laws with errors by periods and parts of the records."""
+        inverse, scores = self._inverse[0], self.weights[:, None] * self.weighted
+        inexact = self.model_force > 0.0
+        white = sandwich = (
+            inverse @ self.noise_of_sums(scores, 1.0 / self.weights if inexact else self.cells) @ inverse
+        )
+        if inexact:
+            rows = scores * self.residuals[:, None]
+            sandwich = inverse @ newey_west(self.problem, rows) @ inverse
+            every, by_blocks = np.ones(len(white), dtype=bool), self._block_scores(rows)
+            errors = [np.sqrt(white.diagonal())]
+            errors += [by_blocks.merged(count).by_scores(every) for count in _BLOCKS]
+            ratio = np.max(errors, axis=0) / np.sqrt(np.maximum(sandwich.diagonal(), 1e-300))
+            sandwich = sandwich * np.outer(np.maximum(ratio, 1.0), np.maximum(ratio, 1.0))
+        sandwich = sandwich + inverse @ self._known @ inverse
+        covariance = np.zeros((self.problem.size, self.problem.size))
+        covariance[np.ix_(self.free, self.free)] = 0.5 * (sandwich + sandwich.T)
+        return covariance
+
     @property
     def standard_errors(self) -> Floats:
         """(u,) of the unknowns; 0 at a bound."""
         return np.asarray(np.sqrt(np.maximum(self.covariance.diagonal(), 0.0)))
 
+    def noise_of_sums(self, rows: Floats, cells: Floats) -> Floats:
+        """Covariance (f, f) of sums with weights (R, f) by noise of load cells, `cells` (R,), and of the motion."""
+        white, moved = cells[:, None] * rows, self.problem.noise_of_motion(self.minimum.paths, rows)
+        return np.asarray(white.T @ white + moved.T @ moved)
+
+    def _block_scores(self, rows: Floats) -> BlockScores:
+        """Scores and information of parts of the records, equal in length, from scores (R, f) of samples."""
+        cells = self.problem.cells
+        firsts = np.cumsum([0, *(len(motion.d[:: motion.substeps]) for motion in self.problem.motions)])
+        at = np.concatenate([firsts[cell.record] + np.arange(len(cell.measured)) for cell in cells])
+        parts = [at * _BLOCKS[0] // firsts[-1] == block for block in range(_BLOCKS[0])]
+        known = self._known / _BLOCKS[0]
+        return BlockScores(
+            np.stack([rows[part].sum(axis=0) for part in parts]),
+            np.stack([self.weighted[part].T @ self.weighted[part] + known for part in parts]),
+        )
+
 
 def rig_fit(
-    problem: RigProblem, noise: Mapping[int, float], given: Mapping[str, float], progress: Progress
+    problem: RigProblem, noise: Mapping[str, float], given: Mapping[str, float], progress: Progress
 ) -> RigFit:
-    """Fit a rig; `noise` in N is that of load cells by the number of their link, `given` starts by name."""
-    cells = np.concatenate([np.full(len(cell.measured), noise[cell.link]) for cell in problem.cells])
+    """Fit a rig; `noise` in N is that of load cells by channel, `given` starts by name."""
     level = max(float(np.nanstd(problem.measured)), np.finfo(float).tiny)
-    found = starts(problem, given)
+    alike, found = np.full(len(problem.measured), 1.0 / level), starts(problem, given)
     near = [start.values for start in found if start.misfit <= _NEAR * found[0].misfit]
     minima = []
     for number, values in enumerate(near, start=1):
         unknowns = np.append(values, np.zeros(problem.size - len(values)))
-        minima.append(minimise(problem, unknowns, np.full(len(cells), 1.0 / level), steps=_WHOLE_STEPS))
+        minima.append(minimise(problem, unknowns, alike, steps=_WHOLE_STEPS))
         progress(ProgressReport(number / len(near), "searching from several starts"))
     minima = [own for own in minima if np.isfinite(problem.residuals(own.unknowns, own.paths)).all()]
     if not minima:
         raise IdentificationError(_not_finite(problem))
-    best = min(minima, key=lambda minimum: minimum.cost)
-    if _levels(problem, best, cells)[1] > 0.0:
-        best = _from_sizes(problem, best, level, progress)
-    problem, best = refined(problem, best, cells)
-    deviations, model = _levels(problem, best, cells)
+    fit = RigFit(problem, min(minima, key=lambda minimum: minimum.cost), noise)
+    if fit.model_force > 0.0:
+        fit = replace(fit, minimum=_from_sizes(problem, fit.minimum, level, progress))
+    fit = refined(fit)
     for _ in range(_REWEIGHTED):
-        best = minimise(problem, best.unknowns, 1.0 / np.hypot(deviations, model))
-        deviations, model = _levels(problem, best, cells)
-    residuals = problem.residuals(best.unknowns, best.paths)
-    freedom = max(int(np.count_nonzero(residuals)) - problem.size, 1)
-    chi_square = float(np.sum((residuals / deviations) ** 2)) / freedom
-    free = _inside(problem, best.unknowns)
-    if not np.isfinite(problem.jacobian(best.paths)).all():
+        fit = replace(fit, minimum=minimise(fit.problem, fit.minimum.unknowns, fit.weights))
+    if not np.isfinite(fit.problem.jacobian(fit.minimum.paths)).all():
         raise IdentificationError(_not_finite(problem))
-    covariance, determined = covariance_of(
-        problem, best, free, cells, 1.0 / np.hypot(deviations, model), residuals, inexact=model > 0.0
-    )
-    return RigFit(
-        problem, best, covariance, free, residuals, deviations, cells, model, chi_square, determined
-    )
+    return fit
 
 
 def _from_sizes(problem: RigProblem, best: Minimum, level: float, progress: Progress) -> Minimum:
     """The lowest of minima near one that leaves more than noise, each from it with one parameter, in which forces are not
     linear, at the size that its unit implies: what a start does not depend on may be decades off.
     """
-    structure, motion = problem.structure, problem.records[0].motion
+    structure, motion = problem.structure, problem.motions[0]
     sizes = unit_sizes(problem.parameters, motion.d, motion.v, level)
     curved = [
         number
@@ -256,36 +247,29 @@ def _not_finite(problem: RigProblem) -> str:
     )
 
 
-def _levels(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[Floats, float]:
-    """Standard deviations (R,) in N of the residuals from noise, and that of what the laws leave beside it."""
-    deviations = np.hypot(cells, motion_deviations(problem, minimum))
-    residuals = problem.residuals(minimum.unknowns, minimum.paths)
-    return deviations, _model_force(residuals, deviations, problem.size)
-
-
-def refined(problem: RigProblem, minimum: Minimum, cells: Floats) -> tuple[RigProblem, Minimum]:
-    """The problem with as many steps between samples as the residuals call for, and its minimum."""
+def refined(fit: RigFit) -> RigFit:
+    """The fit with as many steps between samples as the residuals call for."""
     while True:
-        residuals = problem.residuals(minimum.unknowns, minimum.paths)
-        size = float(np.sqrt(np.mean(residuals**2)))
-        level = np.hypot(cells, max(size - float(np.mean(cells)), 0.0))
+        problem, minimum = fit.problem, fit.minimum
+        size = float(np.sqrt(np.mean(fit.residuals**2)))
+        level = np.hypot(fit.cells, max(size - float(np.mean(fit.cells)), 0.0))
         minimum = minimise(problem, minimum.unknowns, 1.0 / level)
-        substeps = 2 * problem.records[0].motion.substeps
+        fit, substeps = replace(fit, minimum=minimum), 2 * problem.motions[0].substeps
         if substeps > _MOST_SUBSTEPS or not any(path.law.states for path in minimum.paths):
-            return problem, minimum
+            return fit
         finer = problem.with_substeps(substeps)
         paths = finer.paths(minimum.unknowns)
-        change = finer.residuals(minimum.unknowns, paths) - problem.residuals(minimum.unknowns, minimum.paths)
-        allowed = _DISCRETISED * size / np.sqrt(len(residuals))
+        change = finer.residuals(minimum.unknowns, paths) - fit.residuals
+        allowed = _DISCRETISED * size / np.sqrt(len(fit.residuals))
         if not allowed < np.sqrt(np.mean(change**2)) < np.inf:
-            return problem, minimum
-        problem, minimum = finer, replace(minimum, paths=paths)
+            return fit
+        fit = replace(fit, problem=finer, minimum=replace(minimum, paths=paths))
 
 
 def motion_deviations(problem: RigProblem, minimum: Minimum) -> Floats:
     """(R,) standard deviations in N of the modelled forces by the noise of the motion."""
     rng = np.random.default_rng(_SEED)
-    changes = [record.motion.noise_draws(rng, _DRAWS) for record in problem.records]
+    changes = [motion.noise_draws(rng, _DRAWS) for motion in problem.motions]
     rows = []
     for cell, path in zip(problem.cells, minimum.paths, strict=True):
         moved = path.tangents(problem.free(cell.link)).by_motion(*changes[cell.record])
@@ -308,12 +292,6 @@ def _model_force(residuals: Floats, deviations: Floats, unknowns: int) -> float:
 
     # at 1 nothing is missing, up to rounding, where deviations are next to nothing
     return float(np.sqrt(most * scipy.optimize.brentq(missing, 0.0, 2.0)))
-
-
-def _inside(problem: RigProblem, unknowns: Floats) -> Bools:
-    low, high = problem.bounds
-    size = 1e-7 * (np.abs(unknowns) + np.where(np.isfinite(high - low), high - low, 0.0))
-    return np.asarray((unknowns - low > size) & (high - unknowns > size), dtype=bool)
 
 
 _LARGEST_ERROR = 0.1
@@ -378,10 +356,9 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
     Offsets of any significant size, and of terms and delays those that would move a coefficient by three standard errors.
     """
     hypotheses, forces = zip(*chain(_offsets(fit), _terms(fit), _delays(fit)), strict=True)
-    columns = np.stack(forces, axis=1)
-    jacobian, f = fit.problem.jacobian(fit.minimum.paths)[:, fit.free], int(fit.free.sum())
-    weighted = fit.weights[:, None] * np.column_stack([jacobian, columns])
-    scatter = noise_of_sums(fit.problem, fit.minimum, fit.cells, fit.weights[:, None] * weighted)
+    columns, f = np.stack(forces, axis=1), int(fit.free.sum())
+    weighted = np.column_stack([fit.weighted, fit.weights[:, None] * columns])
+    scatter = fit.noise_of_sums(fit.weights[:, None] * weighted, fit.cells)
     curvature, slope = weighted.T @ weighted, weighted.T @ (fit.weights * fit.residuals)
     tests = single_tests(curvature, slope, scatter, f)
     of_laws = np.flatnonzero(fit.free) < len(fit.problem.parameters)
@@ -415,20 +392,17 @@ _Column = tuple[Hypothesis, Floats]  # of unit size, and the forces (R,) in N th
 
 
 def _offsets(fit: RigFit) -> Iterator[_Column]:
-    """Offsets of load cells and of the displacement that are not among the unknowns."""
-    problem, p = fit.problem, len(fit.problem.parameters)
-    every = replace(problem, cell_offsets=problem.links, motion_offset=True).jacobian(fit.minimum.paths)
-    for number, link in enumerate(problem.links):
-        if link not in problem.cell_offsets:
-            yield Hypothesis("offset", cell_name(problem.structure, link), unit="N"), every[:, p + number]
-    if not problem.motion_offset:
-        yield Hypothesis("offset", BASE_CHANNEL, unit="m"), every[:, p + len(problem.links)]
+    """Offsets of sensors that are not among the unknowns."""
+    problem = fit.problem
+    every = replace(problem, offsets=problem.sensors).jacobian(fit.minimum.paths)
+    for number, channel in enumerate(problem.sensors, start=len(problem.parameters)):
+        if channel not in problem.offsets:
+            yield Hypothesis("offset", channel, unit=channel.unit), every[:, number]
 
 
 def _terms(fit: RigFit) -> Iterator[_Column]:
     """Forms of force that the law of each link may lack."""
-    motions = [record.motion for record in fit.problem.records]
-    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in motions)
+    fastest = max(float(np.max(np.abs(motion.v[:: motion.substeps]))) for motion in fit.problem.motions)
     for link in fit.problem.links:
         for text in (*_TERMS, f"tanh(v/{_SATURATING * fastest!r})" if fastest > 0.0 else "v"):
             law = Law.parse(text)
@@ -473,43 +447,37 @@ def rig_estimate(
     `offsets` are channels with an unknown constant error; with "offset" `admitted`, those that the diagnosis names are added.
     """
     require_same_channels(records)
-    forces = tuple(rig_forces(record, structure) for record in records)
-    noise = cell_noise(records, structure)
-    offered = [BASE_CHANNEL, *(cell_name(structure, link) for link in forces[0].cells)]
+    problem, noise = RigProblem.of(records, structure), cell_noise(records)
     for name in offsets:
-        if name not in offered:
+        if name not in problem.sensors:
+            offered = (BASE_CHANNEL, *problem.sensors[:-1])
             raise IdentificationError(
                 f"no offset of {name} can be found{near_miss(name, offered)}; on a rig choose from {', '.join(offered)}"
             )
-    with_offset = list(dict.fromkeys(offsets))
+    asked = set(offsets)
     while True:
-        cells = tuple(link for link in forces[0].cells if cell_name(structure, link) in with_offset)
-        problem = RigProblem(structure, forces, cells, BASE_CHANNEL in with_offset)
+        problem = replace(problem, offsets=tuple(name for name in problem.sensors if name in asked))
         fit = rig_fit(problem, noise, starts, progress)
         causes = rig_causes(fit)
         likeliest = causes[0].where if causes and causes[0].kind == "offset" else None
-        if "offset" not in admitted or likeliest is None or likeliest in with_offset:
-            return _estimate(fit, structure, records, noise, causes)
-        with_offset.append(likeliest)
+        if "offset" not in admitted or likeliest is None or likeliest in asked:
+            return _estimate(fit, records, causes)
+        asked.add(likeliest)
 
 
-def _estimate(
-    fit: RigFit,
-    structure: Structure,
-    records: Sequence[Record],
-    noise: Mapping[int, float],
-    causes: tuple[Cause, ...],
-) -> Estimate:
-    parameters, unknowns = structure.parameters, fit.minimum.unknowns
-    p = len(parameters)
+def _estimate(fit: RigFit, records: Sequence[Record], causes: tuple[Cause, ...]) -> Estimate:
+    problem, unknowns = fit.problem, fit.minimum.unknowns
+    structure, parameters, p = problem.structure, problem.parameters, len(problem.parameters)
     identified = structure.with_values(
         {q.name: float(value) for q, value in zip(parameters, unknowns, strict=False)}
     )
     verdict, message, share = judged(fit, causes)
     approximate = verdict.grade is Grade.APPROXIMATE and 0.0 < share < 1.0
-    errors = _sensor_errors(fit)
-    sigma = {BASE_CHANNEL: fit.problem.records[0].motion.sigma}
-    sigma |= {cell_name(structure, link): noise[link] for link in fit.problem.links}
+    found = zip(problem.offsets, unknowns[p:].tolist(), fit.standard_errors[p:].tolist(), strict=False)
+    errors = tuple(
+        SensorErrorEstimate(channel, "offset", value, error, channel.unit) for channel, value, error in found
+    )
+    sigma = {BASE_CHANNEL: problem.motions[0].sigma, **fit.noise}
     return Estimate(
         method="ml",
         fit_verdicts=(verdict,),
@@ -534,20 +502,6 @@ def _estimate(
     )
 
 
-def _sensor_errors(fit: RigFit) -> tuple[SensorErrorEstimate, ...]:
-    """Offsets of the load cells, and of the displacement of the base."""
-    problem, unknowns = fit.problem, fit.minimum.unknowns
-    channels = [cell_name(problem.structure, link) for link in problem.cell_offsets]
-    channels += [BASE_CHANNEL] if problem.motion_offset else []
-    found = slice(len(problem.parameters), len(problem.parameters) + len(channels))
-    return tuple(
-        SensorErrorEstimate(channel, "offset", value, error, channel.unit)
-        for channel, value, error in zip(
-            channels, unknowns[found].tolist(), fit.standard_errors[found].tolist(), strict=True
-        )
-    )
-
-
 def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> LinkMotion:
     """The links along the recorded motion, at the samples of all records."""
     problem, links = fit.problem, len(identified.links)
@@ -556,7 +510,7 @@ def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> Li
     d, v, force, measured = np.zeros(shape), np.zeros(shape), np.full(shape, np.nan), np.full(shape, np.nan)
     firsts = np.cumsum([0, *counts[:-1]])
     for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
-        motion = problem.records[number].motion
+        motion = problem.motions[number]
         at = slice(int(first), int(first) + count)
         d[at] = np.outer(motion.d[:: motion.substeps], identified.base_incidence)
         v[at] = np.outer(motion.v[:: motion.substeps], identified.base_incidence)
@@ -564,7 +518,7 @@ def _motion(fit: RigFit, identified: Structure, records: Sequence[Record]) -> Li
         at, link = slice(int(firsts[cell.record]), int(firsts[cell.record]) + counts[cell.record]), cell.link
         d[at, link] = path.d[:: cell.motion.substeps]
         force[at, link] = path.force()[:: cell.motion.substeps]
-        measured[at, link] = cell.measured - problem.offset(link, fit.minimum.unknowns)
+        measured[at, link] = cell.measured - problem.offset(cell.channel, fit.minimum.unknowns)
     time = np.concatenate([record.time for record in records])
     return LinkMotion(
         structure=identified,

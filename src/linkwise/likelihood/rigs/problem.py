@@ -258,22 +258,18 @@ class LinkTangents:
         return by_motion[0], by_motion[1]
 
 
-@dataclass(frozen=True, eq=False)
-class Forces:
-    """A record of a rig: the motion of the base, and the forces (N,) in links by their number, NaN where samples miss."""
-
-    motion: PrescribedMotion
-    cells: Mapping[int, Floats]
+BASE_CHANNEL = Channel("x", BASE)
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A load cell in a record: the number of the record and of its link, the places of the initial states of that among the
-    unknowns, the motion, the elongation per displacement of the base, and the samples (N,), NaN where they miss.
+    """A load cell in a record: the numbers of the record and of its link, its channel, the places of the initial states of the
+    link among the unknowns, the motion, the elongation per displacement of the base, and the samples (N,), NaN where missing.
     """
 
     record: int
     link: int
+    channel: Channel
     places: slice
     motion: PrescribedMotion
     sign: float
@@ -282,12 +278,21 @@ class Cell:
 
 @dataclass(frozen=True, eq=False)
 class RigProblem:
-    """Unknowns: the p parameters, offsets of load cells (by number of the link) and of the displacement, initial states."""
+    """Motions of the base in records, and the forces (N,) in links by their number, NaN where samples miss.
+
+    Unknowns: the p parameters, `offsets` of sensors, initial states.
+    """
 
     structure: Structure
-    records: tuple[Forces, ...]
-    cell_offsets: tuple[int, ...] = ()
-    motion_offset: bool = False
+    motions: tuple[PrescribedMotion, ...]
+    forces: tuple[Mapping[int, Floats], ...]
+    offsets: tuple[Channel, ...] = ()
+
+    @classmethod
+    def of(cls, records: Sequence[Record], structure: Structure) -> RigProblem:
+        """That of records; IdentificationError where one does not hold motion and forces."""
+        motions, forces = zip(*(_motion_and_forces(record, structure) for record in records), strict=True)
+        return cls(structure, motions, forces)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -302,23 +307,27 @@ class RigProblem:
 
     def with_substeps(self, substeps: int) -> RigProblem:
         """The problem with other steps between samples."""
-        finer = (replace(record, motion=replace(record.motion, substeps=substeps)) for record in self.records)
-        return replace(self, records=tuple(finer))
+        return replace(self, motions=tuple(replace(motion, substeps=substeps) for motion in self.motions))
 
     @cached_property
     def links(self) -> tuple[int, ...]:
         """Numbers of the links with a load cell."""
-        return tuple(sorted(self.records[0].cells))
+        return tuple(sorted(self.forces[0]))
+
+    @property
+    def sensors(self) -> tuple[Channel, ...]:
+        """The channels of load cells, and that of the displacement."""
+        return (*(cell_name(self.structure, link) for link in self.links), BASE_CHANNEL)
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
         """Those of all records; their initial states follow the other unknowns."""
-        cells, first = [], len(self.parameters) + len(self.cell_offsets) + self.motion_offset
-        for number, record in enumerate(self.records):
-            for link in self.links:
+        cells, first = [], len(self.parameters) + len(self.offsets)
+        for number, (motion, forces) in enumerate(zip(self.motions, self.forces, strict=True)):
+            for link, channel in zip(self.links, self.sensors, strict=False):
                 places = slice(first, first + len(self.structure.links[link].law.states))
                 sign = float(self.structure.base_incidence[link])
-                cells.append(Cell(number, link, places, record.motion, sign, record.cells[link]))
+                cells.append(Cell(number, link, channel, places, motion, sign, forces[link]))
                 first = places.stop
         return tuple(cells)
 
@@ -336,8 +345,7 @@ class RigProblem:
 
     def paths(self, unknowns: Floats, before: Sequence[LinkPath] | None = None) -> tuple[LinkPath, ...]:
         """The links along the motions; states are sought near those `before`, or from rest where that fails."""
-        p = len(self.parameters)
-        shift = unknowns[p + len(self.cell_offsets)] if self.motion_offset else 0.0
+        shift = self.offset(BASE_CHANNEL, unknowns)
         paths = tuple(
             LinkPath.of(
                 self.structure.links[cell.link].law, self.values(cell.link, unknowns),
@@ -359,25 +367,25 @@ class RigProblem:
         """(R,) samples of all load cells."""
         return np.concatenate([cell.measured for cell in self.cells])
 
-    def offset(self, link: int, unknowns: Floats) -> float:
-        """Zero error in N of the load cell of a link, 0 where it is not unknown."""
-        if link not in self.cell_offsets:
+    def offset(self, channel: Channel, unknowns: Floats) -> float:
+        """Zero error of a sensor, 0 where it is not unknown."""
+        if channel not in self.offsets:
             return 0.0
-        return float(unknowns[len(self.parameters) + self.cell_offsets.index(link)])
+        return float(unknowns[len(self.parameters) + self.offsets.index(channel)])
 
     def residuals(self, unknowns: Floats, paths: Sequence[LinkPath]) -> Floats:
         """Measured less modelled forces (R,) in N, 0 where a sample is missing and NaN where a law is not finite."""
         rows = []
         for cell, path in zip(self.cells, paths, strict=True):
             force = path.force()[:: cell.motion.substeps]
-            measured = cell.measured - self.offset(cell.link, unknowns)
+            measured = cell.measured - self.offset(cell.channel, unknowns)
             left = np.where(np.isfinite(force), measured - force, np.nan)
             rows.append(np.where(np.isfinite(measured), left, 0.0))
         return np.concatenate(rows)
 
     def jacobian(self, paths: Sequence[LinkPath]) -> Floats:
         """(R, u) derivatives of the modelled forces by the unknowns."""
-        p, blocks = len(self.parameters), []
+        blocks = []
         for cell, path in zip(self.cells, paths, strict=True):
             free = self.free(cell.link)
             slopes = path.tangents(free).by_unknowns()[:: cell.motion.substeps]
@@ -386,10 +394,9 @@ class RigProblem:
                 for index, key in parameter.members:
                     if index == cell.link:
                         block[:, column] += slopes[:, free.index(key)]
-            if cell.link in self.cell_offsets:
-                block[:, p + self.cell_offsets.index(cell.link)] = 1.0
-            if self.motion_offset:
-                block[:, p + len(self.cell_offsets)] = -cell.sign * slopes[:, -1]
+            for column, channel in enumerate(self.offsets, start=len(self.parameters)):
+                of_motion = channel == BASE_CHANNEL
+                block[:, column] = -cell.sign * slopes[:, -1] if of_motion else channel == cell.channel
             block[:, cell.places] = slopes[:, len(free) : -1]
             block[~np.isfinite(cell.measured)] = 0.0
             blocks.append(block)
@@ -419,7 +426,6 @@ class RigProblem:
         return low, high
 
 
-BASE_CHANNEL = Channel("x", BASE)
 _FEWEST = 32  # samples
 _FLOOR = 1e-12  # of the largest displacement: smaller noise is below rounding
 _SUBSTEPS = 2  # between samples, at first
@@ -430,7 +436,7 @@ def cell_name(structure: Structure, link: int) -> Channel:
     return Channel("f", structure.links[link].name)
 
 
-def rig_forces(record: Record, structure: Structure) -> Forces:
+def _motion_and_forces(record: Record, structure: Structure) -> tuple[PrescribedMotion, dict[int, Floats]]:
     """Motion and forces of a record; IdentificationError where it does not hold them."""
     name = BASE_CHANNEL
     if name not in record.channels:
@@ -465,7 +471,7 @@ def rig_forces(record: Record, structure: Structure) -> Forces:
                 f"{parameter.name} is unknown, but the record has no load cell of its link: give channel "
                 f"{cell_name(structure, unseen[0])}, the force in it"
             )
-    return Forces(prescribed_motion(record), cells)
+    return prescribed_motion(record), cells
 
 
 def prescribed_motion(record: Record) -> PrescribedMotion:
@@ -484,11 +490,10 @@ def _sensor_noise(record: Record, values: Floats, smooth: Floats) -> float:
     return max(estimated, float(np.std(values - smooth)), _FLOOR * float(np.abs(values).max()))
 
 
-def cell_noise(records: Sequence[Record], structure: Structure) -> dict[int, float]:
-    """Noise of load cells in N by the number of their link: of several records the largest."""
+def cell_noise(records: Sequence[Record]) -> dict[str, float]:
+    """Noise in N by the channels of load cells: of several records the largest."""
     by_record = [channel_noise(record) for record in records]
-    names = ((number, cell_name(structure, number)) for number in range(len(structure.links)))
-    return {number: max(noise[name] for noise in by_record) for number, name in names if name in by_record[0]}
+    return {name: max(noise[name] for noise in by_record) for name in records[0].channels if name.kind == "f"}
 
 
 _SEARCHED = 4096  # samples of a record in which starts are searched for
@@ -560,19 +565,19 @@ def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]
 
     They are searched for in the liveliest part of the first record, without the means of the forces where a zero is unknown.
     """
-    record, links = problem.records[0], problem.structure.links
-    motion, thinned = record.motion, max(record.motion.period // _OF_PERIOD, 1)
-    count = min(_SEARCHED * thinned, len(next(iter(record.cells.values()))))
+    motion, forces = problem.motions[0], problem.forces[0]
+    thinned = max(motion.period // _OF_PERIOD, 1)
+    count = min(_SEARCHED * thinned, len(next(iter(forces.values()))))
     first = motion.liveliest(count)
     searched = slice(first, first + count, thinned)
     d, v = (
         np.outer(along[:: motion.substeps][searched], problem.structure.base_incidence)
         for along in (motion.d, motion.v)
     )
-    shown = {
-        f"f:{links[link].name}": bridged(force[None], ~np.isfinite(force[None]))[0, searched]
-        for link, force in record.cells.items()
+    shown: dict[str, Floats] = {
+        cell_name(problem.structure, link): bridged(force[None], ~np.isfinite(force[None]))[0, searched]
+        for link, force in forces.items()
     }
-    slow = int(bool(problem.cell_offsets) or problem.motion_offset)
+    slow = int(bool(problem.offsets))
     step = thinned * motion.step * motion.substeps
     return MemorySearch(problem.structure, step, d, v, (), shown, given, {}, slow, sharp=True).minima()
