@@ -113,6 +113,11 @@ class Optimum:
             power = np.sum(left**2, axis=(0, 2))
         return not bool(np.all(power <= _OPPOSITE * np.sum(shown**2, axis=(0, 2))))
 
+    def searched(self, q: float, steps: int, start: Iterate | None = None) -> AnnealingFit:
+        """The search at one relaxation, from this optimum or another `start`."""
+        schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
+        return Annealer(self.loss)(self.segments, start or self.point, self.scales, schedule)
+
     def linear(
         self, candidates: CandidateForces | None = None, errors: SensorErrors | None = None, blocks: int = 1
     ) -> Linearization:

@@ -11,6 +11,7 @@ import numpy as np
 from linkwise.estimates.causes import Cause
 from linkwise.estimates.estimate import Estimate
 from linkwise.expression import symbols
+from linkwise.likelihood.starts.kalman import with_starts
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
@@ -53,15 +54,7 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
         pairs = product(structure.topology.index, repeat=2)
         ends = next((first, second) for first, second in pairs if f"{first}-{second}" == cause.where)
         return replace(structure, links=(*links, Link(name, ends, law, coefficients)))
-    return replace(
-        structure,
-        links=tuple(
-            _with_force(link, cause.term, {"added": Coefficient.unknown(start=0.0)})
-            if link.name == cause.where
-            else link
-            for link in links
-        ),
-    )
+    return _with_force(structure, cause.where, cause.term, {"added": Coefficient.unknown(start=0.0)})
 
 
 def _with_own_value(structure: Structure, cause: Cause) -> Structure:
@@ -82,9 +75,11 @@ def _with_own_value(structure: Structure, cause: Cause) -> Structure:
     return replace(structure, masses=tuple(masses), links=tuple(links))
 
 
-def _with_force(link: Link, form: str, unknowns: Mapping[str, Coefficient]) -> Link:
-    """The link with a force of a form in which {1}, {2} stand for unknowns after the first, which is its size."""
-    names = []
+def _with_force(
+    structure: Structure, where: str, form: str, unknowns: Mapping[str, Coefficient]
+) -> Structure:
+    """The structure with a force in a link, of a form in which {1}, {2} stand for unknowns after the first, its size."""
+    link, names = structure.link(where), list[str]()
     for name in unknowns:
         while name in link.coefficients or name in link.law.variables:
             name += "_"
@@ -96,10 +91,11 @@ def _with_force(link: Link, form: str, unknowns: Mapping[str, Coefficient]) -> L
     text = f"{link.law.text} + {names[0]}*({form.format(*names)})"
     law = Law.parse(text, link.states, units=declared, signals=signals)
     coefficients = {**link.coefficients, **dict(zip(names, unknowns.values(), strict=True))}
-    return replace(link, law=law, coefficients=coefficients)
+    wider = replace(link, law=law, coefficients=coefficients)
+    return replace(structure, links=tuple(wider if own is link else own for own in structure.links))
 
 
-def _dissipates(term: str) -> bool:
+def dissipates(term: str) -> bool:
     """Whether a missing term is a force that depends on the rate, or on its past."""
     return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))
 
@@ -127,24 +123,15 @@ def with_saturation(
         The structure, with the size of the force and a factor on the motion as unknowns; None where the link does not move.
     """
     number = [link.name for link in structure.links].index(cause.where)
-    state, motion = ("v", answer.motion.v) if _dissipates(cause.term) else ("d", answer.motion.d)
+    state, motion = ("v", answer.motion.v) if dissipates(cause.term) else ("d", answer.motion.d)
     spread = float(np.std(motion[:, number]))
     if not spread > 0.0:
         return None
     factor = 1.0 / (part * spread)
     form = f"tanh({factor:.4g}*{state})"
     found = {str(p.name): float(x) for p, x in zip(answer.parameters, answer.values, strict=True)}
-
-    def from_answer(link: Link) -> Link:
-        started = {
-            name: replace(c, value=found.get(f"{link.name}.{name}", c.value)) if not c.known else c
-            for name, c in link.coefficients.items()
-        }
-        if link.name != cause.where:
-            return replace(link, coefficients=started)
-        size, unknown = Coefficient.unknown(start=abs(cause.size)), Coefficient.unknown(start=factor)
-        return _with_force(
-            replace(link, coefficients=started), f"tanh({{1}}*{state})", {"added": size, "saturates": unknown}
-        )
-
-    return replace(structure, links=tuple(map(from_answer, structure.links))), form
+    unknown = {
+        "added": Coefficient.unknown(start=abs(cause.size)),
+        "saturates": Coefficient.unknown(start=factor),
+    }
+    return _with_force(with_starts(structure, found), cause.where, f"tanh({{1}}*{state})", unknown), form

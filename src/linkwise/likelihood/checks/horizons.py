@@ -25,16 +25,13 @@ import numpy as np
 
 from linkwise.display import format_both
 from linkwise.estimates.causes import Cause
-from linkwise.expression import symbols
 from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
-from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
-from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import MASS
-from linkwise.model.law import Law
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.runtime import one_blas_thread
@@ -125,7 +122,7 @@ def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> l
     """The fits at relaxations, of which the error of a state reaches so many segments, each searched from the one before."""
     path, optimum = list[LikelihoodFit](), fit.optimum
     for q, reach in relaxations:
-        found = optimum_at(optimum, q, _STEPS) if _has_blocks(optimum, reach) else None
+        found = optimum.searched(q, _STEPS) if _has_blocks(optimum, reach) else None
         there = _by_blocks(fit, found) if found and found.status is AnnealingStatus.CONVERGED else None
         if there is None:
             break
@@ -137,12 +134,6 @@ def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> l
 def _has_blocks(optimum: Optimum, reach: int) -> bool:
     """Whether blocks are long beside the segments that the error of a state reaches."""
     return optimum.segments.count >= _INDEPENDENT * reach * BLOCKS[0]
-
-
-def optimum_at(optimum: Optimum, q: float, steps: int) -> AnnealingFit:
-    """The search at a relaxation, from an optimum at another one."""
-    schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=steps)
-    return Annealer(optimum.loss)(optimum.segments, optimum.point, optimum.scales, schedule)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is no horizon
@@ -210,7 +201,7 @@ def held_closer(fit: LikelihoodFit, identified: Structure, channels: Sequence[Ch
         return None
     for factor in _CLOSER_IF_LONG if is_long(optimum.segments) else _CLOSER:
         tight = _tightened(optimum, factor)
-        closer = optimum_at(tight, tight.q, _STEPS_CLOSER)
+        closer = tight.searched(tight.q, _STEPS_CLOSER)
         if closer.status is AnnealingStatus.INTERRUPTED:
             return None
         if closer.status is AnnealingStatus.CONVERGED:
@@ -263,8 +254,3 @@ def hidden_term(fit: LikelihoodFit, closer: CloserFit) -> tuple[Cause, float, fl
         change = changed / max(abs(float(fit.values[number])), tiny)
         shift = changed / max(float(np.sqrt(fit.covariance[number, number])), tiny)
     return causes[0], change, shift
-
-
-def dissipates(term: str) -> bool:
-    """Whether a missing term is a force that depends on the rate, or on its past."""
-    return term in MEMORY_TERMS or (bool(term) and "v" in symbols(Law.parse(f"a*{term}").expression))

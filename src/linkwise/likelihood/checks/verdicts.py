@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.arrays import Floats
 from linkwise.display import enumerated, format_percent
 from linkwise.estimates.causes import EVENT, Cause
-from linkwise.likelihood.checks.horizons import dissipates, hidden_term
+from linkwise.likelihood.checks.horizons import hidden_term
 from linkwise.likelihood.checks.judgement import (
     AS_NOISE,
     LARGEST_SHIFT,
@@ -35,6 +35,7 @@ from linkwise.likelihood.tests.variances import (
     for_noise_of_inputs,
     input_kicks,
 )
+from linkwise.likelihood.widened import dissipates
 from linkwise.model.coefficient import MASS
 from linkwise.signals.noise import outliers_exceed_noise
 from linkwise.verdict import Verdict

@@ -44,7 +44,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.expression import symbols
-from linkwise.likelihood.fit import CostShape, LikelihoodFit
+from linkwise.likelihood.fit import CostShape, LikelihoodFit, inflation_beside_others
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
@@ -343,7 +343,6 @@ def refitted(
 
 
 _WIDTH = 0.2  # of half the bandwidth of a mode: the largest standard error of its frequency for a quadratic likelihood
-_SINGULAR = 1e-12  # of correlations: rounding
 
 
 def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats, tuple[Name, ...]]:
@@ -367,7 +366,8 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
     if segments.prior is None or not identified.hosts:
         return covariance, ()
     errors, known = np.sqrt(np.maximum(covariance.diagonal(), 0.0)), segments.prior.deviation
-    alone = _alone(fit)
+    # with all others held: a link that shifts a mode hides none
+    alone = errors / np.sqrt(inflation_beside_others(covariance))
     places = {name: number for number, name in enumerate(segments.system.parameters.names)}
     duration = float(np.sum(segments.step)) * segments.steps
     factor, names = np.ones(len(fit.values)), []
@@ -386,16 +386,6 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
                 factor[number] = known[number] / errors[number]
                 names.append(name)
     return covariance * np.outer(factor, factor), tuple(names)
-
-
-def _alone(fit: LikelihoodFit) -> Floats:
-    """(p,) standard errors with all other parameters held, 0 where there is none: a link that shifts a mode hides none."""
-    alone, errors = np.zeros(len(fit.values)), np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    free = np.flatnonzero(fit.free & np.isfinite(errors) & (errors > 0.0))
-    correlation = fit.covariance[np.ix_(free, free)] / np.outer(errors[free], errors[free])
-    information = np.linalg.pinv(correlation, rcond=_SINGULAR, hermitian=True).diagonal()
-    alone[free] = errors[free] / np.sqrt(np.maximum(information, 1.0))
-    return alone
 
 
 # power of a channel over that of its noise, 15 dB, below which few steps are no sign of one optimum
@@ -486,8 +476,7 @@ def _relaxed_fits(fit: LikelihoodFit) -> Iterator[tuple[AnnealingFit, float]]:
     """Fits at ever smaller relaxations, each from the one before, as long as they converge, and -2 log marginal likelihood."""
     optimum, point = fit.optimum, fit.optimum.point
     for q in _LADDER:
-        schedule = AnnealingSchedule(initial_q=q, final_q=q, max_steps=_RELAXED_STEPS)
-        relaxed = Annealer(optimum.loss)(optimum.segments, point, optimum.scales, schedule)
+        relaxed = optimum.searched(q, _RELAXED_STEPS, point)
         if relaxed.status not in (AnnealingStatus.CONVERGED, AnnealingStatus.INTERRUPTED):
             return
         yield relaxed, evidence(optimum.segments, relaxed, q, optimum.loss)[1]
