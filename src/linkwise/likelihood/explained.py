@@ -78,13 +78,11 @@ _DISTINCT = 10.0  # of -2 log likelihood, by which errors are told apart: "very 
 _ALIKE = 0.5  # of what the likeliest cause explains: a term that may be what is missing explains as much
 _NEARLY = 0.9  # of it: an error of a sensor that may stand for the term, or the term for it
 _AS_LIKELY = 9.0  # of -2 log likelihood: three standard errors
-_CALIBRATED = (
-    0.2  # relative: what sensors are off by, of which the record does not tell which, to the first order
-)
+# relative: what sensors are off by, of which the record does not tell which, to the first order
+_CALIBRATED = 0.2
 WHITE = 1.25  # chi-square a sample of white noise, with the scatter of some hundred samples
-_BY_HITS = (
-    3.0  # standard deviations of an impulse by few samples: a scale that is off by more is no matter of these
-)
+# standard deviations of an impulse by few samples: a scale that is off by more is no matter of these
+_BY_HITS = 3.0
 _SCALES = ("mass", "force gain", "gain")
 _TRIED = 3  # causes that are as likely
 _HIDDEN = ("delay", CLOCK, HIGH_PASS, HARMONIC, HUM)  # by noise of inputs, which follows what they leave

@@ -66,9 +66,8 @@ _SLOWEST = 0.95  # ratio of the changes of two rounds that is believed
 _ENOUGH = 0.02
 # of the values of a random force: where a record determines fewer, its deviation is as good as zero
 _NONE = 0.1
-_NEARLY_SETTLED = (
-    0.05  # changes of the logarithms of deviations, after which slopes that scatter do so by rounding
-)
+# changes of the logarithms of deviations, after which slopes that scatter do so by rounding
+_NEARLY_SETTLED = 0.05
 _ONWARD = 0.9  # cosine of the angle between changes of two rounds, below which they scatter
 _LARGEST_CHANGE = 1.5  # of the logarithm of a deviation in one round
 _HIDDEN = 0.03  # of a random force: the error that the relaxation of the flow stands for beside it

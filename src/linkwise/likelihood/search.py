@@ -54,9 +54,8 @@ BLOCKS = 20, 10
 FEWEST = 5  # segments in the shortest block
 EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
-_JOINED_FAR = (
-    2  # times that segments are joined, of a few masses by four: 80 samples, which is mostly a period
-)
+# times that segments are joined, of a few masses by four: 80 samples, which is mostly a period
+_JOINED_FAR = 2
 _COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
 
 

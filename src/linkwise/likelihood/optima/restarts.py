@@ -21,10 +21,8 @@ from linkwise.likelihood.starts.memory import Start
 from linkwise.records.record import Record
 
 _ATTEMPTS = 3
-_BEGINNINGS = (
-    0.25,
-    0.5,
-)  # of records, of whose motion the first quarter mostly determines the laws to a percent
+# of records, of whose motion the first quarter mostly determines the laws to a percent
+_BEGINNINGS = 0.25, 0.5
 _RELEVANT = 4.0  # of -2 log likelihood: what one more parameter lowers it by with a probability of 5 %
 _TIED = 20.0  # of -2 log likelihood: two optima that near, with odds of 2e4 at most, are not told apart
 

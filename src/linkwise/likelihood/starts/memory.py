@@ -47,10 +47,8 @@ from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import drift_frequency, highpass, integral, smoothed
 
 _DECADES = 1.5  # above and below the size that units imply
-_SHARP = (
-    -4.0,
-    -1.0,
-)  # decades of friction that yields within a small part of the motion, as that of dampers on rigs
+# decades of friction that yields within a small part of the motion, as that of dampers on rigs
+_SHARP = -4.0, -1.0
 
 
 def unit_sizes(
@@ -113,9 +111,8 @@ _FLAT = 1e-5  # relative change of the cost at which it ends
 _WINDOW = 0.2  # half width of a test function over the period of the motion
 _DISTINCT = 0.05  # relative distance of the forces' coefficients beyond which two minima are different
 _MARGIN = 0.05  # of the room between two bounds, next to them
-_ROUNDING = (
-    1e-20  # of the power of a force: a constant, of which no more is left without its slow part, says nothing
-)
+# of the power of a force: a constant, of which no more is left without its slow part, says nothing
+_ROUNDING = 1e-20
 _SEED = 12
 
 
