@@ -2,7 +2,7 @@
 
 The scatter of the sums that the minimum sets to zero comes from the noise of the load cells, which is white; from that of the
 displacement, which smoothing correlates; and, where the laws are wrong, from what they leave, which follows the motion: its
-sums are compared over a period of the motion, and between parts of the records, as motion may change over many periods.
+sums are compared between parts of the records, as beside masses.
 
 The most likely unknowns of links on a rig, their covariance, and how far the laws are from the forces.
 
@@ -51,20 +51,6 @@ from linkwise.verdict import Grade, Verdict
 
 _SINGULAR = 1e-13  # relative eigenvalue of the scaled normal matrix below which it is singular
 _BLOCKS = (20, 10, 5)  # of records: the fewer, the longer the motion that they may be alike in
-
-
-def newey_west(problem: RigProblem, rows: Floats) -> Floats:
-    """Covariance (f, f) of the sums of rows (R, f) that are correlated over a period of the motion (Newey and West 1987)."""
-    total = np.zeros((rows.shape[1], rows.shape[1]))
-    for cell, part in zip(problem.cells, problem.split(rows), strict=True):
-        lags = min(cell.motion.period, len(part) // 4)
-        size = 2 ** int(np.ceil(np.log2(len(part) + lags + 1)))
-        taper = np.zeros(size)
-        taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1)
-        taper[size - lags :] = taper[1 : lags + 1][::-1]
-        spectra = np.fft.rfft(part, size, axis=0) * np.fft.rfft(taper).real[:, None]
-        total += part.T @ np.fft.irfft(spectra, size, axis=0)[: len(part)]
-    return np.asarray(0.5 * (total + total.T))
 
 
 _MOST_SUBSTEPS = 32
@@ -151,21 +137,18 @@ class RigFit:
 
     @cached_property
     def covariance(self) -> Floats:
-        """(u, u) that of the unknowns, 0 at a bound; of inexact laws with errors by periods and parts of the records."""
-        inverse, scores = self._inverse[0], self.weights[:, None] * self.weighted
-        inexact = self.model_force > 0.0
-        white = sandwich = (
-            inverse @ self.noise_of_sums(scores, 1.0 / self.weights if inexact else self.cells) @ inverse
+        """(u, u) that of the unknowns, 0 at a bound; errors of inexact laws hold how parts of the records differ."""
+        inverse, scores, inexact = (
+            self._inverse[0],
+            self.weights[:, None] * self.weighted,
+            self.model_force > 0.0,
         )
+        cells = 1.0 / self.weights if inexact else self.cells
+        sandwich = inverse @ (self.noise_of_sums(scores, cells) + self._known) @ inverse
         if inexact:
-            rows = scores * self.residuals[:, None]
-            sandwich = inverse @ newey_west(self.problem, rows) @ inverse
-            every, by_blocks = np.ones(len(white), dtype=bool), self._block_scores(rows)
-            errors = [np.sqrt(white.diagonal())]
-            errors += [by_blocks.merged(count).by_scores(every) for count in _BLOCKS]
-            ratio = np.max(errors, axis=0) / np.sqrt(np.maximum(sandwich.diagonal(), 1e-300))
-            sandwich = sandwich * np.outer(np.maximum(ratio, 1.0), np.maximum(ratio, 1.0))
-        sandwich = sandwich + inverse @ self._known @ inverse
+            by_parts = self.errors_by_parts(self.weighted, self.residuals, self._known)
+            ratio = np.maximum(by_parts / np.sqrt(np.maximum(sandwich.diagonal(), 1e-300)), 1.0)
+            sandwich = sandwich * np.outer(ratio, ratio)
         covariance = np.zeros((self.problem.size, self.problem.size))
         covariance[np.ix_(self.free, self.free)] = 0.5 * (sandwich + sandwich.T)
         return covariance
@@ -180,17 +163,23 @@ class RigFit:
         white, moved = cells[:, None] * rows, self.problem.noise_of_motion(self.minimum.paths, rows)
         return np.asarray(white.T @ white + moved.T @ moved)
 
-    def _block_scores(self, rows: Floats) -> BlockScores:
-        """Scores and information of parts of the records, equal in length, from scores (R, f) of samples."""
+    def errors_by_parts(self, weighted: Floats, residuals: Floats, known: Floats) -> Floats:
+        """(q,) standard errors of unknowns by the scores of parts of the records, the largest in 20, 10 or 5 of equal length.
+
+        `weighted` (R, q) are derivatives by the unknowns in deviations of the `residuals` (R,) in N, `known` (q, q) is what is
+        known of them beforehand.
+        """
         cells = self.problem.cells
         firsts = np.cumsum([0, *(len(motion.d[:: motion.substeps]) for motion in self.problem.motions)])
         at = np.concatenate([firsts[cell.record] + np.arange(len(cell.measured)) for cell in cells])
         parts = [at * _BLOCKS[0] // firsts[-1] == block for block in range(_BLOCKS[0])]
-        known = self._known / _BLOCKS[0]
-        return BlockScores(
+        rows = (self.weights * residuals)[:, None] * weighted
+        blocks = BlockScores(
             np.stack([rows[part].sum(axis=0) for part in parts]),
-            np.stack([self.weighted[part].T @ self.weighted[part] + known for part in parts]),
+            np.stack([weighted[part].T @ weighted[part] + known / len(parts) for part in parts]),
         )
+        every = np.ones(weighted.shape[1], dtype=bool)
+        return np.asarray(np.max([blocks.merged(count).by_scores(every) for count in _BLOCKS], axis=0))
 
 
 def rig_fit(
@@ -334,7 +323,7 @@ def _found(fit: RigFit, causes: Sequence[Cause], share: float) -> tuple[Verdict,
         )
     if share > 0.0:
         return Verdict.MODEL_ERROR_NEEDED, (
-            ", a model error that all intervals include; as it follows the motion, sums over periods of the motion are "
+            ", a model error that all intervals include; as it follows the motion, parts of the record are "
             "compared for that."
         )
     return Verdict.CONVERGED, "."
@@ -370,11 +359,10 @@ def rig_causes(fit: RigFit) -> tuple[Cause, ...]:
             continue
         size, error, changes = tests.sizes[number], tests.deviations[number], tests.changes[:, number]
         if fit.model_force > 0.0:
-            beside = weighted[:, f + number] + weighted[:, :f] @ (changes / size)
-            left = fit.weights * fit.residuals - size * beside
-            power = float(beside @ beside)
-            variance = float(newey_west(fit.problem, (beside * left)[:, None])[0, 0])
-            error = np.sqrt(max(error**2, 1.0 / power, variance / power**2))
+            beside = (weighted[:, f + number] + weighted[:, :f] @ (changes / size))[:, None]
+            left = fit.residuals - size * beside[:, 0] / fit.weights
+            by_parts = float(fit.errors_by_parts(beside, left, np.zeros((1, 1)))[0])
+            error = max(error, float(beside[:, 0] @ beside[:, 0]) ** -0.5, by_parts)
         gain = float((size / error) ** 2)
         shift = float(np.max(np.abs(changes[of_laws][determined]) / deviations[determined], initial=0.0))
         if gain > _GAIN if hypothesis.kind == "offset" else gain > _OF_SHIFTS and shift > _SHIFT:
