@@ -15,7 +15,7 @@ from linkwise.likelihood.starts.kalman import with_starts
 from linkwise.likelihood.tests.score_test import MEMORY_TERMS
 from linkwise.model.coefficient import SHAPE, Coefficient
 from linkwise.model.law import Law
-from linkwise.model.link import Link
+from linkwise.model.link import Link, with_term
 from linkwise.model.structure import Structure
 
 FREED = {
@@ -54,7 +54,9 @@ def with_cause(structure: Structure, cause: Cause) -> Structure:
         pairs = product(structure.topology.index, repeat=2)
         ends = next((first, second) for first, second in pairs if f"{first}-{second}" == cause.where)
         return replace(structure, links=(*links, Link(name, ends, law, coefficients)))
-    return _with_force(structure, cause.where, cause.term, {"added": Coefficient.unknown(start=0.0)})
+    return _with_force(
+        structure, cause.where, f"{{0}}*({cause.term})", {"added": Coefficient.unknown(start=0.0)}
+    )
 
 
 def _with_own_value(structure: Structure, cause: Cause) -> Structure:
@@ -78,21 +80,9 @@ def _with_own_value(structure: Structure, cause: Cause) -> Structure:
 def _with_force(
     structure: Structure, where: str, form: str, unknowns: Mapping[str, Coefficient]
 ) -> Structure:
-    """The structure with a force in a link, of a form in which {1}, {2} stand for unknowns after the first, its size."""
-    link, names = structure.link(where), list[str]()
-    for name in unknowns:
-        while name in link.coefficients or name in link.law.variables:
-            name += "_"
-        names.append(name)
-    declared = dict(link.law.declared)
-    if declared:  # as of a mode, whose law has numbers with units
-        declared |= Law.parse(f"{names[0]}*({form.format(*names)})").units
-    signals = dict(link.law.signal_units)
-    text = f"{link.law.text} + {names[0]}*({form.format(*names)})"
-    law = Law.parse(text, link.states, units=declared, signals=signals)
-    coefficients = {**link.coefficients, **dict(zip(names, unknowns.values(), strict=True))}
-    wider = replace(link, law=law, coefficients=coefficients)
-    return replace(structure, links=tuple(wider if own is link else own for own in structure.links))
+    """The structure with a force in a link, as of `with_term`."""
+    links = (with_term(link, form, unknowns) if link.name == where else link for link in structure.links)
+    return replace(structure, links=tuple(links))
 
 
 def dissipates(term: str) -> bool:
@@ -134,4 +124,6 @@ def with_saturation(
         "added": Coefficient.unknown(start=abs(cause.size)),
         "saturates": Coefficient.unknown(start=factor),
     }
-    return _with_force(with_starts(structure, found), cause.where, f"tanh({{1}}*{state})", unknown), form
+    return _with_force(
+        with_starts(structure, found), cause.where, f"{{0}}*(tanh({{1}}*{state}))", unknown
+    ), form

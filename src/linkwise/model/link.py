@@ -348,6 +348,23 @@ def check_name(name: object, kind: str) -> None:
 COMPARISON = "the comparison with a truth"  # of terms and forces of d and v
 
 
+def with_term(link: Link, form: str, unknowns: Mapping[str, Coefficient]) -> Link:
+    """The link with a force more, of a form in which {0}, {1} stand for unknowns, named otherwise where names are taken."""
+    names = []
+    for name in unknowns:
+        while name in link.coefficients or name in link.law.variables:
+            name += "_"
+        names.append(name)
+    text, declared = form.format(*names), dict(link.law.declared)
+    if declared:  # as of a mode, whose law has numbers with units
+        declared |= Law.parse(text).units
+    signals = dict(link.law.signal_units)
+    law = Law.parse(f"{link.law.text} + {text}", link.states, units=declared, signals=signals)
+    return replace(
+        link, law=law, coefficients={**link.coefficients, **dict(zip(names, unknowns.values(), strict=True))}
+    )
+
+
 def require_rest_at_zero(links: Sequence[Link], feature: str) -> None:
     """Raise StructureError if a law names a signal, or the states of a link do not rest at 0 while its ends rest, as `feature`
     needs.

@@ -23,8 +23,7 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.expression import to_text
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
-from linkwise.model.link import Link
+from linkwise.model.link import Link, with_term
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 from linkwise.signals.noise import has_outliers
@@ -242,8 +241,5 @@ def _with_link_terms(link: Link, added: dict[str, str]) -> Link:
     free = (name for name in link.law.linear if link.coefficients[name].value is None)
     unknown = {to_text(link.law.basis[name]).replace(" ", "") for name in free}
     new = {name: term for name, term in added.items() if term not in unknown}
-    text = " + ".join([link.law.text, *(f"{name}*({term})" for name, term in new.items())])
-    coefficients = {**link.coefficients, **{name: Coefficient.unknown() for name in new}}
-    return replace(
-        link, law=Law.parse(text, link.states, signals=dict(link.law.signal_units)), coefficients=coefficients
-    )
+    form = " + ".join(f"{{{number}}}*({term})" for number, term in enumerate(new.values()))
+    return with_term(link, form, dict.fromkeys(new, Coefficient.unknown())) if new else link

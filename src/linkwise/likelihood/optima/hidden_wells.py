@@ -22,13 +22,11 @@ from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.starts.values import regressed, starting_values
 from linkwise.model.coefficient import Coefficient
-from linkwise.model.law import Law
-from linkwise.model.link import BASE, Link
+from linkwise.model.link import BASE, Link, with_term
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
 
-_SKEW = "skew"
 _LOOSE = 0.03  # relaxation at which the fit about the place of rest ends: tighter ones creep
 _NEAREST, _FARTHEST = 0.1, 300.0  # deviations of the motion that a place of rest may be away from d = 0
 _GRID = 161  # places on either side, at equal ratios
@@ -159,19 +157,13 @@ def _leaves_no_doubt(fit: LikelihoodFit, structure: Structure, hidden: Sequence[
 
 def _centred(structure: Structure, number: int) -> Structure:
     """The structure with a term in d**2 in a link, whose coefficients, as far as the law is linear in them, are unknown."""
-    link = structure.links[number]
-    skew = _SKEW
-    while skew in link.law.coefficients:
-        skew += "_"
-    units = dict(link.law.declared) | {skew: "N/m^2"} if link.law.declared else None
-    law = Law.parse(f"{link.law.text} + {skew}*d**2", link.states, units=units)
-    coefficients = {
-        name: Coefficient.unknown() if name in link.law.linear else coefficient
-        for name, coefficient in link.coefficients.items()
-    }
-    skewed = replace(link, law=law, coefficients=coefficients | {skew: Coefficient.unknown()})
     links = list(structure.links)
-    links[number] = skewed
+    coefficients = {
+        name: Coefficient.unknown() if name in links[number].law.linear else coefficient
+        for name, coefficient in links[number].coefficients.items()
+    }
+    freed = replace(links[number], coefficients=coefficients)
+    links[number] = with_term(freed, "{0}*d**2", {"skew": Coefficient.unknown()})
     return replace(structure, links=tuple(links))
 
 
