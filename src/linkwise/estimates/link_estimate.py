@@ -5,7 +5,7 @@ their uncertainty, which no spring or damper does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -381,6 +381,27 @@ class LinkMotion:
         links = self.structure.links
         identified = [link.force(self.d[:, i], self.v[:, i]) for i, link in enumerate(links)]
         return np.asarray(np.stack(identified, axis=1) - share)
+
+
+def forces_with_memory(
+    structure: Structure,
+    motion: tuple[Floats, Floats],
+    states: Iterable[tuple[tuple[int, str], Floats]],
+    signals: Mapping[str, Floats],
+) -> Floats | None:
+    """(N, L) forces in N of links with memory or signals along elongations and rates (N, L), NaN for others; None without any.
+
+    `states` (N,) have the number of their link and their name.
+    """
+    beside = [number for number, link in enumerate(structure.links) if not link.law.is_plain]
+    if not beside:
+        return None
+    (d, v), of_states = motion, list(states)
+    forces = np.full(d.shape, np.nan)
+    for number in beside:
+        inside = {name: state for (owner, name), state in of_states if owner == number} | dict(signals)
+        forces[:, number] = structure.links[number].force(d[:, number], v[:, number], inside)
+    return forces
 
 
 def extremes(d: Floats, deviation: Floats | float = 0.0) -> Floats:

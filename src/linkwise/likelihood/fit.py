@@ -23,7 +23,7 @@ import scipy
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import RandomForceEstimate
-from linkwise.estimates.link_estimate import LinkMotion, extremes
+from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_memory
 from linkwise.likelihood.marginal import marginal_fit
 from linkwise.likelihood.noise import with_noise_of_residuals
 from linkwise.likelihood.options import LikelihoodOptions
@@ -501,8 +501,11 @@ def motion_of_links(
         d.append(identified.elongations(x[own], base))
         rate = None if base is None else np.gradient(base, record.step)
         rates.append(identified.elongations(v[own], rate))
-        if segments.system.states or identified.signals:
-            forces.append(_forces_with_memory(identified, d[-1], rates[-1], inside[own], segments))
+        count, names = len(segments.system.states), segments.inputs.signals
+        of_links = zip(segments.system.states, inside[own].T[:count], strict=True)
+        signals = dict(zip(names, inside[own].T[count:], strict=True))
+        force = forces_with_memory(identified, (d[-1], rates[-1]), of_links, signals)
+        forces += [] if force is None else [force]
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),
@@ -513,21 +516,6 @@ def motion_of_links(
         identified_force=np.concatenate(forces) if forces else None,
         residuals=dict(zip(fit.noise, np.concatenate(remains).T, strict=True)),
     )
-
-
-def _forces_with_memory(
-    identified: Structure, d: Floats, v: Floats, inside: Floats, segments: Segments
-) -> Floats:
-    """(N, L) forces in N of links with states or signals, which are `inside` (N, S + U); NaN for others."""
-    forces = np.full(d.shape, np.nan)
-    states = segments.system.states
-    signals = dict(zip(segments.inputs.signals, inside.T[len(states) :], strict=True))
-    for index, link in enumerate(identified.links):
-        own = {name: signals[name] for name in link.law.signals}
-        own |= {name: inside[:, column] for column, (i, name) in enumerate(states) if i == index}
-        if own:
-            forces[:, index] = link.force(d[:, index], v[:, index], own)
-    return forces
 
 
 def _residual(identified: Structure, records: Sequence[Record]) -> Floats | None:

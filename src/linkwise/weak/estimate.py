@@ -20,7 +20,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import NoiseEstimate
 from linkwise.estimates.estimate import Estimate, Estimator
-from linkwise.estimates.link_estimate import LinkMotion, extremes
+from linkwise.estimates.link_estimate import LinkMotion, extremes, forces_with_memory
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import Structure, refuse_rig
 from linkwise.progress import Progress
@@ -293,33 +293,22 @@ def _change(record: Record, structure: Structure, equations: WeakEquations, fit:
 def _link_motion(structure: Structure, equations: WeakEquations, values: Floats) -> LinkMotion:
     links = len(structure.links)
     identified = structure.with_values(equations.by_name(values))
+    d, v = equations.d[:links].T, equations.v[:links].T
+    states = zip(identified.topology.states, equations.states, strict=True)
     return LinkMotion(
         structure=identified,
         time=equations.time,
-        d=equations.d[:links].T,
-        v=equations.v[:links].T,
+        d=d,
+        v=v,
         d_range=_elongation_ranges(equations.motion, equations),
         compute_residual=partial(_force_residual, equations, values),
-        identified_force=_forces_with_memory(identified, equations),
+        identified_force=forces_with_memory(identified, (d, v), states, equations.signals),
     )
 
 
 def _force_residual(equations: WeakEquations, values: Floats) -> Floats:
     """(R, n) residuals of the equations of masses and modes in N."""
     return weak_residual(equations, values)[:, : equations.structure_layout.structure.size]
-
-
-def _forces_with_memory(identified: Structure, equations: WeakEquations) -> Floats | None:
-    """(R, L) forces in N of links with memory or signals, NaN for others; None where there are none."""
-    beside = [number for number, link in enumerate(identified.links) if not link.law.is_plain]
-    if not beside:
-        return None
-    forces = np.full((equations.windows, len(identified.links)), np.nan)
-    for number in beside:
-        every = zip(identified.topology.states, equations.states, strict=True)
-        inside = {name: state for (owner, name), state in every if owner == number} | dict(equations.signals)
-        forces[:, number] = identified.links[number].force(equations.d[number], equations.v[number], inside)
-    return forces
 
 
 def _elongation_ranges(motion: MeasuredDisplacements, equations: WeakEquations) -> Floats:
