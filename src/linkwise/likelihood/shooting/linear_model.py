@@ -7,14 +7,13 @@ product E_b' F remains. `eliminated_rows` has the rows themselves with the state
 and links between segments say of the unknowns.
 
 Long records are tested in pieces (`tested_in_pieces`): a piece is a run of segments from one node to another, which it shares
-with the next. Its own equations hold a border of both ends and the unknowns of all; eliminated piece by piece, in memory that
-does not grow with the record, they leave a chain of ends, whose solution is exactly that of the equations of all nodes
-(substructuring: J. S. Przemieniecki, AIAA J. 1, 138, 1963).
+with the next. Eliminated piece by piece, in memory that does not grow with the record, all but the last node leave equations
+of that and of the unknowns of all, which join those of the next piece: the factor is that of the equations of all nodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -358,68 +357,24 @@ def piece_between(segments: Segments, first: int, last: int) -> Segments:
     return piece
 
 
-def inner_equations(equations: BorderedSystem) -> BorderedSystem:
-    """Equations of a piece with its first and last node in the border, before the other unknowns there.
+def but_the_last(equations: BorderedSystem, before: BorderedFactor | None) -> BorderedSystem:
+    """The equations of a piece with its last node in the border, before the other unknowns there.
 
-    Parameters
-    ----------
-    equations : BorderedSystem
-        Equations of k + 2 nodes with p unknowns in the border.
-
-    Returns
-    -------
-    BorderedSystem
-        Of the k nodes between, with 2 m + p unknowns in the border.
+    Of the piece `before`, whose last node is the first of this one, that node and the border are left.
     """
     m, p = equations.diagonal.shape[1], len(equations.corner)
-    head, tail, rest = slice(0, m), slice(m, 2 * m), slice(2 * m, 2 * m + p)
-    right = np.zeros((len(equations.diagonal) - 2, m, 2 * m + p + 1))
-    right[..., 2 * m :] = equations.right[1:-1]
-    right[0, :, head] = equations.coupling[0]
-    right[-1, :, tail] = equations.coupling[-1].T
-    corner = np.zeros((2 * m + p, 2 * m + p))
-    for own, node in ((head, 0), (tail, -1)):
-        corner[own, own] = equations.diagonal[node]
-        corner[own, rest] = equations.right[node, :, :p]
-        corner[rest, own] = corner[own, rest].T
-    corner[rest, rest] = equations.corner
-    gradient = [equations.right[0, :, p], equations.right[-1, :, p], equations.corner_gradient]
-    return BorderedSystem(
-        equations.diagonal[1:-1], equations.coupling[1:-1], right, corner, np.concatenate(gradient)
-    )
-
-
-def chain_of_ends(
-    pieces: Sequence[tuple[Floats, Floats]], m: int, corner: Floats, gradient: Floats
-) -> BorderedSystem:
-    """The equations of the ends of pieces and of the border.
-
-    Parameters
-    ----------
-    pieces : sequence of tuple of array
-        Of each piece the matrix (2 m + p, 2 m + p) and the right-hand side (2 m + p,) of its ends and the border.
-    m : int
-        States of a node.
-    corner, gradient : array of shape (p, p) and (p,)
-        What is added to those of the border.
-
-    Returns
-    -------
-    BorderedSystem
-        The equations.
-    """
-    p = len(gradient)
-    diagonal, coupling = np.zeros((len(pieces) + 1, m, m)), np.empty((len(pieces), m, m))
-    right, corner, gradient = np.zeros((len(pieces) + 1, m, p + 1)), corner.copy(), gradient.copy()
-    for number, (matrix, own_gradient) in enumerate(pieces):
-        for node, own in ((number, slice(0, m)), (number + 1, slice(m, 2 * m))):
-            diagonal[node] += matrix[own, own]
-            right[node, :, :p] += matrix[own, 2 * m :]
-            right[node, :, p] += own_gradient[own]
-        coupling[number] = matrix[m : 2 * m, :m]
-        corner += matrix[2 * m :, 2 * m :]
-        gradient += own_gradient[2 * m :]
-    return BorderedSystem(diagonal, coupling, right, corner, gradient)
+    diagonal, right = equations.diagonal, equations.right
+    corner, gradient = np.zeros((m + p, m + p)), np.append(right[-1, :, p], equations.corner_gradient)
+    corner[:m, :m], corner[:m, m:], corner[m:, m:] = diagonal[-1], right[-1, :, :p], equations.corner
+    if before is not None:
+        diagonal[0] += before.schur[:m, :m]
+        right[0] += np.column_stack([before.schur[:m, m:], before.reduced[:m]])
+        corner[m:, m:] += before.schur[m:, m:]
+        gradient[m:] += before.reduced[m:]
+    corner[m:, :m] = corner[:m, m:].T
+    inner = np.concatenate([np.zeros((len(right) - 1, m, m)), right[:-1]], axis=2)
+    inner[-1, :, :m] = equations.coupling[-1].T
+    return BorderedSystem(diagonal[:-1], equations.coupling[:-1], inner, corner, gradient)
 
 
 def tested_in_pieces(
@@ -445,25 +400,22 @@ def tested_in_pieces(
     BorderedFactor or None
         The factor, of which `schur` and `reduced` are these equations; None where they are not positive definite.
     """
-
-    @np.errstate(over="ignore", invalid="ignore")  # threads do not share the error state of the caller
-    def work(own: tuple[int, int]) -> tuple[Floats, Floats] | None:
-        part = slice(own[0], own[1] + 1)
-        some = None if errors is None else replace(errors, values=errors.values[..., part])
-        linear = linearise(
-            piece_between(segments, *own), misfit.part(part), scales, loss, None, candidates.part(part), some
-        )
-        factor = inner_equations(linear.equations(q)).factor()
-        return None if factor is None else (factor.schur, factor.reduced)
-
+    left: BorderedFactor | None = None
     with ThreadPoolExecutor(processors()) as executor:
-        eliminated = list(executor.map(work, pairwise(piece_ends(segments.linked).tolist())))
-    pieces = [piece for piece in eliminated if piece is not None]
-    if len(pieces) < len(eliminated):
-        return None
+        for first, last in pairwise(piece_ends(segments.linked).tolist()):
+            part = slice(first, last + 1)
+            some = None if errors is None else replace(errors, values=errors.values[..., part])
+            piece, forces = piece_between(segments, first, last), candidates.part(part)
+            linear = linearise(piece, misfit.part(part), scales, loss, executor, forces, some)
+            left = but_the_last(linear.equations(q), left).factor()
+            if left is None:
+                return None
+    assert left is not None  # there is a piece at least
     m = len(misfit.point.nodes)
-    size = len(pieces[0][1]) - 2 * m
-    corner, gradient = np.zeros((size, size)), np.zeros(size)
+    corner, gradient = left.schur[m:, m:].copy(), left.reduced[m:].copy()
     if segments.prior is not None:
         add_prior(corner, gradient, segments.prior, misfit.point, scales)
-    return chain_of_ends(pieces, m, corner, gradient).factor()
+    right = np.column_stack([left.schur[:m, m:], left.reduced[:m]])
+    return BorderedSystem(
+        left.schur[None, :m, :m], np.empty((0, m, m)), right[None], corner, gradient
+    ).factor()
