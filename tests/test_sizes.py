@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (11, 2256),
     "analysis": (4, 506),
     "cli": (20, 1888),
-    "discovery": (18, 3518),
+    "discovery": (18, 3498),
     "estimates": (7, 1448),
     "export": (9, 784),
     "expression": (6, 1083),

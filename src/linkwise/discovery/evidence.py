@@ -16,7 +16,7 @@ from linkwise.arrays import Floats
 from linkwise.discovery.checks import DataChecks
 from linkwise.discovery.criterion import QuadraticModel, inverse_of
 from linkwise.discovery.model_average import PathPoint, RunnerUp
-from linkwise.discovery.prediction import BlockParabolas, Excess, block_parabolas
+from linkwise.discovery.prediction import Excess, block_parabolas
 from linkwise.discovery.result import TermEvidence
 from linkwise.discovery.selection import Selection, singular
 from linkwise.estimates.estimate import Estimate
@@ -244,8 +244,8 @@ def path_models(selection: Selection) -> list[tuple[list[int], int]]:
     return models
 
 
-def selection_path(selection: Selection) -> tuple[tuple[PathPoint, ...], BlockParabolas | None]:
-    """The `path_models`, and the parabolas of blocks of the records in all their terms, which say how well each predicts."""
+def selection_path(selection: Selection) -> tuple[PathPoint, ...]:
+    """The `path_models`, with how well each predicts blocks of the records that it is not fitted to."""
     quadratic, models, parabolas = selection.quadratic, path_models(selection), None
     if selection.fit.status is AnnealingStatus.CONVERGED:
         with suppress(np.linalg.LinAlgError):
@@ -273,7 +273,7 @@ def selection_path(selection: Selection) -> tuple[tuple[PathPoint, ...], BlockPa
                 share=share,
             )
         )
-    return tuple(path), parabolas
+    return tuple(path)
 
 
 def runners_up(selection: Selection) -> tuple[RunnerUp, ...]:

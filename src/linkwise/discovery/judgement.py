@@ -29,7 +29,6 @@ from linkwise.discovery.rivals import (
     rival_origins,
     rival_remarks,
     rival_terms,
-    terms_without_gain,
 )
 from linkwise.discovery.screened_records import ScreenedRecords
 from linkwise.discovery.selection import Selection
@@ -71,9 +70,8 @@ def judged_discovery(
     moves = [rival.moved for rival in rivals if rival.moved is not None]
     for moved in moves:
         estimate = widened(estimate, np.outer(moved, moved))
-    path, parabolas = selection_path(selection)
+    path = selection_path(selection)
     rivals += rival_origins(selection, estimate, records) if screened.integrated else ()
-    rivals += terms_without_gain(selection, parabolas, estimate.model_error)
     memory = tuple(replace(law, unambiguous=law.unambiguous and told) for law in memory)
     doubts = [*_doubts(screened, selection, estimate, bool(moves), memory)]
     verdicts = (*estimate.verdicts, *(verdict for verdict, _ in doubts))

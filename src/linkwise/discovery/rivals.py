@@ -1,11 +1,10 @@
-"""What may be there in place of terms that were found, and explains the records as well or better: rivals, of six kinds.
+"""What may be there in place of terms that were found, and explains the records as well or better: rivals, of five kinds.
 
 Margins of terms against each other say nothing of what nobody offered. Here terms give way, in the local quadratic model of
 the cost, to errors of stated values and offsets of sensors (`rival_errors`), other forms of force (`rival_forms`), other ends
 of a link (`rival_links`) and other terms (`rival_terms`); and, by a fit, to frequencies of a host (`rival_frequencies`). The
 criterion of the best model without the terms against that of the selection says which of both the records prefer. The law of a
-link whose displacement no sensor shows may be another one about another origin (`rival_origins`), and terms by which no
-prediction gains are replaced by nothing (`terms_without_gain`).
+link whose displacement no sensor shows may be another one about another origin (`rival_origins`).
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.discovery.candidates import CandidateTerm
 from linkwise.discovery.criterion import CERTAIN, QuadraticModel
-from linkwise.discovery.prediction import BlockParabolas
 from linkwise.discovery.selection import Selection, TermSearch, cost_of, leaves_only_noise
 from linkwise.discovery.terms import Term
 from linkwise.errors import IdentificationError
@@ -82,7 +80,6 @@ class Rival:
 
 _KINDS = {
     "form": "",
-    "nothing": "",
     "error": "",
     "link": "exchanges of a link would cost as little.",
     "origin": "",
@@ -479,27 +476,3 @@ def rival_origins(selection: Selection, estimate: Estimate, records: Sequence[Re
     terms = [k for k, entry in selection.entries.items() if frozenset(pairs[entry.pair].between) in ends]
     remark = _ORIGIN.format(" and ".join("-".join(between) for between in found))
     return (Rival("origin", tuple(terms), 0.0, remark),) if found else ()
-
-
-def terms_without_gain(
-    selection: Selection, parabolas: BlockParabolas | None, model_error: float
-) -> tuple[Rival, ...]:
-    """Terms that make less of the force of their link than the model error and by which no prediction gains measurably.
-
-    `model_error` is the part of the forces that the laws leave unexplained. None where the selection is without one.
-    """
-    if parabolas is None or not selection.fit.model_error > 0.0:
-        return ()
-    needless = []
-    for k in selection.inside:
-        share = abs(selection.coefficients[k][0]) * selection.unit_shares.get(k, np.inf)
-        if share < model_error:
-            prediction = parabolas.prediction([other for other in selection.inside if other != k])
-            if prediction.excess <= prediction.scatter:
-                remark = (
-                    f"{selection.quadratic.names[k]} makes {100.0 * share:.2g} % of the force of its link, less than the "
-                    f"model error of {100.0 * model_error:.2g} %, and pieces of the record that were left out are predicted "
-                    "as well without it."
-                )
-                needless.append(Rival("nothing", (k,), prediction.excess, remark))
-    return tuple(needless)
