@@ -383,7 +383,7 @@ def _doubles(link: Link, powers: Mapping[str, float], motion: float) -> bool:
 _FLOW_ERROR = 1e-3  # of the standard deviation of the noise: errors of the steps are systematic over thousands of segments
 _TANGENT_ERROR = 0.002  # of a sensitivity over a segment
 _MAX_REFINEMENT = 8  # steps per sample
-_TESTED_SEGMENTS = 150  # whose residuals decide how fine the steps must be
+_TESTED_SEGMENTS = 75  # whose residuals decide how fine the steps must be
 _TESTED_NUMBERS = 1_000_000  # in the sensitivities that do, with many masses
 
 

@@ -35,7 +35,7 @@ the width of the one that it ends at.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -562,7 +562,8 @@ def undetermined_far_away(fit: LikelihoodFit, identified: Structure) -> tuple[st
     system, energy = fit.segments.system, elongation_energy(fit)
     if not fit.converged:
         return ()
-    own_energy = np.where(energy < np.inf, own_part(fit), 1.0) * energy
+    estimated = {link for link, column, _ in system.interactions if fit.free[column]}
+    own_energy = np.where(energy < np.inf, own_part(fit, estimated), 1.0) * energy
     if not (own_energy < _FAINT).any():
         return ()
     in_links: dict[int, list[int]] = {}
@@ -637,8 +638,8 @@ def elongation_energy(fit: LikelihoodFit) -> Floats:
     return energy
 
 
-def own_part(fit: LikelihoodFit) -> Floats:
-    """(L,) part of the energy of each link's elongation that does not follow those of the other links at one of its ends.
+def own_part(fit: LikelihoodFit, links: Collection[int]) -> Floats:
+    """(L,) part of the energy of some links' elongation that does not follow those of the others at one of its ends; else 1.
 
     It is what their elongations, cubes and rates leave of it by least squares, at the end where that is less.
     """
@@ -648,7 +649,7 @@ def own_part(fit: LikelihoodFit) -> Floats:
     d = d - d.mean(axis=0)
     touches = system.incidence != 0.0
     parts = np.ones(d.shape[1])
-    for link in range(d.shape[1]):
+    for link in links:
         power = max(float(np.vdot(d[:, link], d[:, link])), np.finfo(float).tiny)
         for mass in np.flatnonzero(touches[:, link]):
             beside = np.setdiff1d(np.flatnonzero(touches[mass]), link)

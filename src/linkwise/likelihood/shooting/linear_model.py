@@ -13,7 +13,7 @@ of that and of the unknowns of all, which join those of the next piece: the fact
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -27,7 +27,14 @@ from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem
 from linkwise.likelihood.shooting.local_equations import local_linearization
 from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.neighbourhoods import MANY, LocalRows, clusters, neighbourhoods, reach
+from linkwise.likelihood.shooting.neighbourhoods import (
+    MANY,
+    LocalRows,
+    Neighbourhood,
+    clusters,
+    neighbourhoods,
+    reach,
+)
 from linkwise.likelihood.shooting.normal_equations import (
     Linearization,
     add_prior,
@@ -52,39 +59,58 @@ def linear_model(
     misfit: Misfit,
     scales: Scales,
     loss: Loss,
-    executor: Executor | None = None,
     candidates: CandidateForces | None = None,
     errors: SensorErrors | None = None,
     blocks: int = 1,
 ) -> Linearization:
-    """Gauss-Newton model at a point.
+    """Gauss-Newton model at a point, in as many threads as there are processors; by groups of columns where there are any.
 
     Parameters
     ----------
     segments, misfit, scales, loss, candidates, errors, blocks
         As of `linearise`.
-    executor : Executor, optional
-        Threads; by default as many as there are processors.
 
     Returns
     -------
     Linearization
-        The model, its rows by groups of columns where influences reach a small part of the structure within a segment.
+        The model.
     """
-    if executor is None:
-        with ThreadPoolExecutor(processors()) as threads:
-            return linear_model(segments, misfit, scales, loss, threads, candidates, errors, blocks)
-    if _separable(segments):
-        reached = reach(segments, misfit, scales)
-        origins = column_origins(segments, candidates, errors)
-        moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
-        groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
-        m, n = segments.system.dimension, len(segments.system.incidence)
-        handled = sum(len(group.masses) * group.size for group in groups)
-        if handled < _WORTHWHILE * n * (m + len(origins)):
+    groups = groups_at(segments, misfit, scales, candidates, errors)
+    with ThreadPoolExecutor(processors()) as threads:
+        if groups:
             rows = LocalRows(segments, misfit, scales, loss, groups, candidates, errors)
-            return local_linearization(rows, executor, blocks)
-    return linearise(segments, misfit, scales, loss, executor, candidates, errors, blocks)
+            return local_linearization(rows, threads, blocks)
+        return linearise(segments, misfit, scales, loss, threads, candidates, errors, blocks)
+
+
+def groups_at(
+    segments: Segments,
+    misfit: Misfit,
+    scales: Scales,
+    candidates: CandidateForces | None = None,
+    errors: SensorErrors | None = None,
+) -> list[Neighbourhood]:
+    """The groups of columns by which to linearise at a point: none where influences reach most of the structure.
+
+    Parameters
+    ----------
+    segments, misfit, scales, candidates, errors
+        As of `linearise`.
+
+    Returns
+    -------
+    list of Neighbourhood
+        The groups; where coefficients change little, what they reach does not.
+    """
+    if not _separable(segments):
+        return []
+    reached = reach(segments, misfit, scales)
+    origins = column_origins(segments, candidates, errors)
+    moving = segments.system.parameters.size + (0 if candidates is None else len(candidates.first))
+    groups = neighbourhoods(segments, reached, clusters(segments.system), origins, moving)
+    m, n = segments.system.dimension, len(segments.system.incidence)
+    handled = sum(len(group.masses) * group.size for group in groups)
+    return groups if handled < _WORTHWHILE * n * (m + len(origins)) else []
 
 
 def _separable(segments: Segments) -> bool:

@@ -12,6 +12,7 @@ J. Ye et al., Phys. Rev. E 92, 052901 (2015), for annealing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import Enum
@@ -21,9 +22,11 @@ import numpy as np
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor
-from linkwise.likelihood.shooting.linear_model import covariance, firm_factor, linear_model
+from linkwise.likelihood.shooting.linear_model import covariance, firm_factor, groups_at
+from linkwise.likelihood.shooting.local_equations import local_linearization
 from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.normal_equations import Linearization
+from linkwise.likelihood.shooting.neighbourhoods import LocalRows, Neighbourhood
+from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
 from linkwise.likelihood.shooting.residuals import Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.steps import AnnealingSchedule as AnnealingSchedule
@@ -39,6 +42,7 @@ from linkwise.likelihood.shooting.steps import (
 from linkwise.progress import Progress, silent
 
 _MAX_DAMPING = 1e8  # at which steps are too short to matter
+_NEAR = 0.1  # of its size: a change of a coefficient by which influences reach as far as before
 
 
 class AnnealingStatus(Enum):
@@ -182,9 +186,12 @@ class Annealer:
         misfit = _started(segments, start, scales, loss, schedule.initial_q)
         linear: Linearization | None = None
         damped: DampedEquations | None = None
+        theta, groups = misfit.point.theta, groups_at(segments, misfit, scales)
         try:
             while len(path) < schedule.max_steps:
-                linear = linear or linear_model(segments, misfit, scales, loss, self.executor)
+                if np.any(np.abs(misfit.point.theta - theta) > _NEAR * scales.theta[: len(theta)]):
+                    theta, groups = misfit.point.theta, groups_at(segments, misfit, scales)
+                linear = linear or self._linear(segments, misfit, scales, groups)
                 if control.damping > _MAX_DAMPING:
                     status = AnnealingStatus.STUCK
                     break
@@ -219,6 +226,14 @@ class Annealer:
         except KeyboardInterrupt:
             status = AnnealingStatus.INTERRUPTED
         factor = None if damped is None else damped.undamped_factor(control.q)
-        linear, damped = linear or linear_model(segments, misfit, scales, loss, self.executor), None
+        linear, damped = linear or self._linear(segments, misfit, scales, groups), None
         firm = firm_factor(linear, control.q, factor)
         return _ended(segments, firm, misfit, scales, loss, control.q, status, path)
+
+    def _linear(
+        self, segments: Segments, misfit: Misfit, scales: Scales, groups: Sequence[Neighbourhood]
+    ) -> Linearization:
+        """The Gauss-Newton model at a point, by `groups` of columns where there are any."""
+        if groups:
+            return local_linearization(LocalRows(segments, misfit, scales, self.loss, groups), self.executor)
+        return linearise(segments, misfit, scales, self.loss, self.executor)

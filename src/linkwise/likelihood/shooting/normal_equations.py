@@ -343,16 +343,21 @@ def linearise(
         for corners, products in ((model.of_data, of_data), (model.of_defects, of_defects)):
             sums.append((corners.matrices, corner, products[:, :-1, :-1]))
             sums.append((corners.gradients, (..., own), products[:, -1, :-1]))
-        shown = rows.reshape(len(rows), *segments.samples.shape[:2], -1)
-        for channel, numbers, columns in _errors(segments, misfit, scales, loss, part, errors):
-            product, at = columns @ shown[:, :, channel], first + numbers
-            right[..., at] = product[..., :m].transpose(0, 2, 1)
-            total = product[..., m:].sum(axis=0, dtype=float)
-            squares = (columns @ columns.transpose(0, 2, 1)).sum(axis=0, dtype=float)
-            sums.append((model.of_data.matrices, (0, at[:, None], others), total[:, :-1]))
-            sums.append((model.of_data.matrices, (0, others[:, None], at), total[:, :-1].T))
-            sums.append((model.of_data.matrices, (0, at[:, None], at), squares))
-            sums.append((model.of_data.gradients, (0, at), total[:, -1]))
+        if errors is not None:
+            shown = rows.reshape(len(rows), *segments.samples.shape[:2], -1)
+            count, width = last - first, rows.shape[2] - m
+            beside, squares = np.zeros((count, width)), np.zeros((count, count))
+            for channel, numbers, columns in _errors(segments, misfit, scales, loss, part, errors):
+                product = columns @ shown[:, :, channel]
+                right[..., first + numbers] = product[..., :m].transpose(0, 2, 1)
+                beside[numbers] = product[..., m:].sum(axis=0, dtype=float)
+                powers = columns @ columns.transpose(0, 2, 1)
+                squares[numbers[:, None], numbers] = powers.sum(axis=0, dtype=float)
+            block, at = slice(0, 1), slice(first, last)
+            sums.append((model.of_data.matrices, (block, at, own), beside[:, :-1]))
+            sums.append((model.of_data.matrices, (block, own, at), beside[:, :-1].T))
+            sums.append((model.of_data.matrices, (block, at, at), squares))
+            sums.append((model.of_data.gradients, (block, at), beside[:, -1]))
         return sums
 
     parts = chunks(segments, segments.parameters + _extra_columns(candidates, None))
