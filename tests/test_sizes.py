@@ -12,9 +12,9 @@ TESTS = 35_265  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
-    "absorption": (11, 2256),
+    "absorption": (11, 2254),
     "analysis": (4, 506),
-    "cli": (20, 1888),
+    "cli": (20, 1886),
     "discovery": (18, 3498),
     "estimates": (7, 1448),
     "export": (9, 784),
@@ -23,22 +23,22 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "identification": (13, 2392),
     "inspection": (10, 1879),
 <<<<<<< HEAD
-    "likelihood": (64, 14049),
+    "likelihood": (64, 14051),
 =======
-    "likelihood": (64, 14049),
+    "likelihood": (64, 14051),
 >>>>>>> wc
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 368),
-    "plot": (12, 1890),
-    "records": (8, 1457),
+    "plot": (12, 1889),
+    "records": (8, 1456),
     "report": (9, 1026),
     "response": (13, 1952),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 925),
     "signals": (6, 834),
-    "simulation": (9, 1652),
+    "simulation": (9, 1648),
     "sindy": (9, 1063),
-    "study": (9, 1523),
+    "study": (9, 1475),
     "weak": (11, 1742),
 }
 

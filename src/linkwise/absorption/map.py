@@ -350,14 +350,9 @@ def _axes(structure: Structure, over: Mapping[str, ArrayLike]) -> tuple[SweepAxi
     return tuple(axes)
 
 
-def map_bytes(runs: int, masses: int) -> int:
-    """The memory in bytes of `runs` runs of a structure of `masses` masses, except for their motion."""
-    return runs * (_RUN_BYTES + _MASS_BYTES * masses)
-
-
 def _require_memory(axes: tuple[SweepAxis, ...], masses: int) -> None:
     runs = prod(len(axis.values) for axis in axes)
-    needed, free = map_bytes(runs, masses), available_memory()
+    needed, free = runs * (_RUN_BYTES + _MASS_BYTES * masses), available_memory()
     if needed > free:
         raise SimulationError(
             f"a sweep of {runs} runs needs {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free; use fewer values of "

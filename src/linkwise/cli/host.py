@@ -152,7 +152,9 @@ def host(
     if output is not None and not as_json:
         click.echo(str(estimate))
     else:
-        _tell_doubts(estimate)
+        note(*estimate.remarks)
+        if not estimate.trusted:
+            note(f"not to be trusted: {estimate.verdicts[0].value}")
     return estimate.grade.exit_code
 
 
@@ -196,13 +198,6 @@ def _identified(source: ReadingOptions, files: tuple[Path, ...], given: HostOpti
         note(*dict.fromkeys(remark for record in records for remark in record.notes))
         count = None if modes == "auto" else int(modes)
         return lw.modal.identify_host(records, modes=count, name=given.name, masses=masses, progress=step)
-
-
-def _tell_doubts(estimate: lw.modal.HostEstimate) -> None:
-    """What stands against a host that is printed as a file."""
-    note(*estimate.remarks)
-    if not estimate.trusted:
-        note(f"not to be trusted: {estimate.verdicts[0].value}")
 
 
 def _reduced(files: tuple[Path, ...], title: str, options: Mapping[str, Any]) -> lw.Host:

@@ -68,7 +68,7 @@ from linkwise.likelihood.random_forces import (
     with_noise_of_signals,
 )
 from linkwise.likelihood.rigs.estimate import rig_estimate
-from linkwise.likelihood.shooting.loss import Gaussian, Huber, Loss, Student
+from linkwise.likelihood.shooting.loss import LOSSES, Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import AnnealingStatus
 from linkwise.likelihood.shooting.segmentation import require_units_of_states
 from linkwise.likelihood.shooting.system import held_where_unseen
@@ -239,10 +239,6 @@ def _of_faint_modes(faint: Sequence[Name]) -> Iterator[str]:
         )
         subject = f"{' and '.join(names)} {verb} hardly determined by the record"
         yield f"{subject}, whose noise hides the mode: {intervals} of the prior."
-
-
-LOSSES = {"huber": Huber(), "student": Student()}
-"""Robust losses by name."""
 
 
 class LikelihoodKeywords(AskedKeywords, total=False):

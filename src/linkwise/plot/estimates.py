@@ -242,6 +242,7 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
     with axes_for(ax, legend=legend) as axes:
         axes.axhline(0.0, color="black", lw=0.6)
         for number, mode in enumerate(host.modes):
+            hz = "" if mode.frequency.value is None else f", {mode.frequency.value:.4g} Hz"
             deviations = [mode.shape_sigma.get(point, 0.0) for point in points]
             bars = [2.0 * sigma if math.isfinite(sigma) else 0.0 for sigma in deviations]
             axes.errorbar(
@@ -254,7 +255,7 @@ def shapes(host: Host, points: Sequence[str] = (), *, legend: bool = True, ax: A
                 ms=3.5,
                 lw=1.0,
                 capsize=2.0,
-                label=label(f"mode {number + 1}{_frequency(mode.frequency.value)}"),
+                label=label(f"mode {number + 1}{hz}"),
             )
         axes.set_xticks(places, [literal(point) for point in points])
         turning = len(host.modes[0].rotations.intersection(points))
@@ -282,7 +283,3 @@ def _by_unit(host: Host) -> list[list[str]]:
     turning = host.modes[0].rotations
     still = [point for point in host.modes[0].shape if point not in turning]
     return [points for points in (still, sorted(turning, key=list(host.modes[0].shape).index)) if points]
-
-
-def _frequency(value: float | None) -> str:
-    return "" if value is None else f", {value:.4g} Hz"

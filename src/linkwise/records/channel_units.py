@@ -33,10 +33,9 @@ def unit_in(structure: Structure, name: str) -> str:
         return structure.signals.get(channel.place, "")
     if not structure.rotations:
         return channel.unit
-    if channel.of_link:
-        units = {link.name: link.law.force_unit for link in structure.links}
-        return units.get(channel.link, channel.unit)
-    return channel.angular_unit if channel.place in structure.rotations else channel.unit
+    links = {link.name for link in structure.links if link.law.angular}
+    turns = channel.place in (links if channel.of_link else structure.rotations)
+    return channel.angular_unit if turns else channel.unit
 
 
 def in_units_of(record: Record, structure: Structure) -> Record:

@@ -74,8 +74,11 @@ class SimulatedMotion:
 
     @cached_property
     def energy(self) -> EnergyBalance:
-        """The energy balance at every output time."""
-        return energy_balance(self.schedule, self.displacement, self.velocity, self.run)
+        """The energy balance at every output time; of a rig without the spring at rest beside it."""
+        balance = energy_balance(self.schedule, self.displacement, self.velocity, self.run)
+        if not isinstance(self.schedule.structure, _MovedStructure):
+            return balance
+        return replace(balance, potential=balance.potential[:, :-1], dissipated=balance.dissipated[:, :-1])
 
     @cached_property
     def horizon(self) -> float | None:
@@ -113,24 +116,6 @@ def with_mass_at_rest(structure: Structure) -> Structure:
         return structure
     spring = Link(_SPRING, (_MASS, GROUND), Law.parse("k*d"), {"k": 1.0})
     return _MovedStructure(structure.name, (Mass(_MASS, 1.0),), (*structure.links, spring))
-
-
-@dataclass(frozen=True, eq=False)
-class RigDiagnostics:
-    """Energies and horizon of the links on a rig, from the motion beside the mass at rest."""
-
-    motion: SimulatedMotion
-
-    @property
-    def energy(self) -> EnergyBalance:
-        """The balance without the spring at rest."""
-        energy = self.motion.energy
-        return replace(energy, potential=energy.potential[:, :-1], dissipated=energy.dissipated[:, :-1])
-
-    @property
-    def horizon(self) -> float | None:
-        """Time in s past which the states cannot be trusted; None where they can throughout."""
-        return self.motion.horizon
 
 
 class ExcitationKeywords(TypedDict, total=False):
@@ -231,7 +216,7 @@ def simulate(
             motion.displacement[:, : structure.size],
             motion.velocity[:, : structure.size],
             drive.base_at(grid),
-            RigDiagnostics(motion) if structure.on_rig else motion,
+            motion,
             states=states,
         ),
         source=f"simulation of {structure.name}",

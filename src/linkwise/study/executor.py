@@ -1,7 +1,6 @@
 """Executors of the batches of a study: the interface, and the processes of this machine behind it.
 
-An executor returns futures of `concurrent.futures`, and classifies the failure of a batch; batches are as large as the
-cases that were run say.
+An executor returns futures of `concurrent.futures`, and classifies the failure of a batch.
 """
 
 from __future__ import annotations
@@ -14,8 +13,7 @@ import os
 import signal
 import threading
 from abc import ABC, abstractmethod
-from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -112,100 +110,9 @@ def _study(text: str) -> Study:
 
 
 @lru_cache(maxsize=_RECORDS)
-def _simulated(text: str, name: str, cycle: int) -> Record | LinkwiseError:
-    try:
-        return _study(text).subject(name).simulate(cycle)
-    except LinkwiseError as error:  # cached too: a structure that diverges does so for every case
-        return error
-
-
 def _clean(text: str, name: str, cycle: int) -> Record:
-    """The clean record of a structure in a cycle, simulated once in this process."""
-    record = _simulated(text, name, cycle)
-    if isinstance(record, LinkwiseError):
-        raise record
-    return record
-
-
-#: Structure, noise level in dB and method.
-CellKey = tuple[str, float, str]
-
-
-class Timing:
-    """Measured times of cases by cell, and the expected times of those pending; `masses` by structure, at least 1."""
-
-    def __init__(self, done: list[Row], pending: list[Case], masses: Mapping[str, int]) -> None:
-        self._seconds: dict[CellKey, float] = defaultdict(float)  # in all
-        self._counts: Counter[CellKey] = Counter()
-        self._left: Counter[CellKey] = Counter(case.cell for case in pending)
-        self._masses = masses
-        self._began = perf_counter()
-        self._worked = 0.0
-        self.done = 0
-        for row in done:
-            self._record(row.case.cell, row.seconds)
-
-    def finished(self, case: Case, seconds: float) -> None:
-        """Note that a case took `seconds` of a worker."""
-        self._record(case.cell, seconds)
-        self._left[case.cell] -= 1
-        self._worked += seconds
-        self.done += 1
-
-    def known(self, case: Case) -> bool:
-        """Whether a case of the same cell was run."""
-        return self._counts[case.cell] > 0
-
-    def expected(self, cell: CellKey) -> float:
-        """The expected time in s of a case of a cell: the mean of those that were run.
-
-        Without such, the mean of the same method (or any) on the largest structure so far, times the square of the ratio of
-        masses.
-        """
-        if self._counts[cell]:
-            return self._seconds[cell] / self._counts[cell]
-        known = [other for other in self._counts if other[2] == cell[2]] or list(self._counts)
-        largest = max((self._masses[structure] for structure, _, _ in known), default=1)
-        means = [self.expected(other) for other in known if self._masses[other[0]] == largest]
-        return sum(means) / max(len(means), 1) * (self._masses[cell[0]] / largest) ** 2
-
-    @property
-    def rate(self) -> float:
-        """Cases per second since the start, 0 before the first."""
-        return self.done / max(perf_counter() - self._began, 1e-9)
-
-    @property
-    def left(self) -> float | None:
-        """Time left in s at the speed of the workers so far; None before the first case."""
-        return self.work * (perf_counter() - self._began) / self._worked if self._worked else None
-
-    @property
-    def work(self) -> float:
-        """The expected time in s of a single worker for all pending cases."""
-        return sum(count * self.expected(cell) for cell, count in self._left.items() if count)
-
-    def _record(self, cell: CellKey, seconds: float) -> None:
-        self._seconds[cell] += seconds
-        self._counts[cell] += 1
-
-
-def next_batch(pending: deque[Case], timing: Timing, seconds: float, alone: set[Case]) -> tuple[Case, ...]:
-    """Take at least one case, and no more than are expected to last `seconds`, from the front of `pending`.
-
-    A case of a cell that was never timed, and a case in `alone`, makes a batch of its own.
-    """
-    chosen = [pending.popleft()]
-    total = timing.expected(chosen[0].cell)
-
-    def single(case: Case) -> bool:
-        return case in alone or not timing.known(case)
-
-    while pending and not single(chosen[0]) and not single(pending[0]):
-        total += timing.expected(pending[0].cell)
-        if total > seconds:
-            break
-        chosen.append(pending.popleft())
-    return tuple(chosen)
+    """The clean record of a structure in a cycle, simulated once in this process unless the motion diverges."""
+    return _study(text).subject(name).simulate(cycle)
 
 
 MOST_WORKERS = 1000  # each takes 0.2 GB of memory

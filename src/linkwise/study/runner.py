@@ -10,6 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from time import perf_counter
 
 from linkwise.display import format_duration
 from linkwise.errors import StudyError, expect
@@ -23,9 +24,7 @@ from linkwise.study.executor import (
     FailureKind,
     GivenExecutor,
     ProcessExecutor,
-    Timing,
     failed_row,
-    next_batch,
 )
 from linkwise.study.store import SHARDS, Store, open_store, read_rows
 from linkwise.study.subject import WORKER_DIED, Case, Row
@@ -75,14 +74,13 @@ def run(study: Study, cases: Sequence[Case], store: Store, executor: Executor, p
     Raises StudyError if the workers cannot run cases at all.
     """
     done = store.done()
-    rows = [row for row in store.rows() if row.case in done]
     pending = [case for case in cases if case not in done]
-    timing = Timing(rows, pending, {subject.name: subject.structure.size or 1 for subject in study.subjects})
-    queue = _Queue(study, executor, timing, pending)
+    queue = _Queue(study, executor, pending)
 
     def report() -> None:
-        done = len(cases) - len(pending) + timing.done
-        progress(StudyProgress(done, len(cases), timing.rate, timing.left).report)
+        done = len(cases) - len(pending) + queue.done
+        left = (len(cases) - done) / queue.rate if queue.done else None
+        progress(StudyProgress(done, len(cases), queue.rate, left).report)
 
     report()
     queue.submit()
@@ -98,23 +96,37 @@ def run(study: Study, cases: Sequence[Case], store: Store, executor: Executor, p
 
 
 class _Queue:
-    """The cases that are pending, and the batches that are `running`."""
+    """The cases that are pending, the batches that are `running`, and how many cases are `done`."""
 
-    def __init__(self, study: Study, executor: Executor, timing: Timing, pending: list[Case]) -> None:
-        self._study, self._executor, self._timing = study, executor, timing
+    def __init__(self, study: Study, executor: Executor, pending: list[Case]) -> None:
+        self._study, self._executor = study, executor
         self._text = study.text()
+        self._began, self._worked, self.done = perf_counter(), 0.0, 0
         self._pending = deque(pending)
         self._deaths: Counter[Case] = Counter()
         self.running: dict[Future[list[CaseResult]], tuple[Case, ...]] = {}
 
+    @property
+    def rate(self) -> float:
+        """Cases per second since the start, 0 before the first."""
+        return self.done / max(perf_counter() - self._began, 1e-9)
+
     def submit(self) -> None:
         """Fill all slots of the executor."""
         slots = self._executor.slots
-        # Towards the end batches get smaller, so that all workers finish together.
-        seconds = min(self._executor.batch_seconds, self._timing.work / (_BATCHES_LEFT * slots))
+        # as many cases as last so long on average; towards the end fewer, so that all workers finish together
+        lasting = self._executor.batch_seconds * self.done / max(self._worked, 1e-9)
+        most = int(min(lasting, len(self._pending) / (_BATCHES_LEFT * slots)))
         while self._pending and len(self.running) < slots:
-            cases = next_batch(self._pending, self._timing, seconds, set(self._deaths))
+            cases = self._next(most)
             self.running[self._executor.submit(CaseBatch(self._text, cases))] = cases
+
+    def _next(self, most: int) -> tuple[Case, ...]:
+        """The next cases, so many at `most` and one at least; one at which a worker died goes by itself."""
+        chosen = [self._pending.popleft()]
+        while len(chosen) < most and self._pending and not {chosen[0], self._pending[0]} & {*self._deaths}:
+            chosen.append(self._pending.popleft())
+        return tuple(chosen)
 
     def collect(
         self, finished: Iterable[Future[list[CaseResult]]]
@@ -138,8 +150,8 @@ class _Queue:
                 failure.__cause__ = error
             else:
                 results += self._resubmit(cases, kind)
-        for result in results:
-            self._timing.finished(result.row.case, result.seconds)
+        self.done += len(results)
+        self._worked += sum(result.seconds for result in results)
         return results, failure
 
     def _resubmit(self, cases: tuple[Case, ...], kind: FailureKind) -> list[CaseResult]:

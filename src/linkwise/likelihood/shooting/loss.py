@@ -207,6 +207,10 @@ class Student(Loss):
         return np.asarray((self.freedom + 1) / (self.freedom + residuals**2))
 
 
+LOSSES = {"huber": Huber(), "student": Student()}
+"""Robust losses by name, as `identify` takes them."""
+
+
 _OWN = 1e-3  # of a prior's variance: what the records must take off it to say anything against it
 
 

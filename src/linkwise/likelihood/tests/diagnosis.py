@@ -367,6 +367,9 @@ def diagnose(
     others = [
         cause for cause in causes if f"{cause.kind.removeprefix('force ')} of {cause.where}" not in stated
     ]
+    # of a mass that is known to within a sigma both are one, and rounding must not tell which comes first
+    of_masses = {f"{cause.where}.{MASS}": cause.gain for cause in others if cause.kind == MASS}
+    conflicts = tuple(replace(one, gain=min(one.gain, of_masses.get(one.where, np.inf))) for one in conflicts)
     tested = None if _are_ambient(fit) else tested
     return Diagnosis(tuple(sorted((*others, *conflicts), key=likeliest_first)), tested, remark)
 

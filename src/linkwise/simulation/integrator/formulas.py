@@ -488,6 +488,7 @@ class MotionFormulas:
 
     def _translated(self, tree: Expression, names: Mapping[str, Formula], owner: int) -> Formula:
         """A tree in the algebra, on the branch that the parameters sigma select."""
+        sigmas = self.layout.branches.start
 
         def translate(node: Expression) -> Formula:
             match node:
@@ -507,15 +508,16 @@ class MotionFormulas:
                 case Call(function, arguments) if FUNCTIONS[function].kink is not None:
                     kink, branch = kink_and_branch(function, arguments)
                     inner = dict(zip(("x", "y"), map(translate, arguments), strict=False))
-                    return self._translated(branch, {**inner, "s": self._branch(owner, kink)}, owner)
+                    return self._translated(
+                        branch,
+                        {**inner, "s": self.algebra.parameter(sigmas + self._kinks[owner, kink])},
+                        owner,
+                    )
                 case Call(function, arguments):
                     return self.algebra.call(function, [translate(argument) for argument in arguments])
             raise TypeError(f"not an expression: {node!r}")
 
         return translate(tree)
-
-    def _branch(self, owner: int, kink: Expression) -> Formula:
-        return self.algebra.parameter(self.layout.branches.start + self._kinks[owner, kink])
 
 
 def _weighted(part: float, formula: Formula) -> Formula:
