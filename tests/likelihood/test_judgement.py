@@ -10,7 +10,7 @@ import pytest
 from present import present
 from problems import chain_record, truth
 from random_signals import autoregressive, differenced, random_force
-from structures import NES, link, oscillator, row_of_masses, with_links
+from structures import NES, link, oscillator, row_of_masses, structure, with_links
 from within import assert_within, errors
 
 import linkwise as lw
@@ -208,6 +208,18 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         assert np.max(np.abs(fit.values - long.values) / deviations) < 3.0
         low, high = present(fit.coefficient("link.k3").interval)
         assert present(fit.coefficient("link.k3").value) > 4e5 and high - low < 1.2e5
+
+
+def test_an_approximate_answer_knows_a_stated_stiffness_as_well_as_stated() -> None:
+    """A free decay tells ratios alone; the noise that is found over each horizon is no error of what is stated."""
+    whole = oscillator("k*d + c*v + k3*d**3", k=400.0, c=0.5, k3=3e4)
+    record = lw.simulate(whole, release={"x:m1": 0.05}, duration=8.0, rate=200.0).with_noise(50.0, seed=1)
+    known = lw.Coefficient.unknown(start=400.0, sigma=4.0)
+    linear = structure({"m1": lw.Coefficient.unknown()}, link("link", "m1-ground", "k*d + c*v", k=known))
+    fit = lw.identify(record, linear, as_stated=True)
+    assert fit.grade is lw.Grade.APPROXIMATE
+    assert fit.coefficient("link.k").standard_error == pytest.approx(4.0, rel=1e-3)
+    assert present(fit.coefficient("m1.mass").standard_error) > 0.01
 
 
 def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> None:
