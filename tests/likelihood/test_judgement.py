@@ -210,6 +210,18 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         assert present(fit.coefficient("link.k3").value) > 4e5 and high - low < 1.2e5
 
 
+def test_a_decay_that_is_soon_at_rest_is_not_compared_with_itself_without_its_motion() -> None:
+    """Residuals hint at sign(v), which is all but the friction of the law; without the first block nothing tells a spring."""
+    law = "k*d + c*v + F*tanh(v/0.002)"
+    whole = structure({"m1": 2.0}, link("link", "m1-ground", law, k=5000.0, c=1.0, F=0.6))
+    clean = lw.simulate(whole, release={"x:m1": 0.0025}, duration=8.0, rate=500.0).between(0.014, 8.0)
+    noise = 1e-6 * np.random.default_rng(3).normal(size=clean.values.shape)
+    fit = lw.identify(replace(clean, values=clean.values + noise), whole.unknown("all"))
+    assert fit.trusted
+    assert abs(present(fit.coefficient("link.k").value) - 5000.0) < 0.3
+    assert 0.1 < present(fit.coefficient("link.k").standard_error) < 0.2
+
+
 def test_an_approximate_answer_knows_a_stated_stiffness_as_well_as_stated() -> None:
     """A free decay tells ratios alone; the noise that is found over each horizon is no error of what is stated."""
     whole = oscillator("k*d + c*v + k3*d**3", k=400.0, c=0.5, k3=3e4)
