@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_345  # lines of all files of tests
+TESTS = 35_353  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -21,7 +21,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (6, 1083),
     "files": (14, 1957),
     "identification": (13, 2392),
-    "inspection": (10, 1879),
+    "inspection": (10, 1881),
     "likelihood": (64, 14194),
     "modal": (5, 853),
     "model": (17, 2981),
