@@ -30,7 +30,7 @@ extensions = [
     "executed",
     "mathml",
 ]
-exclude_patterns = ["extensions", "generated", "site"]
+exclude_patterns = ["examples", "extensions", "generated", "site"]
 nitpicky = True
 
 # Pages

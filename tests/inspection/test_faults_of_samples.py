@@ -96,6 +96,14 @@ def test_samples_that_a_logger_lost_are_no_spikes(samples: int, name: str) -> No
     assert not np.isnan(marked.channel(CHANNEL)).any()
 
 
+def test_the_ends_of_a_plateau_are_no_samples_that_a_logger_lost() -> None:
+    """A decay whose first swings leave the range, seen with hardly any noise."""
+    time, noise = np.arange(4000) / 500.0, np.random.default_rng(1).normal(size=4000)
+    decay = 3e-3 * np.cos(50.0 * time + 0.7) * np.maximum(1.0 - 0.8 * time, 0.0) + 1e-6 * noise
+    record = lw.Record(0.0, 500.0, (CHANNEL,), np.maximum(decay, -2e-3)[:, None])
+    assert kinds(record) == {"clipped"}
+
+
 @pytest.mark.parametrize("name", RECORDS)
 def test_spikes_are_no_fast_motion(name: str) -> None:
     """Their power at all frequencies was told as motion up to half the rate, and as aliasing, before the spikes."""

@@ -97,6 +97,16 @@ def test_a_harmonic_force_is_found(
     assert any(f"The harmonic force on {mass} at " in line and " N " in line for line in fit.findings)
 
 
+def test_a_harmonic_moment_is_in_newton_metres() -> None:
+    record = machine(OSCILLATOR, 7.3)
+    turning = replace(record, units={"x:m1": "rad"})
+    body = lw.rig({"m1": "1 kg m^2"}, {"spring": "m1 - ground: k*d + c*v + k3*d**3"})
+    named = next(cause for cause in lw.identify(turning, body, as_stated=True).diagnosis if cause.source)
+    assert named.kind == "harmonic force" and " N m) that was not" in named.description
+    fit = lw.identify(turning, body, harmonics={"m1": 7.3})
+    assert any("The harmonic force on m1 at " in line and " N m " in line for line in fit.findings)
+
+
 @pytest.mark.parametrize(("subject", "hz"), [(OSCILLATOR, 12.3), (PAIR, 7.3)])
 def test_a_hum_of_a_sensor_is_no_harmonic_force(subject: lw.Structure, hz: float) -> None:
     """Compared with the motion held, it explained less than a force did, beside which the motion follows."""

@@ -10,7 +10,7 @@ import pytest
 from present import present
 from problems import chain_record, truth
 from random_signals import autoregressive, differenced, random_force
-from structures import NES, link, oscillator, row_of_masses, with_links
+from structures import NES, link, oscillator, row_of_masses, structure, with_links
 from within import assert_within, errors
 
 import linkwise as lw
@@ -208,6 +208,30 @@ def test_an_approximate_answer_is_that_of_the_closest_law_over_any_record() -> N
         assert np.max(np.abs(fit.values - long.values) / deviations) < 3.0
         low, high = present(fit.coefficient("link.k3").interval)
         assert present(fit.coefficient("link.k3").value) > 4e5 and high - low < 1.2e5
+
+
+def test_a_decay_that_is_soon_at_rest_is_not_compared_with_itself_without_its_motion() -> None:
+    """Residuals hint at sign(v), which is all but the friction of the law; without the first block nothing tells a spring."""
+    law = "k*d + c*v + F*tanh(v/0.002)"
+    whole = structure({"m1": 2.0}, link("link", "m1-ground", law, k=5000.0, c=1.0, F=0.6))
+    clean = lw.simulate(whole, release={"x:m1": 0.0025}, duration=8.0, rate=500.0).between(0.014, 8.0)
+    noise = 1e-6 * np.random.default_rng(3).normal(size=clean.values.shape)
+    fit = lw.identify(replace(clean, values=clean.values + noise), whole.unknown("all"))
+    assert fit.trusted
+    assert abs(present(fit.coefficient("link.k").value) - 5000.0) < 0.3
+    assert 0.1 < present(fit.coefficient("link.k").standard_error) < 0.2
+
+
+def test_an_approximate_answer_knows_a_stated_stiffness_as_well_as_stated() -> None:
+    """A free decay tells ratios alone; the noise that is found over each horizon is no error of what is stated."""
+    whole = oscillator("k*d + c*v + k3*d**3", k=400.0, c=0.5, k3=3e4)
+    record = lw.simulate(whole, release={"x:m1": 0.05}, duration=8.0, rate=200.0).with_noise(50.0, seed=1)
+    known = lw.Coefficient.unknown(start=400.0, sigma=4.0)
+    linear = structure({"m1": lw.Coefficient.unknown()}, link("link", "m1-ground", "k*d + c*v", k=known))
+    fit = lw.identify(record, linear, as_stated=True)
+    assert fit.grade is lw.Grade.APPROXIMATE
+    assert fit.coefficient("link.k").standard_error == pytest.approx(4.0, rel=1e-3)
+    assert present(fit.coefficient("m1.mass").standard_error) > 0.01
 
 
 def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> None:

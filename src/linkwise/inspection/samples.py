@@ -239,11 +239,16 @@ def without_spikes(signal: ChannelSignal) -> ChannelSignal:
 
 
 def jumps(signal: ChannelSignal) -> Indices:
-    """The first samples behind jumps of a displacement, from which on it goes on elsewhere as smoothly as before."""
+    """The first samples behind jumps of a displacement, from which on it goes on elsewhere as smoothly as before.
+
+    Not where it comes to an end of its range, or from there.
+    """
     rows = _outliers(signal)
     if signal.channel.kind != "x":
         return rows[:0]
-    behind = [_jump(signal.filled, int(row)) for row in rows]
+    clipped = np.flatnonzero(np.isin(signal.filled, [value for value, _ in rails(signal)]))
+    apart = np.abs(rows[:, None] - clipped).min(axis=1, initial=len(signal.filled)) > _JUMP_REACH
+    behind = [_jump(signal.filled, int(row)) for row in rows[apart]]
     rows = np.unique([row for row in behind if row is not None]).astype(int)
     return rows[np.diff(rows, prepend=-_JUMP_REACH) > 2]
 

@@ -76,7 +76,7 @@ def harmonic_forces(
                     f"record has two periods, to {_HIGHEST * record.rate:g} Hz, got {frequency:g} Hz",
                     arguments=("harmonics",),
                 )
-            forces.append(HarmonicForce(mass, structure.mass_names.index(mass), float(frequency)))
+            forces.append(HarmonicForce.on(mass, frequency, structure))
     return tuple(forces)
 
 
@@ -125,8 +125,8 @@ def estimated_harmonics(
         errors.append(SensorErrorEstimate(force.mass, HARMONIC, force.frequency, float(deviations[-1]), "Hz"))
         sentences.append(
             f"The harmonic force on {force.mass} at {force.frequency:.5g} Hz has an amplitude of "
-            f"{', '.join(f'{size:.4g}' for size in sizes)} N (estimated with the other unknowns, standard error {of_size:.2g} "
-            "N)."
+            f"{', '.join(f'{size:.4g}' for size in sizes)} {force.unit} (estimated with the other unknowns, standard error "
+            f"{of_size:.2g} {force.unit})."
         )
     return unknowns.covariance, tuple(errors), tuple(sentences)
 
@@ -160,7 +160,7 @@ class Lines:
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
         exact, every = _is_exact(fit), range(structure.size)
         forces = [
-            HarmonicForce(structure.mass_names[mass], mass, line.frequency)
+            HarmonicForce.on(structure.mass_names[mass], line.frequency, structure)
             for line in lines
             for mass in ((line.masses or every) if exact else every)
         ]
@@ -178,7 +178,7 @@ class Lines:
             return
         for line in self.lines:
             for mass in line.masses[:1]:
-                forces, units = _columns(optimum, self.records, [HarmonicForce("", mass, line.frequency)])
+                forces, units = _columns(optimum, self.records, [HarmonicForce("", mass, line.frequency, "")])
                 sizes = _phases(self._kicks(mass), line.frequency, len(self.records)) / units
                 along = np.einsum("jhk,h->jk", in_turn(forces.starts, forces.middles), sizes)
                 yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, along)])
@@ -231,10 +231,9 @@ class Lines:
                 continue
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
             if best < len(self.forces):
-                source = f"{sizes[best]:.3g} N"
-                yield Cause(
-                    HARMONIC, self.forces[best].mass, line.frequency, "Hz", gain, error, source=source
-                )
+                force = self.forces[best]
+                source = f"{sizes[best]:.3g} {force.unit}"
+                yield Cause(HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source)
                 continue
             channel = self.hums[best - len(self.forces)][1]
             frequency, alone = _refined_hum(fit, records, line.frequency, channel)

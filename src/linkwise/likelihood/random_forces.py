@@ -47,18 +47,25 @@ _OF_BASE = (f"x:{BASE}", f"a:{BASE}")
 
 @dataclass(frozen=True)
 class HarmonicForce:
-    """A force on a `mass`, the `number` in its structure, with a `frequency` in Hz.
+    """A force in a `unit` on a `mass`, the `number` in its structure, with a `frequency` in Hz.
 
-    `amplitudes` are those in N of a cosine and a sine from the middle of each record, none where they are not found yet.
+    `amplitudes` are those of a cosine and a sine from the middle of each record, none where they are not found yet.
     """
 
     mass: str
     number: int
     frequency: float
+    unit: str
     amplitudes: tuple[tuple[float, float], ...] = ()
 
+    @classmethod
+    def on(cls, mass: str, frequency: float, structure: Structure) -> HarmonicForce:
+        """One on a mass of a structure, where the mass turns a moment, with amplitudes that are not found yet."""
+        number = structure.mass_names.index(mass)
+        return cls(mass, number, float(frequency), unit_in(structure, f"{_INPUT}{mass}"))
+
     def acting(self, time: Floats, record: int) -> Floats:
-        """(N,) the force in N at times (N,) in s from the middle of the record with this number."""
+        """(N,) the force at times (N,) in s from the middle of the record with this number."""
         (a, b), phase = self.amplitudes[record], 2.0 * np.pi * self.frequency * time
         return np.asarray(a * np.cos(phase) + b * np.sin(phase))
 

@@ -256,6 +256,10 @@ class BlockScatter:
         return white * (np.outer(ratios, ratios) - 1.0)
 
 
+# times the standard errors of white noise, as without a block that alone tells an unknown: a decay that is soon at rest
+_ALONE = 100.0
+
+
 def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = None) -> BlockScatter | None:
     """How far the scatter of blocks exceeds what white noise gives them; None for too few segments.
 
@@ -270,6 +274,8 @@ def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = No
     p = optimum.segments.system.parameters.size
     try:
         ratios = scores.ratios(free, optimum.noise, BlockScores.deviations)
+        if np.max(ratios) > _ALONE:
+            ratios = scores.ratios(free, optimum.noise, BlockScores.by_scores)
         chances = np.fmin(*(scores.merged(blocks).chances(free, optimum.noise) for blocks in BLOCKS))
     except np.linalg.LinAlgError:
         return None

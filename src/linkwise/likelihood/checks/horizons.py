@@ -23,12 +23,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from linkwise.arrays import Floats
 from linkwise.display import format_both
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
+from linkwise.likelihood.shooting.loss import Prior
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.model.coefficient import MASS
@@ -149,11 +151,25 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> LikelihoodFit | None:
         return None
     try:
         ratios = scores.ratios(~found.at_bound, noise, BlockScores.by_scores)
+        covariance = _with_noise(found, noise, optimum.segments.prior) * np.outer(ratios, ratios)
     except np.linalg.LinAlgError:
         return None
-    covariance = noise**2 * found.covariance * np.outer(ratios, ratios)
     there = fit.at(replace(optimum, noise=noise), found, covariance)
     return there if np.isfinite(covariance).all() else None
+
+
+def _with_noise(found: AnnealingFit, noise: float, prior: Prior | None) -> Floats:
+    """(p, p) covariance by the noise that was found, which makes what is known of parameters beforehand no better or worse."""
+    covariance = noise**2 * found.covariance
+    if prior is None:
+        return covariance
+    deviations = np.sqrt(covariance.diagonal())
+    free = np.flatnonzero(deviations > 0.0)
+    scale, known = np.outer(deviations[free], deviations[free]), deviations[free] / prior.deviation[free]
+    precision = np.linalg.inv(covariance[np.ix_(free, free)] / scale)
+    precision[np.diag_indices(len(free))] += (1.0 - noise**-2) * known**2
+    covariance[np.ix_(free, free)] = np.linalg.inv(precision) * scale
+    return covariance
 
 
 _CLOSER = (0.1, 0.3)  # times the relaxation that stands for the model error, or the noise of inputs
