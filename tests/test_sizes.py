@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_310  # lines of all files of tests
+TESTS = 35_329  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -20,9 +20,9 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1941),
-    "identification": (13, 2392),
+    "identification": (13, 2400),
     "inspection": (10, 1879),
-    "likelihood": (64, 14191),
+    "likelihood": (64, 14195),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
