@@ -111,7 +111,8 @@ def _has_lost(longer: Precision, shorter: Precision) -> bool:
 _LARGEST_PHASE = 0.25  # rad of the fastest motion in one step of the sensitivities
 _MOST_STEPS = 64  # of the sensitivities between two samples
 _SHORTEST = 8  # steps of a piece between two impulses that is used
-_NOISY = 500  # samples of a segment beside noise of inputs, of which each sample is one more unknown
+_NOISY = 500  # samples of a segment beside noise of inputs that act in more, of which each sample is one more unknown
+_ROUNDED = 1e-12  # of the largest force: less is none, as between hits
 _STATE = 1e-6  # of the motion of the fastest mass: the unit of a state at rest
 
 
@@ -216,7 +217,8 @@ def limit(
     else:
         precision = as_asked(record, samples, least, bound)
     if of_inputs:
-        samples = min(samples, _NOISY) if segment is None else samples
+        many = segment is None and max(_acting(record, name) for name in of_inputs) > _NOISY
+        samples = min(samples, _NOISY) if many else samples
         precision = bound(samples, of_inputs) or precision
     length = samples * record.step if segment is None else segment
     return Limit(true, unknown_structure.parameters, values, precision, sigma, record, length)
@@ -376,6 +378,13 @@ def _noise_of_inputs(record: Record, structure: Structure, noise: Mapping[str, f
     return stated
 
 
+def _acting(record: Record, channel: str) -> int:
+    """The samples in which an input has noise: of a force those in which it acts."""
+    size = np.abs(record.channel(channel))
+    is_force = channel.startswith("force:")
+    return int(np.count_nonzero(size > _ROUNDED * size.max())) if is_force else len(record)
+
+
 def _random_inputs(
     segments: Segments,
     point: Iterate,
@@ -412,7 +421,7 @@ def _random_inputs(
     for name, sigma in noise.items():
         pulls = _pulls(motion, structure, name)  # (2 J + 1, n, K)
         masses, places = np.flatnonzero(np.any(pulls, axis=(0, 2))), np.arange(len(pulls))
-        samples = np.arange(0, len(pulls), steps)
+        samples = places[::steps][np.any(pulls[::steps], axis=(1, 2))]
         shapes = sigma * np.sinc((places[:, None] - samples) / steps)  # (2 J + 1, d)
         forces = (pulls[:, masses, None] * shapes[:, None, :, None]).reshape(len(pulls), -1, pulls.shape[2])
         acting = np.repeat(masses, len(samples))
@@ -428,8 +437,10 @@ def _pulls(motion: FittedMotion, structure: Structure, channel: str) -> Floats:
     incidence = motion.segments.system.incidence
     if kind == "force":
         number = structure.mass_names.index(place)
-        applied = motion.input(motion.applied[:, :, number])
-        return np.asarray((applied != 0.0)[:, None] * np.eye(structure.size)[number][:, None])
+        acts = motion.segments.inputs.acts(number)
+        halves = np.arange(2 * len(acts) // motion.segments.flow_steps_per_tangent + 1)
+        begun = np.minimum(halves * motion.segments.flow_steps_per_tangent // 2, len(acts) - 1)
+        return np.asarray(acts[begun][:, None] * np.eye(structure.size)[number][:, None])
     if kind == "signal":
         d, v, inside = motion.links
         number = len(motion.segments.system.states) + list(structure.signals).index(place)

@@ -501,11 +501,10 @@ def _random_states(
 
 def _noisy_part(segments: Segments, structure: Structure, force: RandomForce) -> Floats:
     """(K,) the part of the deviation of a force that acts in each segment: little outside of a force window."""
-    applied = segments.inputs.force
-    if force.ambient or force.of_base or applied is None:
+    if force.ambient or force.of_base or segments.inputs.force is None:
         return np.ones(segments.count)
-    mass = structure.mass_names.index(force.place)
-    return np.asarray(np.maximum(np.sqrt(np.mean(applied[:, 0, mass] != 0.0, axis=0)), _OUTSIDE))
+    acts = segments.inputs.acts(structure.mass_names.index(force.place))[:: segments.refine]
+    return np.asarray(np.maximum(np.sqrt(np.mean(acts, axis=0)), _OUTSIDE))
 
 
 def _fine_segments(

@@ -319,6 +319,25 @@ def test_noise_of_a_force_is_in_the_limit_as_in_the_scatter_of_tests() -> None:
     assert np.all(planned > 2.0 * alone)
 
 
+def test_noise_of_a_hammer_acts_while_it_hits_in_limits_and_intervals() -> None:
+    """It moves the motion behind a hit, and not the decay of that: damping is known nearly as well as without it."""
+    subject = oscillator("k*d + c*v", name="spring", k=3000.0, c=4.0)
+    time = np.arange(2001) / 1000.0
+    hit = np.where((time > 0.1) & (time < 0.12), 200.0 * np.sin(50.0 * np.pi * (time - 0.1)) ** 2, 0.0)
+    test: dict[str, Any] = {"duration": 2.0, "rate": 1000.0}
+    test["forces"] = {"m1": lw.model.Sampled(0.0, 1000.0, hit)}
+    clean = lw.simulate(subject, **test)
+    noise = {"x:m1": 0.1 * float(clean.channel("x:m1").std()), "force:m1": 2.0}
+    planned = lw.limit(subject, noise=noise, **test).standard_errors
+    alone = lw.limit(subject, noise={"x:m1": noise["x:m1"]}, **test).standard_errors
+    assert np.all(planned > alone) and np.all(planned < 1.2 * alone)
+    deviations = [noise[str(name)] for name in clean.channels]
+    shown = clean.values + deviations * np.random.default_rng(31).standard_normal(clean.values.shape)
+    fit = lw.identify(replace(clean, values=shown, simulated=None), subject.unknown("all"))
+    assert fit.trusted
+    assert np.sqrt(fit.covariance.diagonal()) == pytest.approx(planned, rel=0.3)
+
+
 def test_noise_of_a_signal_in_a_rate_is_refused() -> None:
     law = lw.Law.parse("k*d - Bl*i", {"i": "(u - R*i)/L"}, signals={"u": "V"})
     motor = lw.Link("motor", ("cone", "ground"), law, {"k": 2300.0, "Bl": 5.3, "R": 6.4, "L": 4e-4})

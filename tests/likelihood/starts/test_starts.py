@@ -6,15 +6,26 @@ import numpy as np
 import pytest
 from present import present
 from problems import chain_fit
-from structures import HARDENING, asked_oscillator, host, link, named, oscillator, row_of_masses, structure
+from structures import (
+    HARDENING,
+    NES,
+    asked_oscillator,
+    host,
+    link,
+    named,
+    oscillator,
+    row_of_masses,
+    structure,
+)
 from within import assert_within
 
 import linkwise as lw
 from linkwise.arrays import Floats
+from linkwise.likelihood.starts.drift import LinkSignals
 from linkwise.likelihood.starts.kalman import likeliest_change
 from linkwise.likelihood.starts.linear_part import LinearPart, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
-from linkwise.likelihood.starts.values import starting_values
+from linkwise.likelihood.starts.values import link_start, starting_values
 from linkwise.model.law import Law
 
 
@@ -68,6 +79,40 @@ def test_a_hidden_mass_needs_starts_for_its_own_links_only() -> None:
         lw.identify(record, asked)
     with pytest.raises(lw.IdentificationError, match=r"no starting value for a\.k.* no information on h\.c"):
         lw.identify(record, asked, method=lw.MaximumLikelihood(starts={"h.k": 240.0}))
+
+
+@pytest.mark.parametrize("motion", [2e-4, 1e-3])
+@pytest.mark.parametrize("seed", [41, 42])
+def test_a_link_that_moves_in_one_of_its_wells_starts_about_that(motion: float, seed: int) -> None:
+    """Its elongation drifts; about d = 0 a spring that is symmetric leaves a hundred times the noise."""
+    true = {"alpha": -600.0, "beta": 600.0 / 4.6e-3**2, "c": 0.5}
+    rng, time = np.random.default_rng(seed), np.arange(1500) / 1000.0
+    phases = 2.0 * np.pi * (np.outer(rng.uniform(4.0, 16.0, 3), time) + rng.uniform(size=(3, 1)))
+    d = 4.6e-3 + motion * np.exp(-time) * np.sin(phases).sum(axis=0)
+    v = np.gradient(d, time)
+    force = true["alpha"] * d + true["beta"] * d**3 + true["c"] * v
+    force += 0.01 * force.std() * rng.normal(size=len(time))
+    drifting = LinkSignals((d - d.mean())[None], v[None], force[None], np.array([2]), np.array([1e-3]), 1e-3)
+    start = link_start(drifting, 0, link("s", "m1-ground", NES), {}, tuple(true))
+    assert [start["alpha"], start["beta"]] == pytest.approx([true["alpha"], true["beta"]], rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [93, 103])
+def test_links_start_beside_the_mass_that_the_weak_form_tells(seed: int) -> None:
+    """By integrated accelerations it tells the mass nearly, and takes a sink that rests in a well for a spring."""
+    rng = np.random.default_rng(seed)
+    well, k = rng.uniform(3e-3, 8e-3), rng.uniform(2000.0, 6000.0)
+    rig = row_of_masses(
+        [rng.uniform(1.0, 3.0), rng.uniform(0.2, 0.8)],
+        s=(NES, {"alpha": -k / 2.0, "beta": k / 2.0 / well**2, "c": 1.0}),
+        b=(HARDENING, {"k": rng.uniform(300.0, 2000.0), "k3": 3e7, "c": 0.3}),
+    )
+    hit = {"m1": f"{rng.uniform(20.0, 200.0):g}*exp(-((t-0.1)/0.004)**2)"}
+    rest = {"x:m1": well, "x:m2": well}
+    clean = lw.simulate(rig, forces=hit, release=rest, duration=2.0, rate=1000.0, sensors=["a"])
+    fit = lw.identify(clean.with_noise(30.0, seed=seed), rig.unknown("all", "mass:m1"), as_stated=True)
+    assert fit.trusted
+    assert_within(fit, rig)
 
 
 @pytest.mark.parametrize(("name", "count"), [("jenkins", 1), ("iwan(3)", 4)])

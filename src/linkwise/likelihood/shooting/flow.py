@@ -173,6 +173,8 @@ class UncertainForces:
 #: The stages that close a step, and the weights (2, 1, 1) of their accelerations in x and u.
 _CLOSING_WEIGHTS = [(i, CLOSING[:, i, None, None]) for i in map(int, np.flatnonzero(CLOSING[1]))]
 
+_ROUNDED = 1e-12  # of the largest force, which interpolation leaves at samples of zero
+
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
@@ -240,6 +242,12 @@ class Inputs:
         if self.frame is not None and more.any():
             force = force - more[:, None] * self.frame[steps][..., None, :]
         return np.asarray(force)
+
+    def acts(self, mass: int) -> Bools:
+        """(J, K) whether a force acts on a mass where steps begin: none does outside of a force window, but for rounding."""
+        assert self.force is not None
+        size = np.abs(self.force[:, 0, mass])
+        return np.asarray(size > _ROUNDED * size.max(initial=0.0))
 
     def accelerations(self, orbit: Trajectories) -> tuple[Floats, Floats]:
         """Accelerations (J + 1, n, K) and (J, n, K) of the masses at the ends and middles of steps of an orbit, in m/s^2.

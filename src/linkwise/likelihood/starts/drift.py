@@ -342,7 +342,7 @@ class DriftCandidates:
 
 
 def drift_candidates(
-    windows: DriftWindows, link: Link, values: dict[str, float], *, rounds: int = 0
+    windows: DriftWindows, link: Link, values: dict[str, float], *, rounds: int = 0, reach: float = 0.0
 ) -> DriftCandidates:
     """The best lines of each window, by grid search and Levenberg-Marquardt iterations.
 
@@ -356,6 +356,8 @@ def drift_candidates(
         Its coefficients.
     rounds : int, optional
         How often a window also tries the lines of its neighbours.
+    reach : float, optional
+        How far in m a centre may be displaced at least.
 
     Returns
     -------
@@ -365,7 +367,7 @@ def drift_candidates(
     if windows.integration_order == 0:
         line = np.zeros((2, 1, len(windows.d)))
         return DriftCandidates(line, _normal_equations(windows, link, values, line)[0], np.zeros_like(line))
-    distinct = _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values)))
+    distinct = _distinct(_minimised(windows, link, values, _grid_minima(windows, link, values, reach)))
     for _ in range(rounds):
         new = _minimised(windows, link, values, _lines_of_neighbours(windows, distinct.lines))
         lines = np.concatenate([distinct.lines, new.lines], axis=1)
@@ -445,12 +447,12 @@ def _inverse(h: Floats, damping: Floats) -> Floats:
     return np.asarray(inverse)
 
 
-def _grid_minima(windows: DriftWindows, link: Link, values: dict[str, float]) -> Floats:
+def _grid_minima(windows: DriftWindows, link: Link, values: dict[str, float], reach: float) -> Floats:
     """(2, C, K) the lowest local minima on a grid of offsets and slopes."""
     thin = slice(None, None, max(1, len(windows.time) // _COARSE))
     d, v, force = windows.d[:, thin], windows.v[:, thin], windows.force[:, thin]
     time = windows.time[thin]
-    offsets = np.linspace(-1.0, 1.0, _OFFSETS) * _REACH * np.abs(d).max()
+    offsets = np.linspace(-1.0, 1.0, _OFFSETS) * max(_REACH * np.abs(d).max(), reach)
     slopes = (
         np.linspace(-1.0, 1.0, _SLOPES) * np.abs(v).max() if windows.integration_order > 1 else np.zeros(1)
     )

@@ -4,7 +4,9 @@ Starting values of coefficients from forces, where elongations are known up to d
 
 A law is fitted to the forces of all windows together, while a line may be added to the elongation in each window. A first
 guess comes from high-pass filtered elongations, for which the law is linear in its coefficients. Then each window finds its
-best line under the law by grid search, and the law is corrected with the lines eliminated (variable projection).
+best line under the law by grid search, and the law is corrected with the lines eliminated (variable projection). Where the
+best about d = 0 leaves more than noise, as springs of two wells in one of which the link moves, one about a place of rest
+far from there competes.
 
 References
 ----------
@@ -57,7 +59,7 @@ from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.gaps import short_gaps_bridged
-from linkwise.signals.noise import channel_noise
+from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.states import highpass
 from linkwise.weak.displacements import read_densely, with_displacements
 from linkwise.weak.estimate import weak_search
@@ -65,6 +67,12 @@ from linkwise.weak.fit import WeakFit
 
 _PERIODS = 1.5  # length of a window: long enough to separate the coefficients
 _CUTOFFS = (2.0, 5.0, 10.0)  # Hz, below which a first guess treats motion as drift
+# deviations of the motion: about a place of rest so far from d = 0, as a well is, a law is a spring that bends to one side ...
+_FAR = 32.0
+_BEYOND = 1.5  # ... from where windows find places nearer to it, and a little further
+_EXPLAINED = (
+    3.0  # times the noise of the forces, in power: a start that leaves more is looked for there as well
+)
 _ROUNDS = 12
 _TOLERANCE = 1e-3  # of the cost
 
@@ -94,11 +102,18 @@ def link_start(
     """
     half = window_half(signals, number, _PERIODS)
     windows = DriftWindows.of(signals, number, half=half, stride=half)
-    trials = []
-    for cutoff in _CUTOFFS:
+    force = signals.force[number]
+
+    def trial(cutoff: float, deviations: float = 0.0) -> tuple[float, dict[str, float]]:
         d, v = (highpass(signal[number], 1.0 / signals.step, cutoff) for signal in (signals.d, signals.v))
-        start = {**values, **regressed(link, d, v, signals.force[number], values, free)[0]}
-        trials.append(_improved(windows, link, start, free))
+        place = deviations * float(d.std())
+        guess = regressed(link, d + place, v, force, values, free)[0]
+        return _improved(windows, link, {**values, **guess}, free, reach=_BEYOND * place)
+
+    trials = [trial(cutoff) for cutoff in _CUTOFFS]
+    noise = windows.force.size * float(np.nan_to_num(noise_sigma(force))[0]) ** 2
+    if windows.integration_order and min(left for left, _ in trials) > _EXPLAINED * noise:
+        trials.append(trial(_CUTOFFS[0], _FAR))
     return min(trials, key=lambda trial: trial[0])[1]
 
 
@@ -126,12 +141,12 @@ def _least_squares(columns: Floats, right: Floats) -> Floats:
 
 
 def _improved(
-    windows: DriftWindows, link: Link, values: dict[str, float], free: tuple[str, ...]
+    windows: DriftWindows, link: Link, values: dict[str, float], free: tuple[str, ...], reach: float = 0.0
 ) -> tuple[float, dict[str, float]]:
     """Squared force error and free coefficients after alternating between lines and coefficients."""
     best, best_values = np.inf, values
     for _ in range(_ROUNDS):
-        candidates = drift_candidates(windows, link, values)
+        candidates = drift_candidates(windows, link, values, reach=reach)
         cost = float(candidates.cost.min(axis=0).sum())
         if cost >= best:
             break
@@ -496,7 +511,7 @@ def starting_values(
 def _with_masses(structure: Structure, starts: tuple[Floats, Floats | None]) -> tuple[Floats, Floats | None]:
     """The `starts`; IdentificationError where a mass has none above zero."""
     for parameter, value in zip(structure.parameters, starts[0].tolist(), strict=True):
-        if not value > 0.0 and any(key == MASS for _, key in parameter.members):
+        if not value > 0.0 and _is_mass(parameter):
             raise IdentificationError(
                 f"no starting value for {parameter.name}: what the record gives first is {value:.3g} {parameter.unit}, as "
                 "noise can make it. State { start = ... } for it in the structure"
@@ -521,6 +536,10 @@ def _beside_priors(
     both = priors | dict(zip(names, zip(values.tolist(), spread.tolist(), strict=True), strict=True))
     starts, deviated = np.array([both[p.name] for p in structure.parameters]).reshape(-1, 2).T
     return starts, None if deviations is None else deviated
+
+
+def _is_mass(parameter: Parameter) -> bool:
+    return any(key == MASS for _, key in parameter.members)
 
 
 def _start(parameter: Parameter) -> float:
@@ -570,6 +589,9 @@ def _values(
     )
     if guessed and len(guessed) < len(missing or parameters):
         return of(beside(guessed))
+    weighed: dict[str, float] = {p.name: start.get(p.name, 0.0) for p in parameters if _is_mass(p)}
+    if integrated and weighed and needs_integration(records[0], structure.with_values(weighed)):
+        return of(beside(weighed))  # with which the forces of links are known, while elongations drift
     if not missing:
         return of(start)[0], None if integrated else deviations  # integration takes more than noise from them
     if len(missing) < len(parameters):  # a hidden mass hides its own links, not those of others

@@ -462,7 +462,7 @@ def input_kicks(
         if f"force:{name}" not in channels or inputs.force is None:
             continue
         applied = inputs.applied(mechanics, slice(None))[:, 0, number]
-        noisy = np.sqrt(np.mean(applied != 0.0, axis=0))[:-1, None]  # outside of a force window there is none
+        noisy = np.sqrt(np.mean(inputs.acts(number)[:: segments.refine], axis=0))[:-1, None]
         if inputs.frame is not None:
             applied = applied + mechanics.masses[number] * inputs.frame[:, 0]
         pattern = np.eye(identified.size)[number] / mechanics.masses[number]
