@@ -503,6 +503,35 @@ def test_the_wrong_sign_unit_or_reference_of_a_channel_is_taken_out(
     assert validation.trusted and "Taken out of the record, as of that of the answer: " in str(validation)
 
 
+SLOW = structure(
+    {"m1": 2.0, "m2": 0.5},
+    link("low", "m1-ground", "k*d + c*v + k3*d**3", k=2200.0, c=1.6, k3=5e6),
+    link("high", "m2-m1", "k*d + c*v + k3*d**3", k=1500.0, c=0.8, k3=1e7),
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "where", "acting", "factors"),
+    [
+        ("sign", "a:m1", "m1", {"a:m1": -1.0}),
+        ("unit", "all accelerations", "m1", {"a:m1": 1.0 / 9.80665, "a:m2": 1.0 / 9.80665}),
+        ("place", "force:m1", "m2", {}),
+    ],
+)
+def test_a_wrong_channel_beside_slow_modes_is_taken_out(
+    kind: str, where: str, acting: str, factors: dict[str, float]
+) -> None:
+    """Accelerations of modes of 4 and 10 Hz, whose integrals lack what is slow, and a shaker whose channel is force:m1."""
+    force = random_force(np.random.default_rng(491), 3.0, 200.0, rms=30.0)
+    record = lw.simulate(SLOW, forces={acting: force}, duration=3.0, rate=200.0, sensors=["a"])
+    record = record.with_noise(40.0, seed=492)
+    shown = {str(name): factors.get(name, 1.0) * record.channel(name) for name in record.responses}
+    shown["force:m1"] = record.channel(f"force:{acting}")
+    fit = lw.identify(lw.Record.from_arrays(record.time, shown), SLOW.unknown("all"))
+    assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [(kind, where)]
+    assert np.abs(errors(fit, SLOW)).max() < FAR
+
+
 def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() -> None:
     clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     coupled = scipy.signal.sosfilt(

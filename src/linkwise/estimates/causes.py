@@ -30,15 +30,15 @@ class Cause:
     kind : str
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
         them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
-        ``"swapped"``, ``"relative"`` motion taken for absolute, a ``"high pass"``, a ``"clock"``, a ``"slip"`` by
-        samples that were lost or doubled, ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, ``"mass"``, the
-        ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"``
-        that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel
-        or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"``
-        where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level
-        changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a missing
-        ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``,
-        that the records contradict.
+        ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
+        ``"clock"``, a ``"slip"`` by samples that were lost or doubled, ``"clipped"`` samples, ``"hits"`` of few,
+        ``"spikes"``, a ``"hum"``, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point,
+        a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
+        applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` or ``"harmonic force"``
+        on a mass, one that is a ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two
+        masses, an ``"unsteady force"`` whose level changes with time, a ``"change"`` of a coefficient at one moment,
+        an ``"event"`` that no input shows, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or
+        to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -60,8 +60,8 @@ class Cause:
     term : str
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
-        The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mode of a shape, or
-        the moment of a change, a slip or an event, else empty.
+        The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mass on which a force
+        acts, the mode of a shape, or the moment of a change, a slip or an event, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
@@ -224,6 +224,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "sign": CauseKind("the wrong sign of {0.where}{remark}", "1"),
         "unit": CauseKind("another unit of {0.where}, values {0._times}", "1"),
         "swapped": CauseKind("{0.where} and {0.source} in each other's place", "1"),
+        "place": CauseKind("{0.where} that acts on {0.source}", "1"),
         "relative": CauseKind("{0.where} that shows motion relative to the base", "1"),
         HIGH_PASS: CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
         CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}{remark}", "ppm"),

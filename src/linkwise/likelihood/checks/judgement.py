@@ -40,7 +40,7 @@ LIKELIER = 16.0
 _SHOWN = 1.2  # times the noise that a channel shows: stated noise below it is no error of the laws
 _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
-_CONTRADICTED = frozenset({"sign", "unit", "swapped", "relative", "high pass", "clipped", SLIP})
+_CONTRADICTED = frozenset({"sign", "unit", "swapped", "place", "relative", "high pass", "clipped", SLIP})
 """The same of a sign, a unit, a place, a range or a sequence of samples, which no small size makes harmless."""
 _LEAVES_NOISE = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
 """Verdicts on laws that leave only noise."""
