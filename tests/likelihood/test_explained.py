@@ -548,15 +548,28 @@ def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() ->
 HARD = oscillator("k*d + c*v + k3*d**3", name="spring", k=3000.0, c=4.0, k3=3e6)
 
 
-def accelerations(subject: lw.Structure, corner: float = 0.0) -> lw.Record:
-    """A mass under a random force at 35 dB, its accelerometer behind a high pass at a corner in Hz if there is one."""
+def accelerations(subject: lw.Structure, corner: float = 0.0, mount: float = 0.0) -> lw.Record:
+    """A mass under a random force at 35 dB, its accelerometer behind a high pass at a corner in Hz or on a `mount`, if any."""
     force = random_force(np.random.default_rng(1), 6.0, 200.0)
     clean = lw.simulate(subject, forces={"m1": force}, duration=6.0, rate=200.0, sensors=["a"])
     values, column = clean.values.copy(), clean.channels.index("a:m1")
     if corner:
         sections = scipy.signal.butter(1, corner, "high", fs=200.0, output="sos")
         values[:, column] = scipy.signal.sosfilt(sections, values[:, column])
+    if mount:
+        w = 2.0 * np.pi * mount
+        (above, below, _) = scipy.signal.cont2discrete(([w**2], [1.0, 0.1 * w, w**2]), 0.005, "foh")
+        values[:, column] = scipy.signal.lfilter(above.ravel(), below, values[:, column])
     return replace(clean, values=values, simulated=None).with_noise(35.0, seed=1)
+
+
+def test_a_mount_that_resonates_is_named() -> None:
+    """Its frequency to within a third, as the first order is a part of what a third of it is raised by."""
+    fit = lw.identify(accelerations(HARD, mount=45.0), HARD.unknown("all"))
+    [cause] = [cause for cause in fit.diagnosis[:1] if cause.kind == "resonance"]
+    assert cause.where == "a:m1" and not fit.trusted
+    assert 0.7 < 2.0 * np.pi * 45.0 * np.sqrt(cause.size) < 1.4
+    assert "a resonance of the mount of a:m1 near" in fit.message
 
 
 def test_a_high_pass_that_a_term_hides_to_the_first_order_is_taken_into_the_model() -> None:
