@@ -137,7 +137,8 @@ def event(of: Examined) -> Judgement | None:
         message = f"{of.explained}, but {would_explain(of.causes[0])}. {_PARTS}"
         return _found(of, Verdict.UNEXPLAINED_FORCES, message)
     first, last, gain = _worst_stretch(fit)
-    sudden = fit.model_error > 0.0 and last - first < _SUDDEN
+    likelier = max((cause.gain for cause in of.causes), default=0.0) > gain
+    sudden = fit.model_error > 0.0 and last - first < _SUDDEN and not likelier
     if not (fit.chi_square_off or of.share > _LARGEST_ERROR or sudden):
         return None
     begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
