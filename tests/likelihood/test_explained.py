@@ -503,6 +503,35 @@ def test_the_wrong_sign_unit_or_reference_of_a_channel_is_taken_out(
     assert validation.trusted and "Taken out of the record, as of that of the answer: " in str(validation)
 
 
+SLOW = structure(
+    {"m1": 2.0, "m2": 0.5},
+    link("low", "m1-ground", "k*d + c*v + k3*d**3", k=2200.0, c=1.6, k3=5e6),
+    link("high", "m2-m1", "k*d + c*v + k3*d**3", k=1500.0, c=0.8, k3=1e7),
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "where", "acting", "factors"),
+    [
+        ("sign", "a:m1", "m1", {"a:m1": -1.0}),
+        ("unit", "all accelerations", "m1", {"a:m1": 1.0 / 9.80665, "a:m2": 1.0 / 9.80665}),
+        ("place", "force:m1", "m2", {}),
+    ],
+)
+def test_a_wrong_channel_beside_slow_modes_is_taken_out(
+    kind: str, where: str, acting: str, factors: dict[str, float]
+) -> None:
+    """Accelerations of modes of 4 and 10 Hz, whose integrals lack what is slow, and a shaker whose channel is force:m1."""
+    force = random_force(np.random.default_rng(491), 3.0, 200.0, rms=30.0)
+    record = lw.simulate(SLOW, forces={acting: force}, duration=3.0, rate=200.0, sensors=["a"])
+    record = record.with_noise(40.0, seed=492)
+    shown = {str(name): factors.get(name, 1.0) * record.channel(name) for name in record.responses}
+    shown["force:m1"] = record.channel(f"force:{acting}")
+    fit = lw.identify(lw.Record.from_arrays(record.time, shown), SLOW.unknown("all"))
+    assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [(kind, where)]
+    assert np.abs(errors(fit, SLOW)).max() < FAR
+
+
 def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() -> None:
     clean = lw.simulate(STATED, release={"v:m1": 1.0}, duration=3.0, rate=1000.0)
     coupled = scipy.signal.sosfilt(
@@ -519,15 +548,28 @@ def test_a_high_pass_that_the_weak_form_hardly_sees_is_taken_into_the_model() ->
 HARD = oscillator("k*d + c*v + k3*d**3", name="spring", k=3000.0, c=4.0, k3=3e6)
 
 
-def accelerations(subject: lw.Structure, corner: float = 0.0) -> lw.Record:
-    """A mass under a random force at 35 dB, its accelerometer behind a high pass at a corner in Hz if there is one."""
+def accelerations(subject: lw.Structure, corner: float = 0.0, mount: float = 0.0) -> lw.Record:
+    """A mass under a random force at 35 dB, its accelerometer behind a high pass at a corner in Hz or on a `mount`, if any."""
     force = random_force(np.random.default_rng(1), 6.0, 200.0)
     clean = lw.simulate(subject, forces={"m1": force}, duration=6.0, rate=200.0, sensors=["a"])
     values, column = clean.values.copy(), clean.channels.index("a:m1")
     if corner:
         sections = scipy.signal.butter(1, corner, "high", fs=200.0, output="sos")
         values[:, column] = scipy.signal.sosfilt(sections, values[:, column])
+    if mount:
+        w = 2.0 * np.pi * mount
+        (above, below, _) = scipy.signal.cont2discrete(([w**2], [1.0, 0.1 * w, w**2]), 0.005, "foh")
+        values[:, column] = scipy.signal.lfilter(above.ravel(), below, values[:, column])
     return replace(clean, values=values, simulated=None).with_noise(35.0, seed=1)
+
+
+def test_a_mount_that_resonates_is_named() -> None:
+    """Its frequency to within a third, as the first order is a part of what a third of it is raised by."""
+    fit = lw.identify(accelerations(HARD, mount=45.0), HARD.unknown("all"))
+    [cause] = [cause for cause in fit.diagnosis[:1] if cause.kind == "resonance"]
+    assert cause.where == "a:m1" and not fit.trusted
+    assert 0.7 < 2.0 * np.pi * 45.0 * np.sqrt(cause.size) < 1.4
+    assert "a resonance of the mount of a:m1 near" in fit.message
 
 
 def test_a_high_pass_that_a_term_hides_to_the_first_order_is_taken_into_the_model() -> None:
@@ -566,14 +608,18 @@ STRUCK = structure(
 )
 
 
-def struck(width: float, decibel: float) -> lw.Record:
-    """Accelerations at 500 Hz behind a hit of half a sine of some width in s."""
+def struck(width: float, decibel: float, *, again: float = 0.0, sensor: str = "a") -> lw.Record:
+    """Motion at 500 Hz behind a hit of half a sine of some width in s, and `again` a part of it that its channel lacks."""
     fine = np.arange(round(3.0 * 16 * 500.0) + 1) / (16 * 500.0)
-    phase = (fine - 0.1007) / width
-    pulse = np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0) * 1.5 / width
-    force = lw.model.Sampled(0.0, 16 * 500.0, pulse, order=3)
-    clean = lw.simulate(STRUCK, forces={"m1": force}, duration=3.0, rate=500.0, sensors=("a",))
-    return clean.with_noise(decibel, seed=5)
+    hits = []
+    for start in (0.1007, 0.3807):
+        phase = (fine - start) / width
+        hits.append(np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase), 0.0) * 1.5 / width)
+    force = lw.model.Sampled(0.0, 16 * 500.0, hits[0] + again * hits[1], order=3)
+    clean = lw.simulate(STRUCK, forces={"m1": force}, duration=3.0, rate=500.0, sensors=(sensor,))
+    noisy, shown = clean.with_noise(decibel, seed=5), clean.channel("force:m1") - again * hits[1][::16]
+    values = [shown if name.is_force else noisy.channel(name) for name in noisy.channels]
+    return replace(noisy, values=np.stack(values, axis=1), simulated=None) if again else noisy
 
 
 @pytest.mark.parametrize(("width", "decibel"), [(0.005, 35.0), (0.018, 60.0)])
@@ -582,6 +628,13 @@ def test_a_hit_of_few_samples_is_left_out_where_these_do_not_tell_it(width: floa
     fit = lw.identify(struck(width, decibel), STRUCK.unknown("all"))
     assert fit.trusted and np.abs(errors(fit, STRUCK)).max() < 4.5
     assert [(cause.kind, cause.where) for cause in fit.added] == [("hits", "force:m1")]
+
+
+def test_a_second_hit_that_was_cut_splits_the_record() -> None:
+    """Laws left 1 % of the forces in a moment, and no cause was named."""
+    fit = lw.identify(struck(0.006, 35.0, again=0.15, sensor="x"), STRUCK.unknown("all"))
+    assert fit.trusted and fit.added[0].kind == "event"
+    assert 0.37 < fit.added[0].size < 0.4 and np.abs(errors(fit, STRUCK)).max() < 4.5
 
 
 def test_a_scale_that_is_off_is_no_matter_of_few_samples() -> None:

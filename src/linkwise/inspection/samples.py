@@ -444,6 +444,37 @@ def copied(signals: RecordSignals) -> Iterator[Alert]:
         yield Alert("doubled", signal.channel, message, size, arguments=("earliest", "latest"))
 
 
+_ORDERS = (2, 4)  # of differences that straight lines, and cubic ones, have none of
+_EVERY = 20  # samples, between which as many are interpolated at most
+_NONE, _MOST = 1e-6, 0.9  # of the largest differences; of samples
+
+
+def interpolated(signals: RecordSignals) -> Iterator[Alert]:
+    """Alerts of responses most of whose samples lie on lines or cubics between every so many."""
+    for signal in signals.responses:
+        every = min(filter(None, (_knots(signal.filled, order) for order in _ORDERS)), default=0)
+        if not every:
+            continue
+        message = (
+            f"is interpolated between one sample in {every}: the others measure nothing, have no noise of their own, and are "
+            f"not where the motion was; identify with one row in {every}, or export the file at {signal.rate / every:g} Hz"
+        )
+        yield Alert("interpolated", signal.channel, message, 1.0 - 1.0 / every)
+
+
+def _knots(values: Floats, order: int) -> int:
+    """The distance of the samples at which alone differences of an order are not zero; 0 where there is none."""
+    steps = np.abs(np.diff(values, order))
+    if len(steps) < _EVERY:
+        return 0
+    some = steps > _NONE * float(np.quantile(steps, _MOST))
+    for every in range(order, min(_EVERY, len(some) // _EVERY) + 1):
+        share = [float(np.mean(some[start::every])) for start in range(every)]
+        if min(share) == 0.0 and max(share) > _MOST:
+            return every
+    return 0
+
+
 _NAMED = 3  # jumps whose times are told
 
 

@@ -261,16 +261,18 @@ def _require_known_shapes(structure: Structure) -> None:
                 )
 
 
-def motion_without_drift(record: Record, channel: Channel, sigma: float) -> tuple[Floats, Floats]:
+def motion_without_drift(
+    record: Record, channel: Channel, sigma: float, slowest: float | None = None
+) -> tuple[Floats, Floats]:
     """Displacement in m and velocity in m/s (N,) from one channel of a motion with noise `sigma`, smoothed; integrals of an
-    acceleration are filtered, as its drift grows.
+    acceleration without what is slower than `slowest` in Hz, by default that of the channel, as its drift grows.
     """
     value, slope, _ = smoothed(record, channel, sigma)
     if channel.kind == "x":
         return value, slope
     if channel.kind == "v":
         return integral(value, record.step), value
-    cutoff = drift_frequency(value, record.rate)
+    cutoff = drift_frequency(value, record.rate) if slowest is None else slowest
     velocity = highpass(integral(value, record.step), record.rate, cutoff)
     return highpass(integral(velocity, record.step), record.rate, cutoff), velocity
 
@@ -278,17 +280,28 @@ def motion_without_drift(record: Record, channel: Channel, sigma: float) -> tupl
 def with_displacements(record: Record, masses: Sequence[Mass]) -> Record:
     """`record` itself if it has the displacement of every mass, else with displacements integrated from what it has.
 
-    The integration constant is lost, so that a spring away from d = 0 appears as other powers of d. The result therefore only
-    suggests candidates; the likelihood, which uses the measured channels, decides.
+    Those of accelerations lack the same slow motion, and forces do as well where nothing else is shown: linear equations of
+    motion hold between them then. The integration constant is lost, so that a spring away from d = 0 appears as other powers
+    of d. The result therefore only suggests candidates; the likelihood, which uses the measured channels, decides.
     """
     missing = [mass.name for mass in masses if f"x:{mass.name}" not in record.channels]
     if not missing:
         return record
     sigma = channel_noise(record)
-    names, columns, noise = list(record.channels), [record.values], dict(record.noise)
-    for name in missing:
-        channel = record.motions_of(name)[0]
-        x, _ = motion_without_drift(record, channel, sigma[channel])
+    sources = [record.motions_of(name)[0] for name in missing]
+    accelerations = [channel for channel in sources if channel.kind == "a"]
+    slowest = max(
+        (drift_frequency(smoothed(record, c, sigma[c])[0], record.rate) for c in accelerations), default=None
+    )
+    values = record.values
+    if slowest is not None and len(accelerations) == len(masses):
+        values = values.copy()
+        for column in (record.channels.index(name) for name in record.forces):
+            twice = highpass(values[:, column], record.rate, slowest)
+            values[:, column] = highpass(twice, record.rate, slowest)
+    names, columns, noise = list(record.channels), [values], dict(record.noise)
+    for name, channel in zip(missing, sources, strict=True):
+        x, _ = motion_without_drift(record, channel, sigma[channel], slowest)
         names.append(Channel("x", name))
         columns.append(x[:, None])
         shown = float(np.sqrt(np.nanmean(record.channel(channel) ** 2)))

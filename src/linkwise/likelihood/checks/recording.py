@@ -142,7 +142,7 @@ _REFINED = 12  # records that are tried for it
 _EXPLAINED = (Verdict.CONVERGED, Verdict.HARDLY_DETERMINED)
 """Verdicts of the weak form on laws that explain a record to within its noise."""
 
-EXCHANGES = frozenset({"sign", "unit", "swapped", "relative"})
+EXCHANGES = frozenset({"sign", "unit", "swapped", "place", "relative"})
 """Kinds of errors of a whole channel that a record can be freed of without loss."""
 
 
@@ -215,7 +215,7 @@ def corrected(record: Record, error: Cause) -> Record:
     record : Record
         The record.
     error : Cause
-        A cause of the kind "sign", "unit", "swapped", "relative" or "high pass".
+        A cause of the kind "sign", "unit", "swapped", "place", "relative" or "high pass".
 
     Returns
     -------
@@ -223,6 +223,7 @@ def corrected(record: Record, error: Cause) -> Record:
         The record without it; itself where it lacks the channels.
     """
     values, places = record.values.copy(), {str(name): place for place, name in enumerate(record.channels)}
+    channels = list(record.channels)
     of_all = {kinds: [name for name in record.responses if name.kind == kind] for kind, kinds in _ALL.items()}
     of_all[_ALL_CHANNELS] = [name for name in record.responses if f"{name.kind}:{BASE}" in places]
     for name in of_all.get(error.where, [name for name in record.channels if name == error.where]):
@@ -236,12 +237,14 @@ def corrected(record: Record, error: Cause) -> Record:
                 values[:, column] += record.channel(f"{name.kind}:{BASE}")
             case "swapped" if error.source in places:
                 values[:, [column, places[error.source]]] = record.values[:, [places[error.source], column]]
+            case "place":
+                channels[column] = Channel("force", error.source)
             case "high pass":  # y' + w y = x' that was at rest: x = y + w times the integral of y
                 integral = scipy.integrate.cumulative_trapezoid(
                     values[:, column], dx=record.step, initial=0.0
                 )
                 values[:, column] += 2.0 * np.pi * error.size * integral
-    return replace(record, values=values, simulated=None)
+    return replace(record, channels=tuple(channels), values=values, simulated=None)
 
 
 def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float = _CONVINCING) -> list[Cause]:
@@ -300,7 +303,9 @@ def _is_explained(error: Cause, record: Record, structure: Structure) -> bool:
 
 
 def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
-    """Channels of the wrong sign, in another unit, in each other's place, or relative to the base; or all of them."""
+    """Channels of the wrong sign, in another unit, in each other's place, or relative to the base, or all of them; forces on
+    another mass.
+    """
     places = (*structure.mass_names, BASE)
     measured = [name for name in record.channels if name.kind in _UNITS and name.place in places]
     forces = [name for name in measured if name.kind == "force"]
@@ -319,6 +324,8 @@ def _exchanged(record: Record, structure: Structure) -> Iterator[Cause]:
     for first, second in combinations(measured, 2):
         if first.kind == second.kind:
             yield _error("swapped", first, source=second)
+    others = [mass for mass in structure.mass_names if f"force:{mass}" not in forces]
+    yield from (_error("place", name, source=mass) for name in forces for mass in others)
     for base in (name for name in motions if name.place == BASE):
         moved = [name for name in motions if name.kind == base.kind and name.place != BASE]
         for where in (*moved, *([_ALL_CHANNELS] if len(moved) > 1 else ())):
@@ -475,6 +482,7 @@ _ADVICE = {
     "sign": "change the sign of {where}",
     "unit": "multiply {where} by {factor}, or state its unit",
     "swapped": "exchange {where} and {source}",
+    "place": "name {where} as force:{source}",
     "relative": "name {where} as relative, rel:x:MASS, or add the motion of the base",
     "high pass": "couple the sensor of {where} directly (DC), or integrate what it took off",
     "clipped": "mark these samples as missing (mark_missing), or measure with a larger range",
