@@ -407,12 +407,16 @@ def _by_high_pass(first: _Model) -> _Model | None:
 
 
 def _by_base(first: _Model) -> _Model | None:
-    """A scale of an accelerating base, and a delay beside it, where the diagnosis names either; the sensors count as right."""
+    """A scale of an accelerating base, and a delay beside it, where the diagnosis names either; the sensors count as right.
+
+    None beside delays, each fit of which takes a search.
+    """
     options, record, diagnosis = first.options, first.records[0], first.answer.diagnosis
     base = [str(name) for name in accelerating_base(record)]
     named = {cause.kind: cause for cause in reversed(diagnosis) if cause.where in base}
     freed: list[Cause] = []
-    for kind in ("gain", "delay") if {"gain", "delay"} & {*named} else ():
+    is_named = {"gain", "delay"} & {*named} and not late_beside_clocks(options.errors)
+    for kind in ("gain", "delay") if is_named else ():
         freed.append(named.get(kind, Cause(kind, base[0], 0.0, CAUSE_KINDS[kind].unit, 0.0, 0.0)))
         wider = with_error(options, freed[-1], record)
         if wider is None:
