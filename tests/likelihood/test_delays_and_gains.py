@@ -138,8 +138,11 @@ def test_the_delay_of_the_only_input_is_that_of_the_responses() -> None:
     assert {*errors_to_find([record], AskedFor())} == {Gain("a:m1", 0.01), Delay("a:m1")}
     assert not uncounted([record], "ml")
     forced = lw.Record(0.0, 120.0, (*record.channels, "force:m1"), np.pad(record.values, ((0, 0), (0, 1))))
-    [remark] = uncounted([replace(forced, uncertainty=stated)], "ml")
-    assert "errors of a:base is not counted" in remark
+    assert Delay("a:base") in errors_to_find([replace(forced, uncertainty=stated)], AskedFor())
+    displaced = lw.Record(0.0, 120.0, ("a:m1", "x:base", "force:m1"), forced.values)
+    displaced = replace(displaced, uncertainty={"x:base": stated["a:base"]})
+    [remark] = uncounted([displaced], "ml")
+    assert "errors of x:base is not counted" in remark
 
 
 RATE = 200.0
@@ -309,7 +312,7 @@ ON_TIME, DRIVEN_AT_TOP, ZERO = (
         (lambda: [late("a:m2", 30, seed=36), late("a:m2", 30, seed=36).decimate(2)], CHAIN_ASKED, {"delays": ["a:m2"]},
          "late by more than a sample, which cannot be found from records of different"),
         (DRIVEN_AT_TOP, ASKED, {"gains": ["force:m1"]}, FIRST_ABSENT),
-        (DRIVEN_AT_TOP, ASKED, {"calibration": {"force:m1": 0.01}}, "no calibration of force:m1 .* and the forces force:m2"),
+        (DRIVEN_AT_TOP, ASKED, {"calibration": {"force:m1": 0.01}}, "no calibration of force:m1 .* and the inputs force:m2"),
         (lambda: replace(driven(), interpolation={"force:m2": "held"}), ASKED, {"delays": ["force:m2"]},
          "no delay of force:m2, which is held between its samples"),
         (partial(driven, gains=ZERO), ASKED, {"gains": ["force:m1"]}, FIRST_ZERO),

@@ -20,6 +20,7 @@ from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError, LinkwiseError
 from linkwise.estimates.causes import (
     AMBIENT,
+    CAUSE_KINDS,
     CLIPPED,
     CLOCK,
     CROSSTALK,
@@ -55,6 +56,7 @@ from linkwise.likelihood.terms import (
     Disturbance,
     Gain,
     Hum,
+    accelerating_base,
     known_to_within,
     late_beside_clocks,
     of_kind,
@@ -279,10 +281,11 @@ def explained_answer(
             return found.reported
     else:
         return stated
-    answer = found.reported
+    answer, base = found.reported, accelerating_base(records[0])
     as_stated = all(
         cause.is_instrument
         and cause.kind not in (*FREED, AMBIENT)
+        and not (cause.kind == "gain" and cause.where in base and not cause.known_within)
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
         for cause in answer.added
     )
@@ -404,6 +407,28 @@ def _by_high_pass(first: _Model) -> _Model | None:
     return None
 
 
+def _by_base(first: _Model) -> _Model | None:
+    """A scale of an accelerating base, and a delay beside it, where the diagnosis names either; the sensors count as right.
+
+    None beside delays, each fit of which takes a search.
+    """
+    options, record, diagnosis = first.options, first.records[0], first.answer.diagnosis
+    base = [str(name) for name in accelerating_base(record)]
+    named = {cause.kind: cause for cause in reversed(diagnosis) if cause.where in base}
+    freed: list[Cause] = []
+    is_named = {"gain", "delay"} & {*named} and not late_beside_clocks(options.errors)
+    for kind in ("gain", "delay") if is_named else ():
+        freed.append(named.get(kind, Cause(kind, base[0], 0.0, CAUSE_KINDS[kind].unit, 0.0, 0.0)))
+        wider = with_error(options, freed[-1], record)
+        if wider is None:
+            return None
+        options = wider
+        model = first.beside(*freed, options=options)
+        if model is not None and model.is_explained:
+            return model
+    return None
+
+
 def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
     """Noise of inputs, and errors of sensors and inputs that the diagnosis names first, one after another.
 
@@ -482,6 +507,7 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_hits,
     _by_high_pass,
     _with_errors,
+    _by_base,
     _by_causes,
     _by_saturation,
     _by_ambient,

@@ -30,6 +30,7 @@ from linkwise.likelihood.terms import (
     Offset,
     Stated,
     Term,
+    accelerating_base,
     beside_clocks,
     frequencies_by_channel,
     late_channels,
@@ -141,17 +142,17 @@ _LARGEST = 0.5  # relative deviation of a calibration: the first order does not 
 
 
 def by_channel(
-    calibration: Mapping[str, float], responses: Sequence[str], forces: Sequence[str] = ()
+    calibration: Mapping[str, float], responses: Sequence[str], inputs: Sequence[str] = ()
 ) -> dict[str, float]:
     """Relative deviations of gains by channel, and of that common to the responses; `ALL` stands for responses without one.
 
-    Raises IdentificationError for a channel that is neither a response nor among the `forces`, or a deviation that is not
+    Raises IdentificationError for a channel that is neither a response nor among the `inputs`, or a deviation that is not
     small and positive.
     """
-    channels = (*responses, *forces)
+    channels = (*responses, *inputs)
     for name, deviation in calibration.items():
         if name not in (*channels, ALL, COMMON):
-            beside = f" and the forces {', '.join(forces)}" if forces else ""
+            beside = f" and the inputs {', '.join(inputs)}" if inputs else ""
             raise IdentificationError(
                 f"no calibration of {name} can be stated{near_miss(name, channels)}: the record has the sensors "
                 f'{", ".join(responses)}{beside}; "{ALL}" stands for each sensor and "{COMMON}" for a factor that they share',
@@ -228,7 +229,8 @@ def _known_gains(
     """To within what each gain that is unknown is known, by channel; infinity where nothing is known of it."""
     free = [name for name, known in stated.items() if isinf(known.gain)]
     known = {name: one.gain for name, one in stated.items() if one.gain and name not in (*free, *gains)}
-    calibrated = by_channel({**known, **calibration}, record.responses, record.forces)
+    inputs = (*record.forces, *accelerating_base(record))
+    calibrated = by_channel({**known, **calibration}, record.responses, inputs)
     return dict.fromkeys((*gains, *free), inf) | {
         name: sigma for name, sigma in calibrated.items() if name in calibration or name not in free
     }
@@ -271,7 +273,7 @@ def _stated(records: Sequence[Record]) -> dict[str, SensorUncertainty]:
 def _counted(record: Record) -> dict[str, SensorUncertainty]:
     """What a record states and the likelihood counts, with the delay of the only input as one of each response.
 
-    Of forces that is the gain and, beside other inputs, the delay.
+    Of inputs that is the gain and, beside other inputs, the delay.
     """
     stated = {
         name: known for name, known in record.uncertainty.items() if name in (COMMON, *record.responses)
@@ -279,7 +281,7 @@ def _counted(record: Record) -> dict[str, SensorUncertainty]:
     for name, known in record.uncertainty.items():
         if name not in record.inputs:
             continue
-        if name.startswith(FORCE) and known.gain:
+        if name in Gain(name).sensors(record) and known.gain:
             stated[name] = SensorUncertainty(gain=known.gain)
         for channel in late_channels(record, name) if known.delay else ():
             own = stated.get(channel, SensorUncertainty())
@@ -299,13 +301,13 @@ def uncounted(records: Sequence[Record], method: str) -> tuple[str, ...]:
     if not names:
         return ()
     listed = ", ".join(dict.fromkeys(names))
-    of_inputs = "offsets of forces and errors of a base are not estimated"
+    of_inputs = "offsets of forces and of a base are not estimated, nor errors of its displacement"
     why = of_inputs if every else 'method "ml" alone counts errors of sensors'
     return (f"What is stated of the errors of {listed} is not counted: {why}.",)
 
 
 def _is_counted(record: Record, name: str) -> bool:
-    """Whether all that is stated of an input is its gain, if it is a force, and a delay that can be estimated."""
-    known, is_force = record.uncertainty[name], name.startswith(FORCE)
+    """Whether all that is stated of an input is a gain and a delay that can be estimated."""
+    known, has_gain = record.uncertainty[name], name in Gain(name).sensors(record)
     late = not known.delay or bool(late_channels(record, name))
-    return (is_force or not known.gain) and not known.offset and late
+    return (has_gain or not known.gain) and not known.offset and late

@@ -44,7 +44,7 @@ from linkwise.model.coefficient import MASS
 from linkwise.model.link import Link
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.records.channel import COMMON, Channel
+from linkwise.records.channel import BASE, COMMON, Channel
 from linkwise.records.record import Record
 from linkwise.runtime import available_memory, keep_freed_memory
 from linkwise.signals.base_frame import FramedRecord, framed
@@ -259,8 +259,9 @@ class SensorModel:
             clipped=None if self.random else segments.clipped,
             centred=self.centred,
         )
-        segments = in_moving_coordinates(segments, self.frames)
         gains, delays = self.channels(Block.GAINS), self.channels(Block.DELAYS)
+        late = any(Channel.parse(name).place == BASE for name in delays)
+        segments = in_moving_coordinates(segments, self.frames, late=late)
         return with_uncertain_forces(segments, records, structure, gains, delays)
 
     def _sensors(self, sensors: Sensors, channels: Sequence[Channel]) -> Sensors:

@@ -29,7 +29,7 @@ from linkwise.estimates.causes import (
     Cause,
     SensorErrorEstimate,
 )
-from linkwise.records.channel import BAND_LIMITED, COMMON, FORCE, interpolated
+from linkwise.records.channel import BAND_LIMITED, BASE, COMMON, FORCE, Channel, interpolated
 from linkwise.records.record import Record
 from linkwise.registry import Registry
 from linkwise.signals.base_frame import FramedRecord
@@ -180,8 +180,8 @@ class Term(ABC):
         return SensorErrorEstimate(self.channel, self.kind, value, error, self.unit or unit)
 
     def beside(self, errors: Sequence[Term], record: Record) -> tuple[Term, ...] | None:
-        """The errors with this one, of which nothing is known; None where it is there, or is that of a base."""
-        is_base = any(self.channel == name and not name.is_force for name in record.inputs)
+        """The errors with this one, of which nothing is known; None where it is there, or is one of a base that has none."""
+        is_base = self.channel in record.motions_of(BASE) and self.channel not in self.sensors(record)
         is_there = any(one.channel == self.channel for one in of_kind(errors, type(self)))
         return None if is_base or is_there else (*errors, self)
 
@@ -218,7 +218,7 @@ class Offset(Constant):
 
 @dataclass(frozen=True)
 class Gain(Constant):
-    """The factor by which a sensor, or the channel of a force, is too large."""
+    """The factor by which a sensor, or the channel of a force or of an accelerating base, is too large."""
 
     kind, argument = "gain", "gains"
     block = Block.GAINS
@@ -228,7 +228,7 @@ class Gain(Constant):
         return [shown.value]
 
     def sensors(self, record: Record) -> Sequence[str]:
-        return (*record.responses, *record.forces, COMMON)
+        return (*record.responses, *record.forces, *accelerating_base(record), COMMON)
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,8 @@ class Delay(Constant):
         return [-shown.rate()]
 
     def sensors(self, record: Record) -> Sequence[str]:
-        return (*(name for name in record.responses if not name.of_link), *record.forces)
+        of_masses = (name for name in record.responses if not name.of_link)
+        return (*of_masses, *record.forces, *accelerating_base(record))
 
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         return super().estimate(self.taken_out + value, error, unit)
@@ -271,15 +272,23 @@ def nearly_on_time(errors: Iterable[Term], late: Collection[str]) -> tuple[Term,
     return (*errors, *(Delay(name, near=True) for name in late if name not in known))
 
 
+def accelerating_base(record: Record) -> tuple[Channel, ...]:
+    """The only channel of a base whose displacement is not recorded, so that its acceleration acts on the masses."""
+    motions = record.motions_of(BASE)
+    return motions if len(motions) == 1 and motions[0].order > 0 else ()
+
+
 def late_channels(record: Record, channel: str) -> tuple[str, ...]:
     """The channels whose delays stand for that of a channel: all responses for the only input, late as they are early.
 
-    That of one of several applied forces is its own. None for one that is not band-limited between its samples, for a base
-    beside other inputs, and for a channel of a link.
+    That of one of several inputs is its own, and that of a base beside channels of links. None for one that is not
+    band-limited between its samples, for a displacement of the base beside other inputs, and for a channel of a link.
     """
-    if channel in record.inputs and len(record.inputs) > 1:
+    base = accelerating_base(record)
+    beside_links = channel in base and any(name.of_link for name in record.responses)
+    if channel in record.inputs and (len(record.inputs) > 1 or beside_links):
         is_smooth = record.interpolation.get(channel, BAND_LIMITED) == BAND_LIMITED
-        return (channel,) if channel.startswith(FORCE) and is_smooth else ()
+        return (channel,) if (channel.startswith(FORCE) or channel in base) and is_smooth else ()
     of_input = channel in record.inputs
     return tuple(name for name in record.responses if name.is_motion and (of_input or name == channel))
 

@@ -26,7 +26,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.system import NumericSystem
 from linkwise.model.excitation import Sampled
-from linkwise.records.channel import interpolated
+from linkwise.records.channel import BASE, Channel, interpolated
 
 _s = np.sqrt(21.0)
 
@@ -109,18 +109,18 @@ TANGENT_CLOSING = np.array([[1 / 6, 1 / 3, 0], [1 / 6, 2 / 3, 1 / 6]], np.float3
 
 @dataclass(frozen=True, eq=False)
 class UncertainForces:
-    """f applied forces with unknown errors.
+    """f applied forces with unknown errors; the acceleration of moving coordinates, in m/s^2, is one that acts on all masses.
 
     Attributes
     ----------
-    channels : tuple of str
+    channels : tuple of Channel
         Their channels.
     ends : array of int, shape (f,)
-        The masses that they act on; points of hosts from -3 down.
+        The masses that they act on; points of hosts from -3 down, and moving coordinates below these.
     rows : array of shape (f, n)
         How each acts on the masses, with the shapes that the structure states.
     points : array of int, shape (f,)
-        Numbers of their points among those of the system, -1 for masses.
+        Numbers of their points among those of the system, -1 for others.
     gains, delays : array of int, shape (f,)
         Numbers of their unknown gains and delays, -1 for none.
     certain : array of shape (J, 5, n, K)
@@ -131,7 +131,7 @@ class UncertainForces:
         The largest delay in s for which these hold.
     """
 
-    channels: tuple[str, ...]
+    channels: tuple[Channel, ...]
     ends: Indices
     rows: Floats
     points: Indices
@@ -153,6 +153,18 @@ class UncertainForces:
     def part(self, segments: slice | Indices) -> UncertainForces:
         """The forces in some segments."""
         return self.mapped(lambda values: values[..., segments], segments)
+
+    @property
+    def base(self) -> int | None:
+        """The number of the acceleration of moving coordinates; None where that is not among them."""
+        return next((number for number, name in enumerate(self.channels) if name.place == BASE), None)
+
+    def of_base(self, gains: Floats, delays: Floats) -> tuple[float, float]:
+        """The gain of the motion of the base, and its delay in s."""
+        if self.base is None:
+            return 1.0, 0.0
+        gain, delay = self.gains[self.base], self.delays[self.base]
+        return float(np.append(gains, 1.0)[gain]), float(np.append(delays, 0.0)[delay])
 
     def acting(self, gains: Floats, delays: Floats) -> tuple[Floats, Floats]:
         """(J, 5, f, K) the forces in N at gains (g,) and delays (l,) in s, and their rates; straight on beyond `unit`."""
@@ -221,16 +233,18 @@ class Inputs:
 
     def at(self, gains: Floats, delays: Floats) -> Inputs:
         """The inputs with uncertain forces at gains (g,) and delays (l,) in s of channels."""
-        uncertain, points = self.uncertain, self.points
+        uncertain, points, frame = self.uncertain, self.points, self.frame
         if uncertain is None:
             return self
         acting, _ = uncertain.acting(gains, delays)
+        if (base := uncertain.base) is not None:
+            frame = acting[:, :, base]
         if points is not None:
             points = points.copy()
             for number, point in enumerate(uncertain.points.tolist()):
                 if point >= 0:
                     points[:, :, point] = acting[:, :, number]
-        return replace(self, force=uncertain.on_masses(acting), points=points)
+        return replace(self, force=uncertain.on_masses(acting), points=points, frame=frame)
 
     def applied(self, mechanics: NumericSystem, steps: int | slice) -> Floats:
         """Forces on the masses (..., 5, n, K) in N in some steps; there must be some."""

@@ -106,8 +106,8 @@ def add_errors_of_sensors(
 ) -> None:
     """The columns of errors of sensors; the rows of sensors with an unknown gain are scaled by it.
 
-    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. The columns of uncertain forces,
-    which move the masses, are in place.
+    `root` (M, C, k) is the square root of the samples' weights, 0 where one is missing. What masses that uncertain forces move
+    show is in place.
     """
     sensors, point = segments.sensors, misfit.point
     first, units = jacobian.shape[-1] - 1 - sensors.unknowns, scales.theta[len(point.theta) :]
@@ -118,7 +118,7 @@ def add_errors_of_sensors(
     deviations = segments.deviations(scales, part)
     for channel, number, values in estimated_errors(segments, misfit, part):
         column = root[:, channel] * (values * units[number] / deviations[channel])
-        jacobian[:, :, channel, first + number] = column.T
+        jacobian[:, :, channel, first + number] += column.T
 
 
 def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whiten: Single) -> None:

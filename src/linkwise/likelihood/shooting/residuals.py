@@ -155,9 +155,10 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         residuals[0] -= segments.random.shown @ point.nodes[segments.random.rows]
     for channel in sensors.late:
         residuals[:, channel] = segments.samples[:, channel] - segments.late(channel, shown_orbit, point)[0]
-        if segments.carried is not None and segments.late_base is not None:
-            carried, _ = segments.late_base.at(channel, float(point.delays[sensors.delay[channel]]))
-            residuals[:, channel] += segments.carried[0, :, channel] - carried
+    for channel in segments.moved_apart:
+        carried = carried_by(segments, point, channel)
+        if carried is not None and segments.carried is not None:
+            residuals[:, channel] += segments.carried[0, :, channel] - carried[0]
     factors = sensors.factors(point.gains)
     for channel in sensors.scaled:
         shown = segments.samples[:, channel] - residuals[:, channel]
@@ -246,6 +247,24 @@ def estimated_errors(
         if channel in sensors.late:
             delay = int(sensors.delay[channel])
             yield channel, sensors.offsets + sensors.gains + delay, -factors[channel] * rate
+    yield from _errors_of_base(segments, misfit, part)
+
+
+def _errors_of_base(
+    segments: Segments, misfit: Misfit, part: slice
+) -> Iterator[tuple[int, int, Floats | float]]:
+    """What a gain and a delay of the record of moving coordinates add to what sensors show of these."""
+    sensors, point, uncertain = segments.sensors, misfit.point, segments.inputs.uncertain
+    if uncertain is None or uncertain.base is None:
+        return
+    gain, delay = int(uncertain.gains[uncertain.base]), int(uncertain.delays[uncertain.base])
+    factors = sensors.factors(point.gains)
+    for channel in segments.moved_apart:
+        carried = carried_by(segments, point, channel, part)
+        if carried is not None and gain >= 0:
+            yield channel, sensors.offsets + gain, -factors[channel] * carried[0] / point.gains[gain]
+        if carried is not None and delay >= 0:
+            yield channel, sensors.offsets + sensors.gains + delay, factors[channel] * carried[1]
 
 
 def _shown(
@@ -262,19 +281,24 @@ def _shown(
         value, rate = motion_of(segments, misfit, kind, mass, part)
     if random is not None and random.shown is not None:
         value = value + random.shown[channel] @ misfit.point.nodes[random.rows][:, part]
-    carried = carried_by(segments, misfit, channel, part)
+    carried = carried_by(segments, misfit.point, channel, part)
     return (value, rate) if carried is None else (value + carried[0], rate + carried[1])
 
 
 def carried_by(
-    segments: Segments, misfit: Misfit, channel: int, part: slice = slice(None)
+    segments: Segments, point: Iterate, channel: int, part: slice = slice(None)
 ) -> tuple[Floats, Floats] | None:
-    """(M, k) what a sensor shows of moving coordinates, as late as it was found to be, and its rate; None without any."""
+    """(M, k) what a sensor shows of moving coordinates, by the gains and delays of both, and its rate; None without any."""
     if segments.carried is None:
         return None
+    uncertain = segments.inputs.uncertain
+    gain, early = (1.0, 0.0) if uncertain is None else uncertain.of_base(point.gains, point.delays)
     if segments.late_base is None or channel not in segments.late_base.channels:
-        return segments.carried[0, :, channel, part], segments.carried[1, :, channel, part]
-    return segments.late_base.at(channel, float(misfit.point.delays[segments.sensors.delay[channel]]), part)
+        value, rate = segments.carried[:, :, channel, part]
+    else:
+        late = float(np.append(point.delays, 0.0)[segments.sensors.delay[channel]])
+        value, rate = segments.late_base.at(channel, late - early, part)
+    return value / gain, rate / gain
 
 
 def motion_of(

@@ -2,7 +2,7 @@
 
 Where a base moves and no link ends at the ground, segments are in coordinates that move with it: sensors then show its motion
 as well, and every mass carries a force of inertia. Applied forces whose channels have unknown gains or delays become
-`UncertainForces`.
+`UncertainForces`, and so does the acceleration of such coordinates.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import (
     BAND_LIMITED,
-    FORCE,
+    BASE,
+    COMMON,
     HELD,
     MOTIONS,
     Channel,
@@ -387,7 +388,9 @@ def _between_samples(
     return result
 
 
-def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) -> Segments:
+def in_moving_coordinates(
+    segments: Segments, frames: Sequence[FramedRecord], *, late: bool = False
+) -> Segments:
     """Add to segments of records in coordinates that move what their sensors show of that, and its acceleration.
 
     Parameters
@@ -396,6 +399,8 @@ def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) ->
         The segments of all records.
     frames : sequence of FramedRecord
         The records.
+    late : bool, optional
+        Whether the record of the coordinates' motion has an unknown delay, so that all sensors show it late.
 
     Returns
     -------
@@ -405,18 +410,20 @@ def in_moving_coordinates(segments: Segments, frames: Sequence[FramedRecord]) ->
     samples, refine = len(segments.samples), segments.refine
     inputs = replace(segments.inputs, frame=_frame_acceleration(frames, samples, refine))
     carried = _carried(frames, samples)
-    if carried is None or not len(segments.sensors.late):
+    which = np.arange(len(segments.sensors.kind)) if late else segments.sensors.late
+    if carried is None or not len(which):
         return replace(segments, inputs=inputs, carried=carried)
-    base, inside = _late_base(segments, frames)
+    base, inside = _late_base(segments, frames, which.tolist())
     observed = segments.observed & inside
     samples_inside = np.where(observed, segments.samples, 0.0)
     segments = replace(segments, observed=observed, samples=samples_inside, clipped=None)
     return replace(segments, inputs=inputs, carried=carried, late_base=base)
 
 
-def _late_base(segments: Segments, frames: Sequence[FramedRecord]) -> tuple[LateBase, Bools]:
+def _late_base(
+    segments: Segments, frames: Sequence[FramedRecord], late: Sequence[int]
+) -> tuple[LateBase, Bools]:
     """What late sensors show of moving coordinates, and (M, C, K) where the record of the base reaches far enough for it."""
-    late = [int(channel) for channel in segments.sensors.late]
     values, inside = [], []
     for frame in frames:
         names, nothing = list(frame.names.values()), np.zeros((1, len(frame.record)))
@@ -488,7 +495,9 @@ def with_uncertain_forces(
         If a force with an unknown delay is not band-limited between its samples.
     """
     channels = tuple(
-        dict.fromkeys(Channel.parse(name) for name in (*gains, *delays) if name.startswith(FORCE))
+        channel
+        for channel in dict.fromkeys(Channel.parse(name) for name in (*gains, *delays) if name != COMMON)
+        if channel.is_input
     )
     if not channels:
         return segments
@@ -503,11 +512,14 @@ def with_uncertain_forces(
     places = [channel.place for channel in channels]
     points = np.array([structure.points.index(name) if name in structure.points else -1 for name in places])
     masses = [structure.mass_names.index(name) if name in structure.mass_names else -1 for name in places]
+    ends = np.where(points >= 0, FIRST_POINT - points, masses)
+    of_base = np.array([name == BASE for name in places])
+    inertia, topology = -segments.system.parameters.stated_masses, structure.topology
     assert segments.inputs.force is not None
     uncertain = UncertainForces(
         channels=channels,
-        ends=np.where(points >= 0, FIRST_POINT - points, masses),
-        rows=np.array([structure.topology.row(name) for name in places]),
+        ends=np.where(of_base, FIRST_POINT - len(structure.points), ends),
+        rows=np.array([inertia if name == BASE else topology.row(name) for name in places]),
         points=points,
         gains=np.array([gains.index(name) if name in gains else -1 for name in channels]),
         delays=np.array([delays.index(name) if name in delays else -1 for name in channels]),
@@ -538,11 +550,16 @@ def _require_band_limited(records: Sequence[Record], late: Sequence[str]) -> Non
 def _shown(
     segments: Segments, records: Sequence[Record], structure: Structure, name: Channel, late: bool
 ) -> tuple[Floats, ...]:
-    """(J, 5, K) what a channel shows, less forces of inertia, at the points of every step; where late, powers of the delay."""
+    """(J, 5, K) what a channel shows, less forces of inertia, or the acceleration of moving coordinates, at the points of
+    every step; where late, powers of the delay. IdentificationError for a base whose acceleration is not that.
+    """
     samples = len(segments.samples)
     pieces = []
     for record in records:
-        values, acceleration = record.channel(name), frame_acceleration(record)
+        acceleration = frame_acceleration(record)
+        if name.place == BASE:
+            _require_moving(name, acceleration)
+        values = record.channel(f"a:{BASE}" if name.place == BASE else name)
         if acceleration is not None and name.place in structure.mass_names:
             number = structure.mass_names.index(name.place)
             values = values + segments.system.parameters.stated_masses[number] * acceleration
@@ -554,6 +571,14 @@ def _shown(
             pieces.append(value_at_points(record, values, count, grid, kind)[None])
     joined = np.concatenate(pieces, axis=3)
     return tuple(powers_through(joined)) if late else (joined[0],)
+
+
+def _require_moving(name: Channel, acceleration: Floats | None) -> None:
+    if acceleration is None:
+        raise IdentificationError(
+            f"no gain or delay of {name} can be estimated: the equations take no acceleration from it, as it moves no link or "
+            "its displacement is recorded. Record its acceleration alone, or leave its gain and delay out"
+        )
 
 
 def _at_delays(record: Record, values: Floats, count: int, grid: tuple[int, int]) -> Floats:

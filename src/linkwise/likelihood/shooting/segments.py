@@ -254,6 +254,16 @@ class Segments:
             delay=float(point.delays[sensors.delay[channel]]),
         )
 
+    @cached_property
+    def moved_apart(self) -> list[int]:
+        """Channels that show moving coordinates by a gain or a delay that is unknown."""
+        if self.carried is None:
+            return []
+        uncertain = self.inputs.uncertain
+        if uncertain is not None and uncertain.base is not None:
+            return np.flatnonzero(self.carried[0].any(axis=(0, 2))).tolist()
+        return [] if self.late_base is None else list(self.late_base.channels)
+
     def deviations(self, scales: Scales, part: slice = slice(None)) -> Floats:
         """(C, k) standard deviations of the noise in some segments; (C, 1) where they are the same in all records."""
         sigma = scales.sigma[:, None]

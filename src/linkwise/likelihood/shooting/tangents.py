@@ -38,7 +38,8 @@ class CandidateForces:
     Attributes
     ----------
     first, second : array of int, shape (c,)
-        The masses on which the force acts, negative on the first; -1 and -2 for none, and points of hosts from -3 down.
+        The masses on which the force acts, negative on the first; -1 and -2 for none, points of hosts from -3 down, and below
+        these moving coordinates, whose acceleration in m/s^2 acts on all masses.
     starts : array of shape (J + 1, c, K)
         Forces of unit size in N at the ends of the steps.
     middles : array of shape (J, c, K)
@@ -162,7 +163,7 @@ class TangentForces:
         for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
             on_mass = np.flatnonzero(ends >= 0)
             self._push(ends[on_mass], on_mass, np.full(len(on_mass), sign), force, step)
-            for number, shape in enumerate(self.mechanics.points):
+            for number, shape in enumerate([*self.mechanics.points, -self.mechanics.masses]):
                 at_point = np.flatnonzero(ends == FIRST_POINT - number)
                 for mode in np.flatnonzero(shape) if len(at_point) else ():
                     weights = np.full(len(at_point), sign * shape[mode])

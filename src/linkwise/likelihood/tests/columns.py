@@ -270,10 +270,7 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
         yield Added(Hypothesis("mass", name), [(-1, number, force)])
     if segments.inputs.force is None:
         return
-    estimated, uncertain = set[tuple[str, str]](), segments.inputs.uncertain  # whose scores are rounding
-    if uncertain is not None:
-        for kind, unknowns in (("force gain", uncertain.gains), ("force delay", uncertain.delays)):
-            estimated |= {(kind, uncertain.channels[k]) for k in np.flatnonzero(unknowns >= 0)}
+    estimated = _estimated_inputs(motion)
     for number, name in own:  # on a mode a force acts at points
         applied, smallest = motion.applied[:, :, number], 0.0
         if segments.inputs.frame is not None:  # less the forces of inertia, which are no applied ones
@@ -284,8 +281,19 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
         if not np.max(np.abs(force[::2])) > smallest:
             continue
         for kind, change in (("force gain", force), ("force delay", -motion.rate(force))):
-            if (kind, channel) not in estimated:
+            if (kind.removeprefix("force "), channel) not in estimated:
                 yield Added(Hypothesis(kind, channel), [(-1, number, change)])
+
+
+def _estimated_inputs(motion: FittedMotion) -> set[tuple[str, str]]:
+    """The errors of inputs that are estimated, whose scores are rounding: their kinds and channels."""
+    uncertain = motion.segments.inputs.uncertain
+    if uncertain is None:
+        return set()
+    kinds = (("gain", uncertain.gains), ("delay", uncertain.delays))
+    return {
+        (kind, str(uncertain.channels[k])) for kind, unknowns in kinds for k in np.flatnonzero(unknowns >= 0)
+    }
 
 
 def base_errors(motion: FittedMotion) -> Iterator[Added]:
@@ -305,8 +313,13 @@ def base_errors(motion: FittedMotion) -> Iterator[Added]:
     else:
         return
     base = next(f"{kind}:{BASE}" for kind in "xav" if f"{kind}:{BASE}" in motion.channels)
-    carried = [carried_by(segments, motion.misfit, channel) for channel in range(segments.samples.shape[1])]
+    estimated = _estimated_inputs(motion)
+    carried = [
+        carried_by(segments, motion.misfit.point, channel) for channel in range(segments.samples.shape[1])
+    ]
     for order, (kind, sign) in enumerate((("gain", -1.0), ("delay", 1.0))):
+        if (kind, base) in estimated:
+            continue
         yield Added(
             Hypothesis(kind, base),
             [(-1, number, force) for number, force in enumerate(np.moveaxis(forces[order], 1, 0))],
