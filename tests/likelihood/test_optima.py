@@ -1,5 +1,7 @@
 """Which optimum a search ends at, and whether it is believed: several starts, low signals, faint links, hidden wells."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import chain_record, truth
@@ -46,6 +48,19 @@ def test_a_search_that_a_gap_in_the_motion_holds_up_ends_at_looser_links() -> No
     """Residuals are noise, and gaps at the tightest links a hundred times that: it was refused."""
     fit = lw.identify(_kept_chaotic(812403, 5.0).with_noise(20.0, seed=812403), CHAIN.unknown("all"))
     assert fit.trusted
+    assert_within(fit, CHAIN, 3.5)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_loose_links_that_take_up_noise_are_no_coloured_noise(sign: float) -> None:
+    """It was refused for a high pass of 0.9 Hz, with the right sign of the force and with the wrong one."""
+    record = _kept_chaotic(503090, 6.0)
+    sizes = 0.1 * np.sqrt(np.mean(record.values**2, axis=0)) * [not name.is_input for name in record.channels]
+    values = record.values + sizes * np.random.default_rng([503090, 7]).normal(size=record.values.shape)
+    values *= [sign if name.is_input else 1.0 for name in record.channels]
+    fit = lw.identify(replace(record, values=values, simulated=None), CHAIN.unknown("all"))
+    assert fit.trusted and loosened(fit)
+    assert [cause.kind for cause in fit.added] == ["sign"] * (sign < 0.0)
     assert_within(fit, CHAIN, 3.5)
 
 
