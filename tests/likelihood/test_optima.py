@@ -1,5 +1,7 @@
 """Which optimum a search ends at, and whether it is believed: several starts, low signals, faint links, hidden wells."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import chain_record, truth
@@ -20,21 +22,46 @@ import linkwise as lw
 
 pytestmark = pytest.mark.slow
 
+CHAIN = lw.bnes_chain(2)
 
-def test_motion_that_a_force_keeps_chaotic_has_errors_that_hold() -> None:
-    """Its valleys bend: the damping was 6.7 standard errors off, and trusted, of a search that went straight."""
-    rng = np.random.default_rng([771300, 3])
+
+def _kept_chaotic(seed: int, duration: float) -> lw.Record:
+    """The chain under a force of ten lines."""
+    rng = np.random.default_rng([seed, 3])
     lines = np.linspace(5.0, 60.0, 10) + rng.uniform(-2.0, 2.0, 10)
     phases = rng.uniform(0.0, 2.0 * np.pi, 10)
     terms = (
         f"63.245553*sin({2.0 * np.pi * line:.6f}*t + {phase:.6f})"
         for line, phase in zip(lines, phases, strict=True)
     )
-    chain = lw.bnes_chain(2)
-    record = lw.simulate(chain, forces={"m1": " + ".join(terms)}, duration=6.0, rate=1000.0)
-    fit = lw.identify(record.with_noise(40.0, seed=3), chain.unknown("all"))
+    return lw.simulate(CHAIN, forces={"m1": " + ".join(terms)}, duration=duration, rate=1000.0)
+
+
+def test_motion_that_a_force_keeps_chaotic_has_errors_that_hold() -> None:
+    """Its valleys bend: the damping was 6.7 standard errors off, and trusted, of a search that went straight."""
+    fit = lw.identify(_kept_chaotic(771300, 6.0).with_noise(40.0, seed=3), CHAIN.unknown("all"))
     assert fit.trusted and 1e-5 < (fit.coefficient("nes1.c").standard_error or 0.0) < 1e-4
-    assert_within(fit, chain, 3.5)
+    assert_within(fit, CHAIN, 3.5)
+
+
+def test_a_search_that_a_gap_in_the_motion_holds_up_ends_at_looser_links() -> None:
+    """Residuals are noise, and gaps at the tightest links a hundred times that: it was refused."""
+    fit = lw.identify(_kept_chaotic(812403, 5.0).with_noise(20.0, seed=812403), CHAIN.unknown("all"))
+    assert fit.trusted
+    assert_within(fit, CHAIN, 3.5)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_loose_links_that_take_up_noise_are_no_coloured_noise(sign: float) -> None:
+    """It was refused for a high pass of 0.9 Hz, with the right sign of the force and with the wrong one."""
+    record = _kept_chaotic(503090, 6.0)
+    sizes = 0.1 * np.sqrt(np.mean(record.values**2, axis=0)) * [not name.is_input for name in record.channels]
+    values = record.values + sizes * np.random.default_rng([503090, 7]).normal(size=record.values.shape)
+    values *= [sign if name.is_input else 1.0 for name in record.channels]
+    fit = lw.identify(replace(record, values=values, simulated=None), CHAIN.unknown("all"))
+    assert fit.trusted and loosened(fit)
+    assert [cause.kind for cause in fit.added] == ["sign"] * (sign < 0.0)
+    assert_within(fit, CHAIN, 3.5)
 
 
 def test_a_valley_that_bends_is_told() -> None:
@@ -68,7 +95,6 @@ def test_checks_know_the_inertia_of_an_unknown_mass_in_coordinates_of_the_base()
     assert_within(lw.identify(record, unknown), storeys)
 
 
-CHAIN = lw.bnes_chain(2)
 FAR = 5.0  # standard errors: of five coefficients by chance 3e-6
 
 

@@ -35,7 +35,7 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_error
+from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_errors
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Answer, Report, Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
@@ -328,12 +328,18 @@ def _by_copies(first: _Model) -> _Model | None:
 
 def _by_channel(first: _Model) -> _Model | None:
     """Another sign, unit, place or reference of a channel, or a high pass, and errors of sensors and inputs beside it."""
-    beside = _beside_channel(first)
-    last = None if beside is None else _with_errors(beside)
-    if last is not None and last.is_explained and any(cause.kind == "swapped" for cause in last.added):
-        rival = explained(first, _beside_cause, 1)  # a term may stand for masses that are alike
-        return None if rival.is_explained else last
-    return last
+    named = [alert.channel for alert in first.answer.alerts if alert.kind == "unit"]
+    for error in likeliest_errors(first.records, first.structure, named):
+        beside = _beside_channel(first, error)
+        last = None if beside is None else _with_errors(beside)
+        if last is None or not last.is_explained:
+            continue
+        swapped = any(cause.kind == "swapped" for cause in last.added)
+        rival = (
+            explained(first, _beside_cause, 1) if swapped else None
+        )  # a term may stand for masses that are alike
+        return None if rival is not None and rival.is_explained else last
+    return None
 
 
 def _by_slip(first: _Model) -> _Model | None:
@@ -543,7 +549,7 @@ def beside_exchange(
     IdentificationError
         The `refusal`, where no such error explains by far most; with the error named where more than noise is left without it.
     """
-    error = likeliest_error(records, structure)
+    error = next(iter(likeliest_errors(records, structure)), None)
     if error is None or error.kind not in EXCHANGES:
         raise refusal
     exchanged = [corrected(record, error) for record in records]
@@ -560,14 +566,8 @@ def beside_exchange(
     return last.reported
 
 
-def _beside_channel(model: _Model) -> _Model | None:
-    """The model with a high pass that is all that is off, or from records with another sign, unit or place of a channel; None
-    where none explains by far most.
-    """
-    named = [alert.channel for alert in model.answer.alerts if alert.kind == "unit"]
-    error = likeliest_error(model.records, model.structure, named)
-    if error is None:
-        return None
+def _beside_channel(model: _Model, error: Cause) -> _Model | None:
+    """The model from records with another sign, unit or place of a channel, or with a high pass that is all that is off."""
     if error.kind in EXCHANGES:
         return model.beside(error, records=[corrected(record, error) for record in model.records])
     options = with_error(model.options, error, model.records[0])

@@ -155,35 +155,39 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     parts = [*map(_loudest_part, records)]
     return tuple(
         error
-        for error in _likeliest(parts, structure)
+        for error in _alike(_convincing(parts, structure))
         if all(_is_explained(error, corrected(part, error), structure) for part in parts)
     )
 
 
-def likeliest_error(
+def likeliest_errors(
     records: Sequence[Record], structure: Structure, named: Sequence[str] = ()
-) -> Cause | None:
-    """The sign, the unit or the place of a channel that explains by far most, or the high pass that may explain something.
+) -> list[Cause]:
+    """The sign, the unit or the place of a channel that explains by far most, then the high pass that may explain something.
 
-    None where there is none, or where another one explains as much. Of several units the one that is `named` by an alert
-    counts, of several high passes the likeliest, and of several signs the first, as the others differ by the direction that is
-    positive; but for laws that hold it, none of one sensor or an input, where no others outvote it.
+    None of these where another one explains as much; a high pass, whose corner is fitted, may explain more of the noise than
+    such an error does. Of several units the one that is `named` by an alert counts, of several high passes the likeliest, and
+    of several signs the first, as the others differ by the direction that is positive; but for laws that hold it, none of one
+    sensor or an input, where no others outvote it.
     """
-    likeliest = _likeliest([*map(_loudest_part, records)], structure, _MAY_BE)
+    convincing = _convincing([*map(_loudest_part, records)], structure, _MAY_BE)
+    passes = sorted(
+        (error for error in _alike(convincing) if error.kind == "high pass"), key=lambda e: -e.gain
+    )
+    likeliest = _alike([error for error in convincing if error.kind in EXCHANGES])
     signs = [error.where for error in likeliest if error.kind == "sign"]
     outvoted = len(signs) == 1 and signs[0] in records[0].responses and len(records[0].channels) > 2
     if signs and not outvoted and not all(map(_is_odd, structure.links)):
-        return None
-    if 1 < len(likeliest) == len(signs):
+        likeliest = []
+    elif 1 < len(likeliest) == len(signs):
         likeliest = likeliest[:1]
-    elif all(error.kind == "high pass" for error in likeliest):
-        likeliest = sorted(likeliest, key=lambda error: -error.gain)[:1]
     elif len(likeliest) > 1:
         likeliest = [error for error in likeliest if error.where in named]
     if len(likeliest) != 1 or (likeliest[0].kind == "swapped" and _are_alike(likeliest[0], structure)):
-        return None
+        return passes[:1]
     others = " or ".join(signs[1:]) or "all others"
-    return replace(likeliest[0], remark=f"or of {others}, by the direction that is positive" if signs else "")
+    remark = f"or of {others}, by the direction that is positive" if signs else ""
+    return [replace(likeliest[0], remark=remark), *passes[:1]]
 
 
 def _are_alike(swapped: Cause, structure: Structure) -> bool:
@@ -247,8 +251,8 @@ def corrected(record: Record, error: Cause) -> Record:
     return replace(record, channels=tuple(channels), values=values, simulated=None)
 
 
-def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float = _CONVINCING) -> list[Cause]:
-    """The errors that explain most of what the weak form leaves of records; by more than that a `high_pass`."""
+def _convincing(parts: Sequence[Record], structure: Structure, high_pass: float = _CONVINCING) -> list[Cause]:
+    """The errors that explain more of what the weak form leaves of records than chance; by more than that a `high_pass`."""
     hidden = not all(parts[0].motions_of(name) for name in structure.mass_names)
     if hidden or structure.size > _LARGEST or len(structure.parameters) > _MOST:
         return []
@@ -261,9 +265,15 @@ def _likeliest(parts: Sequence[Record], structure: Structure, high_pass: float =
         return []
     errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
     errors = [replace(error, gain=gain(error)) for error in errors]
+    return [
+        error for error in errors if error.gain > (high_pass if error.kind == "high pass" else _CONVINCING)
+    ]
+
+
+def _alike(errors: Sequence[Cause]) -> list[Cause]:
+    """The errors that explain most."""
     least = max((error.gain for error in errors), default=-np.inf) - _ALIKE
-    enough = {"high pass": high_pass}
-    return [error for error in errors if error.gain > max(least, enough.get(error.kind, _CONVINCING))]
+    return [error for error in errors if error.gain > least]
 
 
 def _loudest_part(record: Record) -> Record:

@@ -23,7 +23,12 @@ from linkwise.likelihood.checks.usual_terms import asymmetry, doubt, scatter_of_
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_coloured
 from linkwise.likelihood.optima.hidden_wells import about_another_rest
-from linkwise.likelihood.optima.other_optima import is_regular, undetermined_far_away, with_faint_modes
+from linkwise.likelihood.optima.other_optima import (
+    is_loosened,
+    is_regular,
+    undetermined_far_away,
+    with_faint_modes,
+)
 from linkwise.likelihood.random_forces import NOISIEST_INPUT
 from linkwise.likelihood.search import BlockScatter
 from linkwise.likelihood.shooting.minimise import AnnealingSchedule, AnnealingStatus
@@ -267,11 +272,15 @@ def filter_of_all_sensors(of: Examined) -> Judgement | None:
 
 
 def whiteness(of: Examined) -> Judgement | None:
-    """Whether residuals of exact laws are not white."""
+    """Whether residuals of exact laws are not white, of loosened ones where they are held closer.
+
+    Loose links take up noise at the frequencies of the motion.
+    """
     fit = of.fit
     exact = fit.model_error <= AnnealingSchedule.final_q and not fit.random_forces
     counted = exact and fit.chi_square > _NEXT_TO_NOTHING and not of.coloured
-    if not (counted and is_coloured(fit.misfit.residuals)):
+    closest = of.closer.fit if counted and is_loosened(fit) and of.closer else fit
+    if not (counted and is_coloured(closest.misfit.residuals)):
         return None
     return _found(of, Verdict.COLOURED_RESIDUALS, of.explained + _NOT_WHITE)
 

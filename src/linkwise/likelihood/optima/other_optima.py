@@ -398,7 +398,7 @@ _WORSE = 2.0
 _AGREES = 1.0  # of the cost: two searches that ended in the same optimum
 _FACTOR = 2.0  # by which the cost may rise more or less than the covariance predicts
 _BOTH = (1.0, -1.0)
-_ON_THE_WAY = 3.0  # times the noise, in power: a search that did not converge may have been in a wrong valley
+_ON_THE_WAY = 3.0  # times the noise, in power: residuals of a search that gaps alone may hold up
 
 
 Refit = Callable[[Floats, Floats, float], LikelihoodFit]
@@ -492,7 +492,7 @@ def _may_be_wrong(fit: LikelihoodFit) -> bool:
     if fit.random_forces or fit.optimum.coloured is not None:
         return False
     if not fit.converged:
-        return fit.chi_square < _ON_THE_WAY
+        return fit.misfit.data < _ON_THE_WAY * fit.samples
     if fit.optimum.q > AnnealingSchedule.final_q:
         return False
     return _is_low(fit) or not went_straight(fit) or _stays_chaotic(fit)
