@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_319  # lines of all files of tests
+TESTS = 35_329  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -19,7 +19,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "estimates": (7, 1433),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1941),
+    "files": (14, 1943),
     "identification": (13, 2392),
     "inspection": (10, 1879),
     "likelihood": (64, 14269),
