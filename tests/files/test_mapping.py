@@ -214,3 +214,13 @@ def test_times_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:
         lw.read_record(path, channels=channels)
     with pytest.raises(lw.RecordError, match="time is mapped to column 'clock'"):
         lw.read_record(path, channels={**channels, "time": f"{clock}:clock"})
+
+
+def test_a_column_is_mapped_by_the_name_that_the_file_spells(tmp_path: Path) -> None:
+    """A unit below a stroke, which is read, was no part of the name any more."""
+    path = tmp_path / "pendulum.csv"
+    rows = "".join(f"{0.1 * i:.1f},{i},{2 * i}\n" for i in range(40))
+    path.write_text(f"Time/s,Angle/mm,AngVel/rad/s\n{rows}")
+    for time, angle in (("Time/s", "Angle/mm"), ("Time", "Angle[mm]")):
+        record = lw.read_record(path, channels={"time": time, "x:bob": angle})
+        assert record.channel("x:bob") == pytest.approx(1e-3 * np.arange(40))

@@ -9,7 +9,7 @@ import codecs
 import csv
 import io
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from operator import or_
 from pathlib import Path
@@ -229,6 +229,8 @@ def table_of(
     if units is not None and len(body) > 1:
         headers, body, data_lines = units, body[1:], data_lines[1:]
     columns = columns_of(body, data_lines + 1, headers, dialect, str(path))
+    if header is not None:  # a column is found as the file spells it, too
+        columns = tuple(replace(column, path=cell) for column, cell in zip(columns, cells, strict=False))
     skipped = sum(not _is_blank_or_comment(line) for line in lines[: header or 0])
     assumptions = [f"Lines of text skipped above the header: {skipped}."] if skipped else []
     if units is not None:
