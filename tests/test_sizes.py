@@ -19,7 +19,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "estimates": (7, 1453),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1957),
+    "files": (14, 1959),
     "identification": (13, 2400),
     "inspection": (10, 1905),
     "likelihood": (64, 14227),

@@ -513,8 +513,8 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_hits,
     _by_high_pass,
     _with_errors,
-    _by_base,
     _by_causes,
+    _by_base,
     _by_saturation,
     _by_ambient,
 )
