@@ -389,7 +389,7 @@ def test_unknown_gains_of_every_channel_are_refused_unless_a_known_law_sets_the_
     record = driven(seed=41)
     with pytest.raises(
         lw.IdentificationError,
-        match=r"do not tell the gain of x:m1, .*force:m2: every channel .* one of them out",
+        match=r"do not tell the gain of x:m1, .*force:m2: another scale .* one of them out",
     ) as refusal:
         lw.identify(record, ASKED, gains=ALL_OF_PAIR)
     assert refusal.value.arguments == ("calibration",)

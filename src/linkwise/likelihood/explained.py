@@ -201,6 +201,17 @@ class _Model:
             return None
         return _Model(self.answered, *asked, answer, (*self.added, *causes))
 
+    def with_error(self, cause: Cause) -> _Model | None:
+        """The model with the error that a cause names as an unknown; None where none can be, or it is not told."""
+        options = with_error(self.options, cause, self.records[0])
+        return None if options is None else self.beside(cause, options=options)
+
+    @property
+    def quick(self) -> _Model:
+        """The model whose laws may be wrong: its fits end early, and show no progress, as the search itself is done."""
+        bar = part(self.options.progress, 1.0, 1.0)
+        return replace(self, options=replace(self.options, progress=bar, steps=_STEPS))
+
     @property
     def reported(self) -> Estimate:
         """Its answer, with the sizes of what was added as they were found, and what clocks and a base leave open in its
@@ -404,8 +415,7 @@ def _by_high_pass(first: _Model) -> _Model | None:
     """
     diagnosis = first.answer.diagnosis
     for cause in [cause for cause in diagnosis[1:] if cause.kind == HIGH_PASS][:_TRIED]:
-        options = with_error(first.options, cause, first.records[0])
-        passed = None if options is None else first.beside(cause, options=options)
+        passed = first.with_error(cause)
         if passed is not None and passed.is_explained:
             rivals = (explained(first, _beside_cause, 1), _with_errors(first, most=1))
             alike = (one.is_explained and one.misfit < passed.misfit + _AS_LIKELY for one in rivals)
@@ -454,10 +464,7 @@ def _with_errors(first: _Model, most: int = _ERRORS) -> _Model:
 
 def _by_causes(first: _Model) -> _Model | None:
     """Terms and links that laws lack, masses and scales of which one is off: a second answer."""
-    bar = part(first.options.progress, 1.0, 1.0)  # the search itself is done
-    return explained(
-        replace(first, options=replace(first.options, progress=bar, steps=_STEPS)), _beside_cause, _TERMS
-    )
+    return explained(first.quick, _beside_cause, _TERMS)
 
 
 def _by_saturation(first: _Model) -> _Model | None:
@@ -470,14 +477,12 @@ def _by_saturation(first: _Model) -> _Model | None:
     cause = next(causes, None)
     if cause is None or first.structure.hosts or first.answer.diagnosis[0].is_instrument:
         return None
-    bar = part(first.options.progress, 1.0, 1.0)
-    options = replace(first.options, progress=bar, steps=_STEPS)
     for begins in _SATURATES:
         saturated = with_saturation(first.structure, cause, first.answer, begins)
         if saturated is None:
             return None
         structure, form = saturated
-        beside = first.beside(replace(cause, term=form, share=0.0), structure=structure, options=options)
+        beside = first.quick.beside(replace(cause, term=form, share=0.0), structure=structure)
         if beside is not None and beside.is_explained:
             return beside
     return None
@@ -570,8 +575,7 @@ def _beside_channel(model: _Model, error: Cause) -> _Model | None:
     """The model from records with another sign, unit or place of a channel, or with a high pass that is all that is off."""
     if error.kind in EXCHANGES:
         return model.beside(error, records=[corrected(record, error) for record in model.records])
-    options = with_error(model.options, error, model.records[0])
-    passed = None if options is None else model.beside(error, options=options)
+    passed = model.with_error(error)
     return passed if passed is not None and (passed.is_explained or passed.is_nearly_explained) else None
 
 
@@ -678,10 +682,9 @@ def _can_be_added(cause: Cause) -> bool:
 
 
 def _with(cause: Cause, model: _Model) -> _Model | None:
-    if not is_admissible(cause):
-        return model.beside(cause, structure=with_cause(model.structure, cause))
-    options = with_error(model.options, cause, model.records[0])
-    return None if options is None else model.beside(cause, options=options)
+    if is_admissible(cause):
+        return model.with_error(cause)
+    return model.beside(cause, structure=with_cause(model.structure, cause))
 
 
 _Rung = tuple[LikelihoodOptions, tuple[Cause, ...]]

@@ -4,13 +4,13 @@ The memory that a fit takes, asked for before the work.
 
 Sensors of several records: their noise, and what is unknown of them.
 
-Whether anything sets the scales of forces and motion: the motion alone tells only ratios of masses and coefficients.
+Whether anything sets the scale of forces: the motion alone tells only ratios of masses and coefficients.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -49,7 +49,6 @@ from linkwise.records.record import Record
 from linkwise.runtime import available_memory, keep_freed_memory
 from linkwise.signals.base_frame import FramedRecord, framed
 from linkwise.signals.noise import channel_noise, noise_floor
-from linkwise.units import base_exponents
 from linkwise.weak.fit import NO_FORCE_SCALE
 
 _BLOCKS = 4  # of a node with itself, or with the border, that are kept at the same time, of few masses
@@ -298,7 +297,6 @@ class SensorModel:
 
 _OF_FORCE = re.compile(r"\b(N|kg)\b")
 _TRIED = np.array([-0.7, -0.2, 0.3, 0.9])  # elongations and rates
-_UNITLESS = ("", "?")
 _ANY, _FACTOR = 0.5, 2.0  # value of an unknown, and what it is multiplied by
 
 
@@ -307,12 +305,10 @@ def require_force_scale(
 ) -> None:
     """Raise IdentificationError where one factor to all masses and coefficients would not change the motion.
 
-    Forces of `unknown_gains`, of which nothing is known, would change with them. Where every channel has such a gain, a factor
-    to forces and motion together must change what is known, too.
+    Forces of `unknown_gains`, of which nothing is known, would change with them.
     """
     if structure.hosts or not all(link.law.is_plain for link in structure.links):
         return
-    _require_scale_of_motion(records, structure, unknown_gains)
     channels = dict.fromkeys(name for record in records for name in record.channels)
     forces = [name for name in channels if name.kind in ("force", "f")]
     if not set(forces) <= set(unknown_gains):
@@ -334,50 +330,12 @@ def require_force_scale(
         )
 
 
-def _require_scale_of_motion(
-    records: Sequence[Record], structure: Structure, unknown_gains: Sequence[str]
-) -> None:
-    """Raise IdentificationError where every channel has an unknown gain, and larger forces make a larger motion alike."""
-    channels = dict.fromkeys(name for record in records for name in record.channels)
-    if not channels or not set(channels) <= set(unknown_gains):
-        return
-    free = {
-        member
-        for parameter in structure.parameters
-        if parameter.sigma == np.inf
-        for member in parameter.members
-    }
-    if all(
-        _grows(link, {name for index, name in free if index == number})
-        for number, link in enumerate(structure.links)
-    ):
-        raise IdentificationError(
-            f"the records do not tell the gain of {', '.join(channels)}: every channel has an unknown one, and a larger "
-            "motion by larger forces is as likely. "
-            f"Leave {'it' if len(channels) == 1 else 'one of them'} out, or state how well it is known, by a calibration",
-            arguments=("calibration",),
-        )
-
-
-def _grows(link: Link, free: set[str]) -> bool:
-    """Whether the force of a link grows as its motion, if lengths in the units of its `free` coefficients do."""
-    law_units = replace(link.law, angular=False).units  # an angle grows as a length does
-    units = {name: law_units[name] for name in free}
-    lengths = {name: float(base_exponents(unit)[1]) for name, unit in units.items() if unit not in _UNITLESS}
-    return _doubles(link, lengths, _FACTOR)
-
-
 def _scales(link: Link, free: set[str]) -> bool:
     """Whether the force of a link is proportional to those of its `free` coefficients that have a unit of force or mass."""
-    return _doubles(link, {name: 1.0 for name in free if _OF_FORCE.search(link.law.units[name])}, 1.0)
-
-
-def _doubles(link: Link, powers: Mapping[str, float], motion: float) -> bool:
-    """Whether the force of a link doubles with its motion times a factor and coefficients times two to some powers."""
     values = {name: _ANY if own.value is None else own.value for name, own in link.coefficients.items()}
-    larger = {name: value * _FACTOR ** powers.get(name, 0.0) for name, value in values.items()}
-    force = link.law.force(_TRIED, _TRIED[::-1], values)
-    more = link.law.force(motion * _TRIED, motion * _TRIED[::-1], larger)
+    of_force = {name for name in free if _OF_FORCE.search(link.law.units[name])}
+    larger = {name: value * _FACTOR if name in of_force else value for name, value in values.items()}
+    force, more = (link.law.force(_TRIED, _TRIED[::-1], own) for own in (values, larger))
     return bool(np.allclose(more, _FACTOR * force, rtol=1e-9, atol=0.0))
 
 

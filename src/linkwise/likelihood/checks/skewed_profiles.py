@@ -45,6 +45,7 @@ from linkwise.verdict import Verdict
 _SKEWED = 0.3
 """Acceleration beyond which a profile is followed. Of 768 fits of two masses at 16 to 40 dB one in 18 is beyond; below it most
 profiles end within a quarter of where standard errors say, and errors are as large as these."""
+_CLOSE = 0.03  # standard errors, to which an end is followed
 _WIDER = 1.05  # times as wide, that an interval is said to be
 _BEYOND = 6.0, 9.0  # standard errors at which a wall is looked over
 _TOO_LITTLE = 0.5  # of the rise expected there
@@ -134,7 +135,7 @@ def _reach(fit: LikelihoodFit, number: int, *, side: float) -> float | None:
     """
     error = float(np.sqrt(fit.covariance[number, number]))
     try:
-        profile = Profile(fit.optimum, number, error)
+        profile = Profile(fit.optimum, number, error, close=_CLOSE)
         end = profile.end(side * error)
     except IdentificationError:
         return None

@@ -152,11 +152,19 @@ def _column(estimate: Estimate, name: str) -> int:
 class Profile:
     """The cost along one parameter, by its number, minimised over everything else, from the `value` at the optimum on.
 
-    `lowest` is the least rise of -2 log likelihood that was met, below zero where there is a higher optimum.
+    `lowest` is the least rise of -2 log likelihood that was met, below zero where there is a higher optimum. Ends are as
+    `close` as so many standard errors.
     """
 
-    def __init__(self, optimum: Optimum, column: int, deviation: float, progress: Progress = silent) -> None:
-        self.optimum, self.column, self.progress = optimum, column, progress
+    def __init__(
+        self,
+        optimum: Optimum,
+        column: int,
+        deviation: float,
+        progress: Progress = silent,
+        close: float = _CLOSE,
+    ) -> None:
+        self.optimum, self.column, self.progress, self.close = optimum, column, progress, close
         self.name = optimum.segments.system.parameters.names[column]
         self.noise = optimum.noise
         if optimum.of_white is not None:  # as which the cost takes the noise
@@ -185,16 +193,16 @@ class Profile:
                 rise = (fit.misfit.cost(fit.q) - self.best.misfit.cost(fit.q)) / self.noise**2
                 self.lowest = min(self.lowest, rise)
                 root = float(np.sqrt(max(rise, 0.0))) - NORMAL_95
-                points[moved], excess[moved] = fit.point, root if abs(root) > _CLOSE else 0.0
+                points[moved], excess[moved] = fit.point, root if abs(root) > self.close else 0.0
             return excess[moved]
 
         near, far = 0.0, min(NORMAL_95, reach)
         while beyond(far) < 0.0:
             if far == reach:
                 return edge if reach < _FARTHEST else float(np.copysign(np.inf, deviation))
-            linear = NORMAL_95 / max(NORMAL_95 + beyond(far), _CLOSE)
+            linear = NORMAL_95 / max(NORMAL_95 + beyond(far), self.close)
             near, far = far, min(reach, float(np.clip(linear, 1.25, 3.0)) * far)
-        return self.value + float(scipy.optimize.brentq(beyond, near, far, xtol=_CLOSE)) * deviation
+        return self.value + float(scipy.optimize.brentq(beyond, near, far, xtol=self.close)) * deviation
 
     def _fitted(self, start: Iterate, value: float | None = None) -> AnnealingFit:
         """The fit from `start`, the parameter held at `value` if that is given."""

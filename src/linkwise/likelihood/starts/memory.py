@@ -574,11 +574,6 @@ def _without_drift(d: Floats, v: Floats, step: float, cutoff: float) -> tuple[Fl
     return np.stack([highpass(integral(row, step), 1.0 / step, cutoff) for row in rates]), rates
 
 
-_HARDLY_MORE = 1.3  # times the misfit of the best random start
-_APART = 0.6  # relative distance of a parameter beyond which starts are far from each other: a factor of 2.5
-_SPREAD = 10  # of these at most
-
-
 def host_memory_starts(
     records: Sequence[Record], structure: Structure, given: Mapping[str, float]
 ) -> tuple[Start, ...]:
@@ -596,8 +591,7 @@ def host_memory_starts(
     Returns
     -------
     tuple of Start
-        The lowest minimum of what the laws leave of the forces of links, then starts far from each other that leave hardly
-        more: beside a host these forces are known roughly.
+        The minima of what the laws leave of the forces of links, the lowest first.
 
     Raises
     ------
@@ -646,24 +640,10 @@ def _motion_starts(
     d, v = motion.signals.d.T, motion.signals.v.T
     search = MemorySearch(valued, record.step, d, v, (), _shown(record, inferred), given, {})
     starts = []
-    for found in (*search.minima()[:1], *_spread(search)):
+    for found in search.minima():
         values = fixed | dict(zip((p.name for p in search.structure.parameters), found.values, strict=True))
         starts.append(Start(np.array([values[p.name] for p in structure.parameters]), found.misfit))
     return tuple(starts)
-
-
-def _spread(search: MemorySearch) -> tuple[Start, ...]:
-    """Random starts far from each other that leave hardly more of the forces than the best of them, that first."""
-    if not search.curved:
-        return ()
-    chosen: list[tuple[Floats, Start]] = []
-    for curved in search.trials():
-        start = search.solved(curved)
-        if chosen and start.misfit > _HARDLY_MORE * chosen[0][1].misfit:
-            break
-        if all(_are_apart(curved, earlier, _APART) for earlier, _ in chosen):
-            chosen.append((curved, start))
-    return tuple(start for _, start in chosen[:_SPREAD])
 
 
 def _are_apart(first: Floats, second: Floats, part: float) -> bool:
