@@ -139,12 +139,9 @@ def _jumps(
     m, scale = optimum.segments.system.dimension, optimum.scales.theta[: len(fit.values)]
     pulls = _pulls(equations)
     for part in at_once(len(moments), optimum.segments.count * m * m):
-        some, each = moments[part], np.arange(len(moments[part]))
-        border, defects = _by_jumps(equations, some)
-        own = defects[some].reshape(len(some), m, len(some), m)[each, :, each]
-        information, directions = np.linalg.eigh(
-            (np.eye(m) - 0.5 * (own + own.transpose(0, 2, 1))) / RELAXED**2
-        )
+        some = moments[part]
+        border, followed = _by_jumps(equations, some)
+        information, directions = np.linalg.eigh(np.eye(m) / RELAXED**2 - followed)
         seen = information > _RANK * information[:, -1:]
         inverse = np.where(seen, 1.0 / np.where(seen, information, 1.0), 0.0)
         along = directions.transpose(0, 2, 1) @ pulls[some]
@@ -157,7 +154,9 @@ def _jumps(
 
 
 def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floats]:
-    """The steps (P, d) of the border and the defects (K - 1, m, d) that follow from jumps of single states of unit size."""
+    """The steps (P, d) of the border that follow from jumps of single states of unit size, and by how much less than their
+    defects alone those at each moment (j, m, m) cost with nodes and border that follow.
+    """
     linear, count = equations.linear, len(equations.free)
     m = equations.optimum.segments.system.dimension
     nodes = np.zeros((equations.optimum.segments.count, m, m * len(moments)))
@@ -167,8 +166,11 @@ def _by_jumps(equations: DrawnEquations, moments: Indices) -> tuple[Floats, Floa
         nodes[segment + 1, :, own] = np.diag(linear.joined[segment])
         nodes[segment, :, own] = -linear.state_ends[segment].T
         border[:, own] = -linear.right_ends[segment, :, :count].T
-    nodes, border = equations.solved(nodes / RELAXED**2, border / RELAXED**2)
-    return border, equations.defects(nodes, border)
+    forward, right, steps = equations.eliminated(nodes / RELAXED**2, border / RELAXED**2)
+    left, of_right, of_steps = (
+        own.reshape(-1, len(moments), m).transpose(1, 0, 2) for own in (forward, right, steps)
+    )
+    return steps, left.transpose(0, 2, 1) @ left + of_right.transpose(0, 2, 1) @ of_steps
 
 
 def _pulls(equations: DrawnEquations) -> Floats:

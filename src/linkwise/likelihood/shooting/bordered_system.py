@@ -135,7 +135,7 @@ class BlockRoot:
             np.einsum("kii->ki", root)[:] += added
         for node, own in enumerate(root):
             if node:
-                own -= below[node - 1] @ below[node - 1].T
+                blas.dsyrk(-1.0, below[node - 1].T, 1.0, own.T, trans=1, overwrite_c=1)
             _, info = lapack.dpotrf(own.T, lower=0, overwrite_a=1)
             if info:
                 return None
@@ -148,7 +148,7 @@ class BlockRoot:
         root, below = self.blocks
         for node, own in enumerate(right):
             if node:
-                own -= below[node - 1] @ right[node - 1]
+                blas.dgemm(-1.0, right[node - 1].T, below[node - 1].T, 1.0, own.T, overwrite_c=1)
             blas.dtrsm(1.0, root[node].T, own.T, side=1, overwrite_b=1)
         return right
 

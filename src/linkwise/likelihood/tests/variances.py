@@ -510,15 +510,22 @@ class DrawnEquations:
             border += np.einsum("krp,krd->pd", rows[..., m:-1], own)
         return nodes, border
 
+    def eliminated(self, nodes: Floats, border: Floats) -> tuple[Floats, Floats, Floats]:
+        """Right-hand sides (K, m, d) and (P, d), the nodes eliminated, and the border (P, d) that solves them; zero where not
+        `free`.
+        """
+        factor, free = self.factor, self.free
+        forward, solved = factor.root.forward(nodes.copy()), np.zeros_like(border)
+        right = border - np.tensordot(factor.forward[..., :-1], forward, ((0, 1), (0, 1)))
+        right[~free] = 0.0
+        if free.any():
+            solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
+        return forward, right, solved
+
     def solved(self, nodes: Floats, border: Floats) -> tuple[Floats, Floats]:
         """Solutions (K, m, d) and (P, d) for right-hand sides of the same shapes, zero where not `free`."""
-        factor, free = self.factor, self.free
-        columns, forward = factor.forward[..., :-1], factor.root.forward(nodes.copy())
-        solved = np.zeros_like(border)
-        if free.any():
-            right = border - np.tensordot(columns, forward, ((0, 1), (0, 1)))
-            solved[free] = np.linalg.solve(factor.schur[np.ix_(free, free)], right[free])
-        return factor.root.backward(forward - columns @ solved), solved
+        forward, _, solved = self.eliminated(nodes, border)
+        return self.factor.root.backward(forward - self.factor.forward[..., :-1] @ solved), solved
 
     def by_kicks(self, nodes: Floats, border: Floats) -> Floats:
         """(K - 1, n, d) slopes of half the cost in s/m by kicks of the masses, from steps (K, m, d) and (P, d)."""
