@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from statistics import median
 from typing import Any
@@ -30,6 +31,10 @@ REPEATED = (INTERNAL_ERROR, WORKER_DIED)  # the cases of such rows are run again
 _ALL = ("x", "v", "a")
 # beside the seed: the stream of what is known to within, the noise being drawn from the seed alone
 _PRIOR = 1
+_KEYS = (
+    "name", "toml", "duration", "rate", "release", "impulse", "forces", "base", "sensors", "unknown", "judge", "scatter",
+    "frequency",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,24 +247,15 @@ class Subject:
         dict
             Plain data, for TOML or JSON.
         """
-        return {
-            "name": self.name,
+        own = {
+            **vars(self),
             "toml": format_structure(self.structure),
-            "duration": float(self.duration),
-            "rate": float(self.rate),
-            "release": {name: float(value) for name, value in self.release.items()},
-            "impulse": [
-                {"mass": impulse.mass, "momentum": float(impulse.momentum), "time": float(impulse.time)}
-                for impulse in self.impulses
-            ],
-            "forces": dict(self.forces),
-            **({} if self.base is None else {"base": self.base}),
-            "sensors": list(self.sensors),
-            "unknown": list(self.unknown),
-            "judge": list(self.judge),
-            "scatter": float(self.scatter),
-            **({} if self.frequency is None else {"frequency": float(self.frequency)}),
+            "impulse": list(map(asdict, self.impulses)),
         }
+        stated: dict[str, Any] = json.loads(
+            json.dumps({key: own[key] for key in _KEYS if own[key] is not None}, default=dict)
+        )
+        return stated
 
 
 @contextmanager
