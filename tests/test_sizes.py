@@ -8,13 +8,13 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_353  # lines of all files of tests
+TESTS = 35_355  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
     "absorption": (11, 2256),
     "analysis": (4, 506),
-    "cli": (20, 1888),
+    "cli": (20, 1901),
     "discovery": (18, 3518),
     "estimates": (7, 1433),
     "export": (9, 784),
@@ -31,7 +31,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "report": (9, 1026),
     "response": (13, 1952),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 925),
-    "signals": (6, 834),
+    "signals": (6, 838),
     "simulation": (9, 1652),
     "sindy": (9, 1063),
     "study": (9, 1523),
