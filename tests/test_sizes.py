@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_355  # lines of all files of tests
+TESTS = 35_357  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -21,14 +21,14 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "expression": (6, 1083),
     "files": (14, 1957),
     "identification": (13, 2392),
-    "inspection": (10, 1881),
+    "inspection": (10, 1883),
     "likelihood": (64, 14194),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
-    "plot": (12, 1890),
+    "plot": (12, 1894),
     "records": (8, 1457),
-    "report": (9, 1026),
+    "report": (9, 1039),
     "response": (13, 1952),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
     "root": (11, 925),
     "signals": (6, 838),
