@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_357  # lines of all files of tests
+TESTS = 35_366  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,12 +16,12 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1901),
     "discovery": (18, 3518),
-    "estimates": (7, 1433),
+    "estimates": (7, 1440),
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1957),
     "identification": (13, 2392),
-    "inspection": (10, 1883),
+    "inspection": (10, 1884),
     "likelihood": (64, 14194),
     "modal": (5, 853),
     "model": (17, 2981),
@@ -30,7 +30,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "records": (8, 1457),
     "report": (9, 1039),
     "response": (13, 1952),  # continuation, shooting, search of branches, harmonic balance, backbones, basins
-    "root": (11, 925),
+    "root": (11, 926),
     "signals": (6, 838),
     "simulation": (9, 1652),
     "sindy": (9, 1063),
