@@ -42,6 +42,13 @@ def test_verdict_comes_first_and_what_was_found_before_what_was_known(fitted: lw
     assert "<svg" not in body  # no link was to be pictured
 
 
+def test_a_mass_that_was_asked_for_stands_on_the_first_screen(fitted: lw.Estimate) -> None:
+    asked = lw.identify(fitted.record, fitted.given_structure.unknown("mass:m2"), method="weak")
+    first = page_of(asked).partition("<h2>Evidence")[0]
+    assert re.search(r'<h3>Masses</h3>\s<p class="law">m2 = 0\.0\d+ ± 0\.0\d+ kg</p>', first)
+    assert "<h3>Masses" not in page_of(fitted)
+
+
 def test_moments_stand_in_units_of_the_angle() -> None:
     truth = torsion_chain()
     record = lw.simulate(truth, release={"v:disc1": 1.0}, duration=2.0, rate=500.0).with_noise(40.0, seed=1)
