@@ -1,5 +1,6 @@
 """What Python and a notebook show of the objects that a user holds."""
 
+import re
 import sys
 from dataclasses import replace
 from pkgutil import resolve_name
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import linkwise as lw
-from linkwise.display import FIGURES
+from linkwise.display import FIGURES, JudgedView
 
 
 def test_objects_show_themselves_in_a_line(fitted: lw.Estimate, discovered: lw.Discovery) -> None:
@@ -16,9 +17,13 @@ def test_objects_show_themselves_in_a_line(fitted: lw.Estimate, discovered: lw.D
         "<Structure: bistable chain of 2 masses: 2 masses, 2 links>": fitted.structure,
         "<Estimate: bistable chain of 2 masses: weak, converged, can be trusted>": fitted,
         "<LinkEstimate: nes1 (m2 - m1): alpha*d + beta*d**3 + c*v>": fitted.link("nes1"),
+        "<CoefficientEstimate: m1.mass = 1 kg, given>": fitted.coefficient("m1.mass"),
         "<Posterior of 3 coefficients: nes1.alpha, nes1.beta, nes1.c>": lw.estimates.Posterior.of(fitted),
     }
     assert {text: repr(thing) for text, thing in shown.items()} == {text: text for text in shown}
+    assert re.fullmatch(
+        r"nes1.alpha = -[\d.]+ N/m, standard error [\d.]+", str(fitted.coefficient("nes1.alpha"))
+    )
     assert repr(discovered).startswith("<Discovery: 2 masses") and "\n" not in repr(discovered)
     assert str(fitted.structure).splitlines()[-1].endswith("m2 - m1  alpha*d + beta*d**3 + c*v")
     for thing in (fitted.motion, fitted.record.simulated, lw.study.read_study("paper")):
@@ -47,10 +52,14 @@ def test_an_estimate_is_a_table_of_pandas(fitted: lw.Estimate, monkeypatch: pyte
 
 def test_results_draw_themselves(chain: lw.Structure, fitted: lw.Estimate, discovered: lw.Discovery) -> None:
     absorbed = lw.absorb(chain, duration=0.1, release={"v:m1": 1.0})
-    for result in (fitted, discovered, absorbed):
+    for result in (fitted, discovered, absorbed, lw.inspect(fitted.record)):
         assert result.plot().axes
-    with pytest.raises(TypeError, match="Inspection has no figure of its own: print it"):
-        lw.inspect(fitted.record).plot()
+
+    class Table(JudgedView):
+        verdicts = ()
+
+    with pytest.raises(TypeError, match="Table has no figure of its own: print it"):
+        Table().plot()
     assert all(callable(resolve_name(home)) for home in FIGURES.values())
 
 

@@ -196,6 +196,7 @@ FIGURES = {
     "Design": "linkwise.plot.absorptions:designs_figure",
     "Discovery": "linkwise.plot.discoveries:evidence_figure",
     "Estimate": "linkwise.plot.links:forces_figure",
+    "Inspection": "linkwise.plot.records:spectra_figure",
     "LevelComparison": "linkwise.plot.levels:levels_figure",
     "Response": "linkwise.plot.responses:response_figure",
     "Validation": "linkwise.plot.validations:prediction_figure",

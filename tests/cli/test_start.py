@@ -41,7 +41,7 @@ def file(record: lw.Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     )
     rows = (",".join(f"{value:.6f}" for value in row) for row in columns)
     (tmp_path / "rig.csv").write_text(
-        "\n".join(["Time [s],Laser frame [mm],Laser sink [mm],Hammer [N]", *rows])
+        "\n".join(["Logger 7", "Time [s],Laser frame [mm],Laser sink [mm],Hammer [N]", *rows])
     )
     return tmp_path / "rig.csv"
 
@@ -58,6 +58,8 @@ def test_one_command_gives_the_right_answer_and_others_to_repeat(file: Path) -> 
         "Laser sink        x:sink   displacement    mm  by its unit" in err
         and "note: Hammer acts on frame" in err
     )
+    notes = [line for line in err.splitlines() if line.startswith("note: ")]
+    assert len(notes) > 1 and len(set(notes)) == len(notes)
     written = lw.read_structure("found/structure.toml")
     assert written == lw.rig(MASSES, LINKS, {"leaf.c": 2.1}, name="found")
     repeat = [line.strip() for line in err.partition("and repeat:")[2].splitlines() if line.strip()]

@@ -32,12 +32,21 @@ def test_verdict_comes_first_and_what_was_found_before_what_was_known(fitted: lw
     assert body.index("<h3>nes1 ") < body.index("<h3>spring1 ")
     alpha, low = fitted.coefficient("nes1.alpha"), fitted.link("nes1").wells[0]
     half = 1e-3 * 1.96 * present(alpha.standard_error)
-    law = re.findall('<p class="law">alpha = (.*?) ± (.*?) N/mm, beta = .* N/mm\\^3, c = .* N s/mm</p>', body)
+    law = re.findall(
+        r'<p class="law">alpha = (.*?) ± (.*?) N/mm, beta = .* N/mm\^3, c = 0\.0\d+ ± 0\.\d+ N s/m</p>', body
+    )
     # the unit of length of the axes; two digits of what is within, the value to these
     assert [float(text) for text in law[0]] == pytest.approx([1e-3 * alpha.value, half], abs=0.05 * half)
     assert f"well 1 = {1e3 * low.value:.1f}" in body and "frequency in well 2 = " in body
     assert "<summary>Links: nes1, spring1</summary>" in body
     assert "<svg" not in body  # no link was to be pictured
+
+
+def test_a_mass_that_was_asked_for_stands_on_the_first_screen(fitted: lw.Estimate) -> None:
+    asked = lw.identify(fitted.record, fitted.given_structure.unknown("mass:m2"), method="weak")
+    first = page_of(asked).partition("<h2>Evidence")[0]
+    assert re.search(r'<h3>Masses</h3>\s<p class="law">m2 = 0\.0\d+ ± 0\.0\d+ kg</p>', first)
+    assert "<h3>Masses" not in page_of(fitted)
 
 
 def test_moments_stand_in_units_of_the_angle() -> None:

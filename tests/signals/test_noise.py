@@ -100,8 +100,8 @@ def test_the_bandwidth_of_noise_is_one_bin_and_of_a_full_band_half_the_rate() ->
 def test_a_record_full_of_holes_has_no_bandwidth() -> None:
     values = np.random.default_rng(3).normal(size=1000)
     values[::20] = np.nan
-    with pytest.raises(RecordError, match=r"bandwidth of column 0 .* no 256 consecutive .*record\.between"):
-        bandwidth(values, RATE)
+    with pytest.raises(RecordError, match=r"bandwidth of x:m1 .* no 256 consecutive .*record\.between"):
+        bandwidth(values, RATE, names=["x:m1"])
 
 
 def test_motion_up_to_half_the_sampling_rate_is_not_taken_for_noise() -> None:

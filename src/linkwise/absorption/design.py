@@ -264,8 +264,8 @@ class Design(JudgedView):
             count, *values = self.nearby
             median, worst = map(self.quantity.text, values)
             lines.append(
-                f"{count} designs within {_NEAR:.0%} of the bounds around the best have {median} in the median and {worst} at "
-                "worst: what tolerances cost."
+                f"{count} designs within {100.0 * _NEAR:g} % of the bounds around the best have {median} in the median and "
+                f"{worst} at worst: what tolerances cost."
             )
         horizon = self.absorption.with_sinks.horizon
         if horizon is not None:
@@ -329,9 +329,9 @@ def design_headline(design: Design) -> tuple[str, ...]:
     word = "largest" if design.options.maximise else "least"
     factors = ", ".join(f"{level:g}" for level in design.options.levels)
     levels = "" if factors == "1" else f", {design.options.over_levels} of the levels {factors}"
-    count = len(design.places)
+    count, title = len(design.places), design.quantity.title
     return (
-        f"{design.quantity.title}: {design.quantity.text(design.objective)} at the best design{given}{levels}.",
+        f"{title[:1].upper()}{title[1:]}: {design.quantity.text(design.objective)} at the best design{given}{levels}.",
         f"It is the {word} of {design.evaluations} designs ({design.simulations} simulations of "
         f"{design.absorption.time[-1]:g} s)" + (f" at each of {count} places." if count else "."),
     )

@@ -8,6 +8,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -36,6 +37,9 @@ else:  # rich is for terminals
     bars = lazy_module("rich.progress")
 
 
+_TOLD: ContextVar[set[str] | None] = ContextVar("_TOLD", default=None)  # notes, where they are told once
+
+
 def fail(message: str) -> None:
     """One paragraph on standard error that begins with the command's name."""
     tell(f"linkwise: {message}")
@@ -49,8 +53,22 @@ def tell(message: str) -> None:
 
 def note(*remarks: str) -> None:
     """Tell what there is to know beside a result, each remark as a note."""
+    told = _TOLD.get()
     for remark in remarks:
-        tell(f"note: {remark}")
+        if told is None or remark not in told:
+            tell(f"note: {remark}")
+    if told is not None:
+        told.update(remarks)
+
+
+@contextmanager
+def noting_once() -> Iterator[None]:
+    """Within it notes are told once: several commands read the same records."""
+    token = _TOLD.set(set())
+    try:
+        yield
+    finally:
+        _TOLD.reset(token)
 
 
 def answer_options(mark: str, *further: Callable[[Any], Any]) -> Decorator:

@@ -14,7 +14,7 @@ import click
 from click import UsageError
 
 import linkwise as lw
-from linkwise.cli.console import fail, note, tell
+from linkwise.cli.console import fail, note, noting_once, tell
 from linkwise.cli.discover import discover, mass_value
 from linkwise.cli.identify import identify
 from linkwise.cli.inspect import inspect
@@ -132,7 +132,8 @@ def start(options: StartOptions) -> int:
     _write(sensors, columns.mapping_text(str(options.records[0]), test.guesses, test.mapping))
     if built is not None:
         _write(structure, _STRUCTURE + lw.model.format_structure(built))
-    return _run(options.records, sensors, None if built is None else structure, folder / "answer")
+    with noting_once():
+        return _run(options.records, sensors, None if built is None else structure, folder / "answer")
 
 
 @dataclass(frozen=True)

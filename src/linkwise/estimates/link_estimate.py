@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from linkwise.analysis.potential_wells import escape_energy, law_kind, lowest_escape, wells
 from linkwise.arrays import Bools, Floats
-from linkwise.display import NotebookView, align_columns, format_error, format_value
+from linkwise.display import NotebookView, align_columns, format_both, format_error, format_value
 from linkwise.errors import StructureError
 from linkwise.model.coefficient import Coefficient, Name
 from linkwise.model.named_laws import named_law_of
@@ -68,6 +68,15 @@ class CoefficientEstimate:
     known: bool
     standard_error: float | None = None
     interval: tuple[float, float] | None = None
+
+    def __str__(self) -> str:
+        if self.standard_error is None:
+            return f"{self.name} = {self.value:.6g} {self.unit}, {'given' if self.known else 'no standard error'}"
+        value, error = format_both(self.value, self.standard_error)
+        return f"{self.name} = {value} {self.unit}, standard error {error}"
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self}>"
 
 
 @dataclass(frozen=True)

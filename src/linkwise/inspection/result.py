@@ -177,7 +177,8 @@ class Inspection(JudgedView):
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(alert.kind for alert in self.alerts)) or "no alerts"
-        return f"Inspection of {len(self.records)} records, {len(self.channels)} channels: {kinds}"
+        records = "1 record" if len(self.records) == 1 else f"{len(self.records)} records"
+        return f"Inspection of {records}, {len(self.channels)} channels: {kinds}"
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:

@@ -215,7 +215,7 @@ def ring_down(
     Returns
     -------
     matplotlib.axes.Axes
-        The axes drawn on: amplitude in the unit of its channel, and Hz or %.
+        The axes drawn on: amplitude in the unit of its channel, with a prefix as the label says, and Hz or %.
 
     Examples
     --------
@@ -231,10 +231,14 @@ def ring_down(
     with axes_for(ax, legend=legend) as axes:
         color = SERIES[(ring.mode - 1) % len(SERIES)]
         text = label(ring_name(ring))
-        axes.errorbar(ring.amplitude, values, 2.0 * errors, fmt=".", color=color, elinewidth=0.8, label=text)
+        alike = [one.amplitude.max() for one in comparison.ring_downs if one.unit == ring.unit]
+        times, unit = scale(float(max(alike)), ring.unit)
+        axes.errorbar(
+            times * ring.amplitude, values, 2.0 * errors, fmt=".", color=color, elinewidth=0.8, label=text
+        )
         log_scale(axes, "x")
         axes.ticklabel_format(axis="y", useOffset=False)
-        axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {ring.unit}")
+        axes.set_xlabel(f"amplitude of {literal(ring.channel)}, {unit}")
         axes.set_ylabel("frequency, Hz" if quantity == "frequency" else "damping, %")
     return axes
 

@@ -205,17 +205,27 @@ def _numbered(link: LinkEstimate) -> list[tuple[str, DerivedQuantity]]:
     return [*wells, *barrier, *of_wells]
 
 
+_SMALL = 0.01  # in a unit, below which a number is read less easily than in another
+
+
 def _within(quantity: CoefficientEstimate | DerivedQuantity, length: tuple[float, str]) -> str:
-    """A value and half of its 95 % interval, with meters in the unit of `length` and energy with a prefix."""
+    """A value and half of its 95 % interval, with meters in the unit of `length` and energy with a prefix.
+
+    What would begin with zeros so, and not in SI units, is in these: stiffness is in N/mm as a rule, and damping in N s/m.
+    """
     if quantity.unit == "J":
         times, unit = style.scale(abs(quantity.value), "J")
     else:
         times, unit = length[0] ** _metres(quantity.unit), re.sub(r"\bm\b", length[1], quantity.unit)
+        if abs(quantity.value * times) < _SMALL < abs(quantity.value) < 1.0 / _SMALL:
+            times, unit = 1.0, quantity.unit
     value = quantity.value * times
     if quantity.interval is None:
         return f"{value:.4g} {unit}".rstrip()
-    half = 0.5 * (quantity.interval[1] - quantity.interval[0]) * times
-    return " ".join((" ± ".join(format_both(value, half)), unit)).rstrip()
+    shown, half = format_both(value, 0.5 * (quantity.interval[1] - quantity.interval[0]) * times)
+    if "e" in half and "e" not in shown:
+        half = f"{float(half):.{len(shown.partition('.')[2])}f}"
+    return f"{shown} ± {half} {unit}".rstrip()
 
 
 def _metres(unit: str) -> float:

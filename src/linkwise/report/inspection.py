@@ -37,7 +37,8 @@ def _of_levels(levels: LevelComparison) -> dict[str, Section]:
     title, figure = "Modes", None
     if len(levels.levels) > 1:
         title, figure = "Modes over level", partial(levels_figure, levels)
-    sections = {"levels": Section(title, level_headline(levels), rows=mode_rows(levels), figure=figure)}
+    text = "Modes of each level as of a linear structure; moved are those that differ from the lowest by more than errors."
+    sections = {"levels": Section(title, [text], rows=mode_rows(levels), figure=figure)}
     if levels.responses:
         text = "Absolute value of the response per force, and the part of its power that follows from the force linearly."
         figure = partial(level_responses_figure, levels)
@@ -54,7 +55,9 @@ def _of_levels(levels: LevelComparison) -> dict[str, Section]:
             "Frequency and damping of modes over their amplitude, at the highest level after the force has ended, from "
             f"windows of the decay. {gaps_text(levels)}"
         )
-        rows, figure = ring_down_rows(levels), partial(ring_down_figure, levels)
+        head, *rows = ring_down_rows(levels)
+        rows = [head, *in_units_of_figures(rows, slice(2, 3), alike=True)]
+        figure = partial(ring_down_figure, levels)
         sections["ring_down"] = Section("Ring-down", [text.rstrip()], rows=rows, figure=figure)
     if levels.surfaces:
         text = (

@@ -181,12 +181,19 @@ class Head:
     basis: Basis | None = None
 
 
-def in_units_of_figures(rows: Sequence[Sequence[str]], columns: slice) -> list[tuple[str, ...]]:
-    """`rows` that end in an SI unit, with the numbers of `columns` in the unit that a figure of them has, as mm."""
-    scaled = []
+def in_units_of_figures(
+    rows: Sequence[Sequence[str]], columns: slice, *, alike: bool = False
+) -> list[tuple[str, ...]]:
+    """`rows` that end in an SI unit, with the numbers of `columns` in the unit that a figure of them has, as mm: that of the
+    row, or, where they are `alike`, of all with its unit.
+    """
+    scaled, largest = [], dict[str, float]()
+    for *cells, unit in rows:
+        largest[unit] = max([largest.get(unit, 0.0), *(abs(float(cell)) for cell in cells[columns] if cell)])
     for *cells, unit in rows:
         numbers = [float(cell) if cell else None for cell in cells[columns]]
-        factor, shown = style.scale(max((abs(number) for number in numbers if number), default=0.0), unit)
+        own = max((abs(number) for number in numbers if number), default=0.0)
+        factor, shown = style.scale(largest[unit] if alike else own, unit)
         cells[columns] = ["" if number is None else f"{factor * number:.4g}" for number in numbers]
         scaled.append((*cells, shown or unit))
     return scaled

@@ -143,18 +143,22 @@ def noise_sigma(samples: ArrayLike) -> Floats:
     return _sigma(_channels(samples), None)
 
 
-def bandwidth(samples: ArrayLike, rate: float, sigma: ArrayLike | None = None) -> Floats:
+def bandwidth(
+    samples: ArrayLike, rate: float, sigma: ArrayLike | None = None, names: Sequence[str] = ()
+) -> Floats:
     """Highest frequency in Hz (C,) at which the motion of each channel (N, C) exceeds its noise `sigma` (C,), by default
     that of `noise_sigma`: the highest bin of the averaged spectrum with more than twice the power of the white noise, half
-    the sampling rate where motion fills the whole band, one bin where nothing exceeds the noise. RecordError if a channel
-    has no complete block of 256 samples, fewer in a short record.
+    the sampling rate where motion fills the whole band, one bin where nothing exceeds the noise. RecordError if a channel,
+    which `names` name, has no complete block of 256 samples, fewer in a short record.
     """
     highest = noise_and_bandwidth(samples, rate, sigma)[1]
     incomplete = np.flatnonzero(np.isnan(highest))
     if incomplete.size:
+        which = names[incomplete[0]] if names else f"column {incomplete[0]}"
         raise RecordError(
-            f"the bandwidth of column {incomplete[0]} cannot be estimated: it has no {_block(_channels(samples))} consecutive "
-            "samples without a gap; select a longer complete piece with record.between"
+            f"the bandwidth of {which} cannot be estimated: it has no {_block(_channels(samples))} consecutive samples "
+            "without a gap; select a longer complete piece with record.between",
+            arguments=("earliest", "latest"),
         )
     return highest
 

@@ -10,6 +10,7 @@ Both take evenly sampled channels without gaps and are linear, so they act on no
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, comb, factorial
@@ -352,7 +353,7 @@ def _motions(
     margin = 0
     if sources:
         samples = np.column_stack([record.channel(source) for source in sources.values()])
-        *derivatives, margin = _derivatives(samples, record.rate, method)
+        *derivatives, margin = _derivatives(samples, record.rate, method, list(sources.values()))
         derived = dict(zip(sources, zip(*(values.T for values in derivatives), strict=True), strict=True))
     motions: list[dict[str, Floats]] = []
     for body in bodies:
@@ -383,16 +384,18 @@ def _source(record: Record, body: str) -> str | None:
 
 
 def _derivatives(
-    samples: Floats, rate: float, method: DifferentiationMethod
+    samples: Floats, rate: float, method: DifferentiationMethod, names: Sequence[str]
 ) -> tuple[Floats, Floats, Floats, int]:
-    """Value, first and second derivative of channels (N, C), and the number of inaccurate samples at each end."""
+    """Value, first and second derivative of channels (N, C), whose `names` errors tell, and the number of inaccurate samples
+    at each end.
+    """
     if method == "differences":
         first, second = (finite_differences(samples, rate, which) for which in (1, 2))
         return samples, first, second, 0
     if method == "spline":
         spline = smoothing_spline(samples, rate)
         return spline.value(), spline.first(), spline.second(), spline.reach
-    halves = [savitzky_golay_half(float(band), rate) for band in bandwidth(samples, rate)]
+    halves = [savitzky_golay_half(float(band), rate) for band in bandwidth(samples, rate, names=names)]
     smoothed = [savitzky_golay(samples[:, column], rate, half=half) for column, half in enumerate(halves)]
     value, first, second = (np.concatenate(columns, axis=1) for columns in zip(*smoothed, strict=True))
     return value, first, second, max(halves)
@@ -435,7 +438,7 @@ def smoothed(record: Record, channel: str, sigma: float) -> tuple[Floats, Floats
     filter.
     """
     values = bridged(record.channel(channel))
-    highest = float(bandwidth(values, record.rate, [sigma])[0])
+    highest = float(bandwidth(values, record.rate, [sigma], [channel])[0])
     half = min(savitzky_golay_half(highest, record.rate), (len(values) - 1) // 2)
     value, first, second = savitzky_golay(values, record.rate, half=half)
     return value[:, 0], first[:, 0], second[:, 0]

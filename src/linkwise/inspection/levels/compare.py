@@ -229,7 +229,9 @@ def _claim(comparison: LevelComparison) -> str:
     first = comparison.first_nonlinear
     moving = [ring for ring in comparison.ring_downs if ring.moves]
     if first is None and moving:
-        return f"Not linear: as it rings down, {'; '.join(map(_moved, moving))}."
+        largest = max(moving, key=lambda ring: float(ring.amplitude[0]))
+        others = f", and {len(moving) - 1} more as well" if len(moving) > 1 else ""
+        return f"Not linear: as it rings down, {_moved(largest)}{others}."
     if first is None:
         claim = "Linear" if comparison.trusted else "Perhaps linear"
         by = "with the level" if len(comparison.levels) > 1 else "as it rings down"
