@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_330  # lines of all files of tests
+TESTS = 35_341  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1888),
     "discovery": (18, 3518),
-    "estimates": (7, 1438),
+    "estimates": (7, 1439),
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1941),
     "identification": (13, 2392),
-    "inspection": (10, 1903),
-    "likelihood": (64, 14213),
+    "inspection": (10, 1915),
+    "likelihood": (64, 14252),
     "modal": (5, 853),
     "model": (17, 2981),
     "paper": (3, 368),
