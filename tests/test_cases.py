@@ -11,8 +11,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from commands import document
+
+import linkwise as lw
 
 CASES = Path(__file__).parents[2] / "shared" / "cases"
 RIG = {"leaf.k": 2600.0, "leaf.c": 1.6, "bistable.alpha": -160.0, "bistable.beta": 5.2e6, "bistable.c": 0.09}
@@ -25,6 +28,7 @@ HITS = "--channel force:m1=Signal_0/y_values/values --channel a:m1=Signal_1/y_va
 LOGGED = "--channel 'x:m1[mm]=Laser1 [mm]' --channel 'x:m2[mm]=Laser2 [mm]'"
 ISOLATED = "--channel 'force:m1=Force [N]' --channel 'a:m1=Acc [m/s^2]'"
 IEPE = "--channel force:m1[N]=F --channel a:m1[m/s^2]=a --channel time=t"
+SCOPE = "--channel 'x:m1[mm]=Channel A'"
 FLOOR = "--channel a:m1=AccFloor --channel a:base=base.csv:AccBase"
 
 pytestmark = [
@@ -90,6 +94,15 @@ ANSWERS = {
         f"identify log.csv s.toml {LOGGED} --channel time=t",
         causes=frozenset({"sign x:m1", "sign x:m2"}),
     ),
+    "asymmetric wells": Case(
+        "asymmetric-wells", "identify record.csv unknown.toml", 4, causes=frozenset({"term d**2 s"})
+    ),
+    "gap by the weak form": Case(
+        "weak-gap", "identify record.csv unknown.toml --method weak", 3, message="the weak form is biased"
+    ),
+    "out of range, behind a hit": Case(
+        "picoscope", f"identify scope.csv s.toml {SCOPE}", 4, causes=frozenset({"event"})
+    ),
     "rows lost": Case(
         "lost-samples",
         f"identify log.csv s.toml {LOGGED} --rate 500",
@@ -110,6 +123,12 @@ def test_the_truth_is_inside_or_the_cause_is_named(case: Case, monkeypatch: pyte
     assert case.message in answer["message"]
     if case.causes:
         assert named(answer)[0] in case.causes
+
+
+def test_repeats_at_coarse_steps_are_not_told_as_doubled() -> None:
+    counts = np.load(CASES / "doubled" / "doubled_own.npz")
+    record = lw.Record(0.0, float(counts["fs"]), ("a:b2",), counts["a:b2"][:, None])
+    assert "doubled" not in {alert.kind for alert in lw.inspect(record).alerts}
 
 
 def values(answer: dict[str, Any]) -> dict[str, tuple[float, float]]:

@@ -630,6 +630,17 @@ def test_a_hit_of_few_samples_is_left_out_where_these_do_not_tell_it(width: floa
     assert [(cause.kind, cause.where) for cause in fit.added] == [("hits", "force:m1")]
 
 
+def test_noise_that_fades_is_told_as_a_window() -> None:
+    """Of linear laws it is damping, but for the noise that it holds down with the motion."""
+    clean = lw.simulate(STRUCK, release={"v:m1": 0.3}, duration=3.0, rate=500.0).with_noise(35.0, seed=497)
+    window = 0.03 ** (clean.time / clean.duration)
+    shown = replace(clean, values=clean.values * window[:, None], simulated=None)
+    fit = lw.identify(shown, STRUCK.unknown("all"), as_stated=True)
+    assert not fit.trusted and fit.diagnosis[0].kind == "window"
+    assert fit.diagnosis[0].size == pytest.approx(0.03, rel=0.3)
+    assert lw.identify(clean, STRUCK.unknown("all")).trusted
+
+
 def test_a_second_hit_that_was_cut_splits_the_record() -> None:
     """Laws left 1 % of the forces in a moment, and no cause was named."""
     fit = lw.identify(struck(0.006, 35.0, again=0.15, sensor="x"), STRUCK.unknown("all"))

@@ -32,14 +32,14 @@ class Cause:
         channel, a ``"filter"`` that all of them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is
         another one, two channels that are ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken
         for absolute, a ``"high pass"``, a ``"clock"``, a ``"slip"`` by samples that were lost or doubled,
-        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, ``"mass"``, the ``"frequency"`` of a mode
-        of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"`` that a host lacks,
-        ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel or that of the
-        base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"`` where white ones
-        were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level changes with time, a
-        ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a missing ``"term"`` of a
-        link, a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the
-        records contradict.
+        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"window"``, a ``"hum"``, ``"mass"``, the
+        ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"``
+        that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel
+        or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"``
+        where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level
+        changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
+        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
+        ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
@@ -241,6 +241,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             "1",
         ),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
+        "window": CauseKind("an exponential window on {0.where} that falls to {size_percent:.2g} %", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),
         "mass": CauseKind(f"a mass of {_OFF}{{remark}}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),

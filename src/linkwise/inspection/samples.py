@@ -11,6 +11,7 @@ from linkwise.arrays import Bools, Floats, Indices, stretches
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
 from linkwise.records.joining import sampled_every
+from linkwise.signals.noise import noise_sigma
 from linkwise.signals.states import smoothing_spline
 
 _MOTION = 0.2  # of the power of its noise: a channel with more moves, however short it is
@@ -473,6 +474,23 @@ def _knots(values: Floats, order: int) -> int:
         if min(share) == 0.0 and max(share) > _MOST:
             return every
     return 0
+
+
+_PARTS = 12  # of a record, of each of which the noise is found
+_SCATTER = (
+    2.5  # standard errors of the power of white noise, by which that of differences scatters about a line
+)
+
+
+def steady_change(signal: ChannelSignal) -> Floats | None:
+    """(12,) power of the noise in parts of a record, on the line that its logarithm follows; None where it follows none."""
+    parts = np.array_split(signal.filled, _PARTS)
+    power = np.array([float(noise_sigma(part[:, None])[0]) ** 2 for part in parts])
+    if not power.min() > 0.0:
+        return None
+    at, logs = np.arange(_PARTS), np.log(power)
+    line = np.polynomial.Polynomial.fit(at, logs, 1)(at)
+    return np.exp(line) if np.std(logs - line) < _SCATTER * np.sqrt(2.0 / len(parts[0])) else None
 
 
 _NAMED = 3  # jumps whose times are told

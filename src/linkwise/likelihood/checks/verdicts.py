@@ -144,8 +144,8 @@ def event(of: Examined) -> Judgement | None:
         return _found(of, Verdict.UNEXPLAINED_FORCES, message)
     first, last, gain = _worst_stretch(fit)
     likelier = max((cause.gain for cause in of.causes), default=0.0) > gain
-    sudden = fit.model_error > 0.0 and last - first < _SUDDEN and not likelier
-    if not (fit.chi_square_off or of.share > _LARGEST_ERROR or sudden):
+    large = of.share > _LARGEST_ERROR or (fit.model_error > 0.0 and last - first < _SUDDEN)
+    if not (fit.chi_square_off or (large and not likelier)):
         return None
     begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
     if last - first >= _MOMENT * segments.count or first - begin < _MOMENT * segments.count:
