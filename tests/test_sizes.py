@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35_562  # lines of all files of tests
+TESTS = 35622  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1899),
     "discovery": (18, 3498),
-    "estimates": (7, 1460),
+    "estimates": (7, 1461),
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1959),
     "identification": (13, 2400),
-    "inspection": (10, 1908),
-    "likelihood": (64, 14192),
+    "inspection": (10, 1920),
+    "likelihood": (64, 14234),
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 368),

@@ -46,7 +46,7 @@ from linkwise.likelihood.starts.kalman import (
     tuned_modes,
     with_starts,
 )
-from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, samples_of, stable_starts
+from linkwise.likelihood.starts.linear_part import LinearPart, inputs_of, is_linear, samples_of, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
 from linkwise.model.coefficient import MASS
 from linkwise.model.host import is_between_modes
@@ -112,7 +112,8 @@ def link_start(
 
     trials = [trial(cutoff) for cutoff in _CUTOFFS]
     noise = windows.force.size * float(np.nan_to_num(noise_sigma(force))[0]) ** 2
-    if windows.integration_order and min(left for left, _ in trials) > _EXPLAINED * noise:
+    has_wells = windows.integration_order > 0 and not is_linear(link.law)
+    if has_wells and min(left for left, _ in trials) > _EXPLAINED * noise:
         trials.append(trial(_CUTOFFS[0], _FAR))
     return min(trials, key=lambda trial: trial[0])[1]
 
