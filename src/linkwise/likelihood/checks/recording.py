@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, zip_longest
+from typing import Any
 
 import numpy as np
 import scipy
@@ -27,7 +28,7 @@ from linkwise.likelihood.noise import is_white
 from linkwise.model.link import Link
 from linkwise.model.structure import Structure
 from linkwise.progress import silent
-from linkwise.records.channel import BASE, KINDS, Channel
+from linkwise.records.channel import BASE, KINDS, OF_CHANNELS, Channel
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.signals.base_frame import framed_records
@@ -227,7 +228,7 @@ def corrected(record: Record, error: Cause) -> Record:
         The record without it; itself where it lacks the channels.
     """
     values, places = record.values.copy(), {str(name): place for place, name in enumerate(record.channels)}
-    channels = list(record.channels)
+    channels, names = list(record.channels), dict(zip(record.channels, record.channels, strict=True))
     of_all = {kinds: [name for name in record.responses if name.kind == kind] for kind, kinds in _ALL.items()}
     of_all[_ALL_CHANNELS] = [name for name in record.responses if f"{name.kind}:{BASE}" in places]
     for name in of_all.get(error.where, [name for name in record.channels if name == error.where]):
@@ -242,13 +243,17 @@ def corrected(record: Record, error: Cause) -> Record:
             case "swapped" if error.source in places:
                 values[:, [column, places[error.source]]] = record.values[:, [places[error.source], column]]
             case "place":
-                channels[column] = Channel("force", error.source)
+                channels[column] = names[name] = Channel("force", error.source)
             case "high pass":  # y' + w y = x' that was at rest: x = y + w times the integral of y
                 integral = scipy.integrate.cumulative_trapezoid(
                     values[:, column], dx=record.step, initial=0.0
                 )
                 values[:, column] += 2.0 * np.pi * error.size * integral
-    return replace(record, channels=tuple(channels), values=values, simulated=None)
+    stated: dict[str, Any] = {
+        what: {names.get(key, key): value for key, value in getattr(record, what).items()}
+        for what in OF_CHANNELS
+    }
+    return replace(record, channels=tuple(channels), values=values, simulated=None, **stated)
 
 
 def _convincing(parts: Sequence[Record], structure: Structure, high_pass: float = _CONVINCING) -> list[Cause]:

@@ -102,11 +102,16 @@ def convergence(of: Examined) -> Judgement | None:
 
 
 def _worst_stretch(fit: LikelihoodFit) -> tuple[int, int, float]:
-    """The first and last segment of the shortest stretch that holds half of the misfit beyond noise, and that half."""
+    """The first and last segment of the shortest stretch that holds half of the misfit beyond noise, and that half.
+
+    All of them where none has more than others.
+    """
     power = np.sum(fit.misfit.residuals**2, axis=(0, 1))
     power[1:] += np.sum((fit.misfit.defects / fit.optimum.q) ** 2, axis=0)
     power = np.maximum(power - 2.0 * np.median(power), 0.0)
     total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(power))])
+    if not total[-1] > 0.0:
+        return 0, len(power) - 1, 0.0
     last = np.searchsorted(total[1:], total[:-1] + 0.5 * total[-1])
     first = int(np.argmin(last - np.arange(len(last)) + len(last) * (last == len(last))))
     return first, min(int(last[first]), len(last) - 1), 0.5 * float(total[-1])
@@ -147,7 +152,7 @@ def event(of: Examined) -> Judgement | None:
     large = of.share > _LARGEST_ERROR or (fit.model_error > 0.0 and last - first < _SUDDEN)
     if not (fit.chi_square_off or (large and not likelier)):
         return None
-    begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
+    begin = int(np.max(np.flatnonzero(~segments.linked[:last]) + 1, initial=0))  # of its record
     if last - first >= _MOMENT * segments.count or first - begin < _MOMENT * segments.count:
         return None
     acting, signals = segments.inputs, segments.inputs.signals.values()
