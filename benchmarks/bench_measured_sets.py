@@ -178,26 +178,26 @@ def harvester() -> MeasuredSet:
     )
     time, base, _, _, _, tip = np.loadtxt(PUBLIC / folder / "amplitude_50mV.csv", delimiter=",").T
     beam = lw.rig({"tip": 1.0}, {"beam": "tip - base: k*d + k2*d**2 + k3*d**3 + c*v"})
-    spectrum, frequency = np.fft.rfft(9.81 * base), np.fft.rfftfreq(len(time), time[1])
+    record = relative_to_base(9.81 * base, tip, 1.0 / time[1]).between(14.0, 30.0)
+    return MeasuredSet("BistableX", record, beam, "none for a free run", 0.75)
+
+
+def relative_to_base(base: np.ndarray, tip: np.ndarray, rate: float) -> lw.Record:
+    """The velocity of a tip (N,) beside that of its base, from the acceleration (N,) of that."""
+    spectrum, frequency = np.fft.rfft(base), np.fft.rfftfreq(len(base), 1.0 / rate)
     moved = frequency > 1.0  # Hz, above which the acceleration of the base is no drift
     velocity = np.fft.irfft(
-        np.where(moved, spectrum / (2j * np.pi * np.maximum(frequency, 1.0)), 0.0), len(time)
+        np.where(moved, spectrum / (2j * np.pi * np.maximum(frequency, 1.0)), 0.0), len(base)
     )
-    values = np.column_stack([9.81 * base, tip - velocity])
-    record = lw.Record(0.0, 1.0 / time[1], ("a:base", "rel:v:tip"), values).between(20.0, 30.0)
-    return MeasuredSet("BistableX", record, beam, "none for a free run")
+    return lw.Record(0.0, rate, ("a:base", "rel:v:tip"), np.column_stack([base, tip - velocity]))
 
 
 def harvester_between_wells() -> MeasuredSet:
-    """The same harvester as it jumps between its wells: 4 s of the tip by laser, the base, and the voltage of its patch."""
+    """The same harvester as it jumps between its wells: 4 s of the tip by laser, 0.1 m/s per V, and of the base."""
     folder = PUBLIC / "americocunhajr/BistableX/DataExperimental/poincare_analysis/chaos_symmetric"
     file = loadmat(folder / "DPsv00000.mat")
-    base, voltage, laser = (file[name][:, 1] for name in ("X1", "X2", "X3"))
-    values = np.column_stack([9.81 * base, 0.1 * laser, voltage])  # 0.1 m/s per V, as its authors take it
-    channels = ("a:base", "v:tip", "state:harvester.V")
-    record = lw.Record(0.0, 2048.0, channels, values).decimate(8)
-    link = lw.model.named_law("piezo-harvester").link("harvester", ("tip", "base"))
-    beam = lw.Structure("", (lw.Mass("tip", lw.Coefficient.number(1.0)),), (link,))
+    record = relative_to_base(9.81 * file["X1"][:, 1], 0.1 * file["X3"][:, 1], 2048.0).decimate(8)
+    beam = lw.rig({"tip": 1.0}, {"harvester": "tip - base: alpha*d + beta*d**3 + gamma*d**5 + c*v"})
     return MeasuredSet("BistableX, both wells", record, beam, "none for a free run", 0.9)
 
 
@@ -240,6 +240,17 @@ def double_beam() -> MeasuredSet:
         known={name: {"start": start} for name, start in starts.items()},
     )
     return MeasuredSet("double beam", first, beams, "none for a free run", held={"another hit": second})
+
+
+def jointed_beam() -> MeasuredSet:
+    """Two halves of a beam in a lap joint, after a hit: the first mode, which softens and loses more where it moves more."""
+    [[file]] = loadmat(PUBLIC / "mattiacenedese/BRBtesting/HammerImpact.mat")["HIdata"]
+    record = lw.Record(0.0, 12800.0, ("a:beam",), np.asarray(file[3]).T).decimate(32)  # below the second mode
+    beam = lw.rig({"beam": 1.0}, {"joint": "beam - ground: k*d + k2*d*abs(d) + c*v + c2*v*abs(d)"})
+    options = {"offsets": ["a:beam"]}
+    return MeasuredSet(
+        "Brake-Reuss beam", record.between(0.5, 5.0), beam, "none for a free run", options=options
+    )
 
 
 def pendulum() -> MeasuredSet:
@@ -289,6 +300,7 @@ SETS: tuple[Callable[[], MeasuredSet], ...] = (
     harvester_between_wells,
     sloshing,
     double_beam,
+    jointed_beam,
     pendulum,
     students_damper,
     wheel,
