@@ -527,7 +527,8 @@ def test_a_wrong_channel_beside_slow_modes_is_taken_out(
     record = record.with_noise(40.0, seed=492)
     shown = {str(name): factors.get(name, 1.0) * record.channel(name) for name in record.responses}
     shown["force:m1"] = record.channel(f"force:{acting}")
-    fit = lw.identify(lw.Record.from_arrays(record.time, shown), SLOW.unknown("all"))
+    wrong = lw.Record.from_arrays(record.time, shown)
+    fit = lw.identify(replace(wrong, interpolation={"force:m1": "band-limited"}), SLOW.unknown("all"))
     assert fit.trusted and [(cause.kind, cause.where) for cause in fit.added] == [(kind, where)]
     assert np.abs(errors(fit, SLOW)).max() < FAR
 
