@@ -34,17 +34,11 @@ def round_coarsely(values: np.ndarray, record: lw.Record, rng: np.random.Generat
     return np.asarray(np.rint(values / step) * step)
 
 
-def interpolate(values: np.ndarray, record: lw.Record, rng: np.random.Generator) -> np.ndarray:
-    index = np.arange(len(values))
-    return np.asarray(np.interp(index, index[::4], values[::4]))
-
-
 FAULTS: dict[str, Fault] = {
     "clipped": clip,
     "doubled": repeat_one,
     "dropped": lose,
     "quantised": round_coarsely,
-    "interpolated": interpolate,
     "dead": lambda values, record, rng: np.full_like(values, 1e-3),
     "unit": lambda values, record, rng: 1e6 * values,
 }

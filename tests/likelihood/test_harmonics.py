@@ -124,12 +124,6 @@ def test_a_harmonic_force_is_taken_into_the_model() -> None:
 
 
 @pytest.mark.usefixtures("memory_not_sought")
-def test_a_line_that_errors_of_laws_spread_is_a_harmonic_force() -> None:
-    """In resonance a force moves the laws, and with them what they leave: a change of k was named in its place."""
-    fit = lw.identify(machine(OSCILLATOR, 6.0, size=10.0, seed=496, duration=8.0), OSCILLATOR.unknown("all"))
-    assert_right(fit, OSCILLATOR, ("m1", 6.0))
-
-
 def test_discover_allows_for_a_harmonic_force() -> None:
     record = machine(OSCILLATOR, 7.3, seed=3, duration=5.0)
     found = lw.discover(record, {"m1": 1.0}, harmonics={"m1": 7.3})

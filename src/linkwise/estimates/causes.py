@@ -28,29 +28,29 @@ class Cause:
     Attributes
     ----------
     kind : str
-        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"``, ``"crosstalk"`` or ``"resonance"`` (of its mount) of a
-        channel, a ``"filter"`` that all of them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is
-        another one, two channels that are ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken
-        for absolute, a ``"high pass"``, a ``"clock"``, a ``"slip"`` by samples that were lost or doubled,
-        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"window"``, a ``"hum"``, ``"mass"``, the
-        ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"``
-        that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel
-        or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"``
-        where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level
-        changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
-        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
-        ``"prior"``, that the records contradict.
+        ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
+        them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
+        ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
+        ``"clock"``, a ``"slip"`` by samples that were lost or doubled, ``"clipped"`` samples, ``"hits"`` of few,
+        ``"spikes"``, a ``"hum"``, ``"mass"``, the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point,
+        a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an
+        applied force, ``"input noise"`` of its channel or that of the base, an ``"ambient"`` or ``"harmonic force"``
+        on a mass, one that is a ``"coloured force"`` where white ones were assumed, ``"correlated forces"`` on two
+        masses, an ``"unsteady force"`` whose level changes with time, a ``"change"`` of a coefficient at one moment,
+        an ``"event"`` that no input shows, a missing ``"term"`` of a link, a missing ``"link"`` between two masses or
+        to the ground, or a stated value, ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
         shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
-        time constant for a filter, the square of that of a mount, how many times too large values in another unit
-        are, the corner of a high pass, the frequency of a mode that is lacking or of a hum, the number of clipped
-        samples or spikes, of samples of the shortest hit, of those that were lost or, below 0, doubled, 0 for a sign,
-        a relative motion and channels that are swapped, the standard deviation of noise, the spectral density of an
-        ambient force, the root mean square of what that of a coloured one departs from its mean by, and the square of
-        that of an unsteady one, the correlation of two forces, what a coefficient changes by.
+        time constant for a filter, how many times too large values in another unit are, the corner of a high pass, the
+        frequency of a mode that is lacking or of a hum, the number of clipped samples or spikes,
+        of samples of the shortest hit, of those that were
+        lost or, below 0, doubled, 0 for a sign, a relative motion and channels that are swapped, the standard
+        deviation of noise, the spectral density of an ambient force, the root mean square of what that of a coloured
+        one departs from its mean by, and the square of that of an unsteady one, the correlation of two forces, what a
+        coefficient changes by.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float
@@ -151,11 +151,6 @@ class Cause:
         return float(1.0 / (2.0 * np.pi * np.sqrt(2.0 * abs(self.size))))
 
     @property
-    def _resonance(self) -> float:
-        """Hz of the mount that raises as much."""
-        return float(1.0 / (2.0 * np.pi * np.sqrt(abs(self.size))))
-
-    @property
     def _modes(self) -> str:
         return in_words(self.where)
 
@@ -226,7 +221,6 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "filter": CauseKind(
             "a filter of {0.where}, as a low pass of first order at {0._corner:.3g} Hz{remark}", "s^2"
         ),
-        "resonance": CauseKind("a resonance of the mount of {0.where} near {0._resonance:.3g} Hz", "s^2"),
         "sign": CauseKind("the wrong sign of {0.where}{remark}", "1"),
         "unit": CauseKind("another unit of {0.where}, values {0._times}", "1"),
         "swapped": CauseKind("{0.where} and {0.source} in each other's place", "1"),
@@ -241,7 +235,6 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             "1",
         ),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
-        "window": CauseKind("an exponential window on {0.where} that falls to {size_percent:.2g} %", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),
         "mass": CauseKind(f"a mass of {_OFF}{{remark}}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),

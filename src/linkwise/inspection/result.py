@@ -22,9 +22,9 @@ class Alert:
     Attributes
     ----------
     kind : str
-        ``"clipped"``, ``"quantised"``, ``"interpolated"``, ``"dropped"``, ``"doubled"``, ``"spikes"``, ``"offset"``,
-        ``"drift"``, ``"hum"``, ``"dead"``, ``"equal"``, ``"delay"``, ``"gain"``, ``"aliasing"``, ``"coloured"``,
-        ``"few-samples"``, ``"short"`` or ``"unit"``.
+        ``"clipped"``, ``"quantised"``, ``"dropped"``, ``"doubled"``, ``"spikes"``, ``"offset"``, ``"drift"``, ``"hum"``,
+        ``"dead"``, ``"equal"``, ``"delay"``, ``"gain"``, ``"aliasing"``, ``"coloured"``, ``"few-samples"``, ``"short"`` or
+        ``"unit"``.
     channel : str
         Name of the channel.
     message : str

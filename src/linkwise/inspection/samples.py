@@ -11,7 +11,6 @@ from linkwise.arrays import Bools, Floats, Indices, stretches
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
 from linkwise.records.joining import sampled_every
-from linkwise.signals.noise import noise_sigma
 from linkwise.signals.states import smoothing_spline
 
 _MOTION = 0.2  # of the power of its noise: a channel with more moves, however short it is
@@ -443,54 +442,6 @@ def copied(signals: RecordSignals) -> Iterator[Alert]:
         )
         size = float((count / len(signal.values)) ** 0.5)
         yield Alert("doubled", signal.channel, message, size, arguments=("earliest", "latest"))
-
-
-_ORDERS = (2, 4)  # of differences that straight lines, and cubic ones, have none of
-_EVERY = 20  # samples, between which as many are interpolated at most
-_NONE, _MOST = 1e-6, 0.9  # of the largest differences; of samples
-
-
-def interpolated(signals: RecordSignals) -> Iterator[Alert]:
-    """Alerts of responses most of whose samples lie on lines or cubics between every so many."""
-    for signal in signals.responses:
-        every = min(filter(None, (_knots(signal.filled, order) for order in _ORDERS)), default=0)
-        if not every:
-            continue
-        message = (
-            f"is interpolated between one sample in {every}: the others measure nothing, have no noise of their own, and are "
-            f"not where the motion was; identify with one row in {every}, or export the file at {signal.rate / every:g} Hz"
-        )
-        yield Alert("interpolated", signal.channel, message, 1.0 - 1.0 / every)
-
-
-def _knots(values: Floats, order: int) -> int:
-    """The distance of the samples at which alone differences of an order are not zero; 0 where there is none."""
-    steps = np.abs(np.diff(values, order))
-    if len(steps) < _EVERY:
-        return 0
-    some = steps > _NONE * float(np.quantile(steps, _MOST))
-    for every in range(order, min(_EVERY, len(some) // _EVERY) + 1):
-        share = [float(np.mean(some[start::every])) for start in range(every)]
-        if min(share) == 0.0 and max(share) > _MOST:
-            return every
-    return 0
-
-
-_PARTS = 12  # of a record, of each of which the noise is found
-_SCATTER = (
-    2.5  # standard errors of the power of white noise, by which that of differences scatters about a line
-)
-
-
-def steady_change(signal: ChannelSignal) -> Floats | None:
-    """(12,) power of the noise in parts of a record, on the line that its logarithm follows; None where it follows none."""
-    parts = np.array_split(signal.filled, _PARTS)
-    power = np.array([float(noise_sigma(part[:, None])[0]) ** 2 for part in parts])
-    if not power.min() > 0.0:
-        return None
-    at, logs = np.arange(_PARTS), np.log(power)
-    line = np.polynomial.Polynomial.fit(at, logs, 1)(at)
-    return np.exp(line) if np.std(logs - line) < _SCATTER * np.sqrt(2.0 / len(parts[0])) else None
 
 
 _NAMED = 3  # jumps whose times are told

@@ -363,7 +363,7 @@ def _by_slip(first: _Model) -> _Model | None:
 
 
 def _by_event(first: _Model) -> _Model | None:
-    """The parts of a record before and behind an event as two records, and errors of sensors or coarse hits beside that."""
+    """The parts of a record before and behind an event as two records, and errors of sensors beside that."""
     event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
     if event is None or len(first.records) > 1:
         return None
@@ -374,10 +374,7 @@ def _by_event(first: _Model) -> _Model | None:
     times = (record.start, before), (behind, np.inf)
     named = replace(event, remark="the parts before and behind it are taken as two records")
     parts = first.beside(named, records=[record.between(*of_part) for of_part in times])
-    if parts is None:
-        return None
-    beside = _with_errors(parts)
-    return beside if beside.is_explained else _by_hits(parts) or beside
+    return None if parts is None else _with_errors(parts)
 
 
 def _by_hits(first: _Model) -> _Model | None:

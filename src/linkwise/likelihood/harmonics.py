@@ -42,11 +42,6 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
-_BESIDE_ERRORS = 6.0  # the same beside errors of laws, which spread a line: the score of each decides
-_PEAKS, _BESIDE = (
-    2,
-    2,
-)  # the highest peaks there, which count as lines, and steps by which their frequency may be off
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 _CHANCE = 16.0
@@ -161,17 +156,13 @@ class Lines:
         found, looked_at = _lines(fit, records)
         known = [force.frequency for force in fit.options.harmonics]
         known += [hum.frequency for hum in of_kind(fit.options.errors, Hum)]
-        known += _of_inputs(records) if _follows_laws(fit) else []
         width = 1.0 / records[0].duration
         lines = [line for line in found if all(abs(line.frequency - one) > width for one in known)]
         exact, every = _is_exact(fit), range(structure.size)
-        shown = exact or _follows_laws(fit)
-        off = np.arange(-_BESIDE, _BESIDE + 1) * _STEP * width if _follows_laws(fit) else np.zeros(1)
         forces = [
-            HarmonicForce.on(structure.mass_names[mass], frequency, structure)
+            HarmonicForce.on(structure.mass_names[mass], line.frequency, structure)
             for line in lines
-            for mass in ((line.masses or every) if shown else every)
-            for frequency in (line.frequency + off).tolist()
+            for mass in ((line.masses or every) if exact else every)
         ]
         channels = range(fit.optimum.segments.samples.shape[1])
         hums = [
@@ -233,8 +224,7 @@ class Lines:
         gains, sizes = _Unknowns.of(fit, optimum, records, self.forces, hums).each_alone(2 * len(records))
         width = 1.0 / max(record.duration for record in records)
         for line in self.lines:
-            near = (abs(force.frequency - line.frequency) < width for force in self.forces)
-            of_forces = [k for k, is_near in enumerate(near) if is_near]
+            of_forces = [k for k, force in enumerate(self.forces) if force.frequency == line.frequency]
             of_hums = [len(self.forces) + k for k, hum in enumerate(self.hums) if hum[0] == line.frequency]
             best = max(of_forces + of_hums, key=lambda k: gains[k])
             if gains[best] <= limit:
@@ -243,7 +233,7 @@ class Lines:
             if best < len(self.forces):
                 force = self.forces[best]
                 source = f"{sizes[best]:.3g} {force.unit}"
-                yield Cause(HARMONIC, force.mass, force.frequency, "Hz", gain, error, source=source)
+                yield Cause(HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source)
                 continue
             channel = self.hums[best - len(self.forces)][1]
             frequency, alone = _refined_hum(fit, records, line.frequency, channel)
@@ -256,11 +246,6 @@ def _is_exact(fit: LikelihoodFit) -> bool:
     sensor. Other laws, and random forces, follow either.
     """
     return fit.optimum.q <= AnnealingSchedule.final_q and not fit.random_forces
-
-
-def _follows_laws(fit: LikelihoodFit) -> bool:
-    """Whether motion follows laws with an error, beside which a line in a force is one among what these leave."""
-    return fit.optimum.q > AnnealingSchedule.final_q and not fit.random_forces
 
 
 def _phases(series: tuple[Floats, Floats, Indices], frequency: float, records: int) -> Floats:
@@ -314,12 +299,6 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             size = max(round(rate / spacing), own.shape[1])
             power = np.abs(np.fft.rfft(np.nan_to_num(own) * np.hanning(own.shape[1]), size)) ** 2
             row, at, ratio = _above_level(power)
-            if kind == 1 and _follows_laws(fit):
-                peaks = np.argsort(-power.max(axis=1) / np.maximum(power.sum(axis=1), np.finfo(float).tiny))[
-                    :_PEAKS
-                ]
-                row, at = np.append(row, peaks), np.append(at, power[peaks].argmax(axis=1))
-                ratio = np.append(_ABOVE / _BESIDE_ERRORS * ratio, np.full(len(peaks), np.inf))
             frequency = at * rate / size
             # at whose multiples a drift shows as well, as motion begins anew in each segment
             nodes = record.rate / samples
@@ -327,18 +306,6 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
             found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
-
-
-def _of_inputs(records: Sequence[Record]) -> list[float]:
-    """Frequencies in Hz of lines of recorded inputs, at which what laws lack leaves lines as well."""
-    found: list[float] = []
-    for record in records:
-        size = round(record.rate * record.duration / _STEP)
-        for name in record.inputs:
-            spectrum = np.fft.rfft(np.nan_to_num(record.channel(name)) * np.hanning(len(record)), size)
-            _, at, ratio = _above_level(np.abs(spectrum[None]) ** 2)
-            found += (at[ratio > _ABOVE] * record.rate / size).tolist()
-    return found
 
 
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:

@@ -253,9 +253,14 @@ class Subject:
             "impulse": list(map(asdict, self.impulses)),
         }
         stated: dict[str, Any] = json.loads(
-            json.dumps({key: own[key] for key in _KEYS if own[key] is not None}, default=dict)
+            json.dumps({key: own[key] for key in _KEYS if own[key] is not None}, default=_plain)
         )
         return stated
+
+
+def _plain(value: Any) -> dict[str, Any] | float:
+    """A mapping as a dict, and a number of NumPy as a float."""
+    return dict(value) if isinstance(value, Mapping) else float(value)
 
 
 @contextmanager

@@ -40,9 +40,7 @@ LIKELIER = 16.0
 _SHOWN = 1.2  # times the noise that a channel shows: stated noise below it is no error of the laws
 _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
-_CONTRADICTED = frozenset(
-    {"sign", "unit", "swapped", "place", "relative", "high pass", "clipped", "window", SLIP}
-)
+_CONTRADICTED = frozenset({"sign", "unit", "swapped", "place", "relative", "high pass", "clipped", SLIP})
 """The same of a sign, a unit, a place, a range or a sequence of samples, which no small size makes harmless."""
 _LEAVES_NOISE = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
 """Verdicts on laws that leave only noise."""
@@ -53,8 +51,7 @@ AS_NOISE = 0.25
 """Of what the likeliest term explains: noise of an input that explains less is that term, seen as noise. Of 166 records with
 such noise alone, five had a term before it in the diagnosis, which explained 1.1 to 2.1 times as much. The same of a line."""
 _LINE = 3.0
-"""Times what noise of an input or an ambient force explains: a line behind a resonance that explains less is its part. Beside
-a model error, what is no likelier than a missing term is a sideband of that."""
+"""Times what noise of an input or an ambient force explains: a line behind a resonance that explains less is its part."""
 _FEW_LINKS = 4  # whose missing terms cost little to look for: then wherever chi-square is above 1
 
 
@@ -188,8 +185,7 @@ class Examined:
         forces = unstated_forces(self.fit, self.identified, self.channels)
         random = max((cause.gain for cause in (*noisy, *forces)), default=0.0)
         first = max((cause.gain for cause in self.diagnosis.causes), default=0.0)
-        exact = self.fit.model_error == 0.0
-        least = max(_LINE * random, (AS_NOISE if exact else 1.0) * first)
+        least = max(_LINE * random, AS_NOISE * first)
         found = self.lines.causes(self.diagnosis.tested) if self.lines else ()
         lines = (cause for cause in found if cause.gain > least)
         every = [*self.diagnosis.causes, *noisy, *forces, *lines]

@@ -21,7 +21,7 @@ from linkwise.errors import LinkwiseError
 from linkwise.estimates.causes import DEGREES, SLIP, Cause
 from linkwise.inspection.channel_signal import RecordSignals
 from linkwise.inspection.inspect import inspect, without_copies
-from linkwise.inspection.samples import rails, steady_change
+from linkwise.inspection.samples import rails
 from linkwise.likelihood.checks.judgement import Examined, Judgement
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.noise import is_white
@@ -242,7 +242,7 @@ def corrected(record: Record, error: Cause) -> Record:
                 values[:, column] += record.channel(f"{name.kind}:{BASE}")
             case "swapped" if error.source in places:
                 values[:, [column, places[error.source]]] = record.values[:, [places[error.source], column]]
-            case "place":
+            case "place" if f"force:{error.source}" not in places:
                 channels[column] = names[name] = Channel("force", error.source)
             case "high pass":  # y' + w y = x' that was at rest: x = y + w times the integral of y
                 integral = scipy.integrate.cumulative_trapezoid(
@@ -444,38 +444,6 @@ def beyond_statement(records: Sequence[Record]) -> str:
     return (
         f"Before any law, neighbouring samples scatter by far more than the noise that is stated ({which}): state what it is, "
         "or leave it out, so that it is found with the laws."
-    )
-
-
-_FADED = 0.3  # times the noise at the start: what a window that falls leaves of it at the end at most
-_OF_MOTION = (
-    2.0  # times the noise of a fit in power: differences of samples that show more are those of a motion
-)
-
-
-def noise_that_fades(of: Examined, before: Judgement) -> Judgement | None:
-    """Whether the noise of responses falls alike, as behind an exponential window, which laws take for damping."""
-    ends, gain = [], 0.0
-    for record in of.records:
-        for signal in RecordSignals.of(record).responses:
-            powers = steady_change(signal)
-            noise = of.fit.noise.get(signal.channel, 0.0)
-            if powers is not None and np.mean(powers) < _OF_MOTION * noise**2:
-                ends.append(float(powers[-1] / powers[0]) ** (0.5 * len(powers) / (len(powers) - 1.0)))
-                gain += len(signal.values) * float(np.log(np.mean(powers)) - np.mean(np.log(powers)))
-    if max(ends, default=1.0) > _FADED:
-        return None
-    window = Cause("window", "all responses", float(np.exp(np.mean(np.log(ends)))), "1", gain, 0.0)
-    return replace(
-        before,
-        verdict=Verdict.MEASUREMENT_ERROR,
-        message=(
-            f"{of.explained}, but the noise falls along the record, as by {window.description}. Laws take that for damping: "
-            "export the responses without a window, or divide them by it, and identify again."
-        ),
-        diagnosis=(window, *before.diagnosis),
-        added={},
-        is_final=True,
     )
 
 

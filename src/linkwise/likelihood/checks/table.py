@@ -43,7 +43,6 @@ FINDINGS = (
     Check("changes along the record", "approximates", changed_coefficients),
     Check("motion that begins anew", "approximates", verdicts.motion_that_begins_anew),
     Check("skewed profiles", "widens", skewed_profiles),
-    Check("noise that fades", "refuses", recording.noise_that_fades),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
     Check("modes that hosts lack", "approximates", modes_of_hosts),
     Check("motion that runs away", "refuses", verdicts.motion_that_runs_away),

@@ -53,9 +53,6 @@ _MANY_PERIODS, _GOES_ON = (30, 0.85)
 _NEGLIGIBLE = 0.02  # of a variance, which changes a standard error by a hundredth
 _STRETCH = 0.2  # of the record: half of the misfit in less points at what happened there
 _MOMENT = 0.05  # of the record: half of the misfit in less, and not at its start, is no error of a law
-_SUDDEN = (
-    3  # segments: half of the misfit in less is no small error of a law, which is spread over the motion
-)
 _UNDETERMINED = 0.5  # standard error of a coefficient over its value
 _RAN_AWAY = 1e6  # chi-square: gaps in the motion of 1000 times the noise, which none near the record has
 _SMALL_ERRORS = frozenset(
@@ -102,16 +99,11 @@ def convergence(of: Examined) -> Judgement | None:
 
 
 def _worst_stretch(fit: LikelihoodFit) -> tuple[int, int, float]:
-    """The first and last segment of the shortest stretch that holds half of the misfit beyond noise, and that half.
-
-    All of them where none has more than others.
-    """
+    """The first and last segment of the shortest stretch that holds half of the misfit beyond noise, and that half."""
     power = np.sum(fit.misfit.residuals**2, axis=(0, 1))
-    power[1:] += np.sum((fit.misfit.defects / fit.optimum.q) ** 2, axis=0)
     power = np.maximum(power - 2.0 * np.median(power), 0.0)
+    power[1:] += np.sum((fit.misfit.defects / fit.optimum.q) ** 2, axis=0)
     total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(power))])
-    if not total[-1] > 0.0:
-        return 0, len(power) - 1, 0.0
     last = np.searchsorted(total[1:], total[:-1] + 0.5 * total[-1])
     first = int(np.argmin(last - np.arange(len(last)) + len(last) * (last == len(last))))
     return first, min(int(last[first]), len(last) - 1), 0.5 * float(total[-1])
@@ -147,12 +139,10 @@ def event(of: Examined) -> Judgement | None:
     if of.causes and of.causes[0].kind == EVENT:
         message = f"{of.explained}, but {would_explain(of.causes[0])}. {_PARTS}"
         return _found(of, Verdict.UNEXPLAINED_FORCES, message)
-    first, last, gain = _worst_stretch(fit)
-    likelier = max((cause.gain for cause in of.causes), default=0.0) > gain
-    large = of.share > _LARGEST_ERROR or (fit.model_error > 0.0 and last - first < _SUDDEN)
-    if not (fit.chi_square_off or (large and not likelier)):
+    if not (fit.chi_square_off or of.share > _LARGEST_ERROR):
         return None
-    begin = int(np.max(np.flatnonzero(~segments.linked[:last]) + 1, initial=0))  # of its record
+    first, last, gain = _worst_stretch(fit)
+    begin = int(np.max(np.flatnonzero(~segments.linked[:first]) + 1, initial=0))  # of its record
     if last - first >= _MOMENT * segments.count or first - begin < _MOMENT * segments.count:
         return None
     acting, signals = segments.inputs, segments.inputs.signals.values()

@@ -367,7 +367,7 @@ def with_faint_modes(fit: LikelihoodFit, identified: Structure) -> tuple[Floats,
         return covariance, ()
     errors, known = np.sqrt(np.maximum(covariance.diagonal(), 0.0)), segments.prior.deviation
     # with all others held: a link that shifts a mode hides none
-    alone = errors / np.sqrt(inflation_beside_others(covariance))
+    alone = errors / np.sqrt(np.maximum(inflation_beside_others(covariance), 1.0))
     places = {name: number for number, name in enumerate(segments.system.parameters.names)}
     duration = float(np.sum(segments.step)) * segments.steps
     factor, names = np.ones(len(fit.values)), []

@@ -107,7 +107,9 @@ def link_start(
     def trial(cutoff: float, deviations: float = 0.0) -> tuple[float, dict[str, float]]:
         d, v = (highpass(signal[number], 1.0 / signals.step, cutoff) for signal in (signals.d, signals.v))
         place = deviations * float(d.std())
-        guess = regressed(link, d + place, v, force, values, free)[0]
+        guess, left = regressed(link, d + place, v, force, values, free)
+        if place and not np.isfinite(left):
+            return np.inf, guess
         return _improved(windows, link, {**values, **guess}, free, reach=_BEYOND * place)
 
     trials = [trial(cutoff) for cutoff in _CUTOFFS]

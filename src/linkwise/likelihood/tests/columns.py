@@ -35,7 +35,6 @@ from linkwise.likelihood.terms import ERRORS, Shown
 from linkwise.likelihood.tests.score_test import (
     BETWEEN_MODES,
     FILTER,
-    RESONANCE,
     CandidateForce,
     Hypothesis,
     Lacking,
@@ -232,7 +231,7 @@ _COUPLED = 8  # channels up to which crosstalk between every two of them is test
 
 
 def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
-    """All kinds of errors of each sensor alone; the filter that they share, mounts that resonate, the clock of the only input.
+    """All kinds of errors of each sensor alone; the filter that they share, and the clock of the only input.
 
     A gain is relative, an offset in the unit of the channel, a drift the change from the start of a record to its end, a delay
     in s, crosstalk the part of another channel of the same kind that is seen as well.
@@ -247,9 +246,6 @@ def errors_of_sensors(motion: FittedMotion) -> Iterator[Added]:
             crosstalk = Hypothesis(CROSSTALK, names[channel], source=names[source])
             yield Added(crosstalk, samples=[(channel, shown[source].value)])
     yield Added(Hypothesis(FILTER, "all channels"), samples=[*enumerate(motion.filtered)])
-    for channel, own in enumerate(motion.filtered):
-        if names[channel].kind == "a":
-            yield Added(Hypothesis(RESONANCE, names[channel]), samples=[(channel, -own)])
     if len(motion.channels) == len(names) + 1:
         [only] = {*motion.channels} - {*names}
         early = [(channel, -ERRORS[CLOCK].tested(one)) for channel, one in enumerate(shown)]

@@ -50,7 +50,6 @@ from linkwise.likelihood.tests.score_test import (
     FILTER,
     MEMORY_TERMS,
     PRICE_OF_REACH,
-    RESONANCE,
     CandidateForce,
     Hypothesis,
     Lacking,
@@ -523,7 +522,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
     for number, hypothesis in enumerate(tested.hypotheses):
         size, is_filter = float(sizes[number]), hypothesis.kind == FILTER
         beyond = gains[number] > (_CHANCE_OF_FILTER if is_filter else limit) or masses[number]
-        relative = size * tested.attenuation if hypothesis.kind in (FILTER, RESONANCE) else size
+        relative = size * tested.attenuation if is_filter else size
         if not (beyond and _is_small(hypothesis, relative, sample)):
             continue
         forces = forces or link_forces(optimum, tested.structure)
@@ -539,7 +538,7 @@ def _significant(tested: TestedCauses, fit: LikelihoodFit) -> tuple[Cause, ...]:
 
 def _is_small(hypothesis: Hypothesis, size: float, sample: float) -> bool:
     """Whether the first order describes an error of a size, that of a filter as a gain, by the distance of samples in s."""
-    if hypothesis.kind in (FILTER, RESONANCE):
+    if hypothesis.kind == FILTER:
         return 0.0 < size < LARGEST
     if hypothesis.kind.endswith("delay"):
         return abs(size) < _LATEST * sample

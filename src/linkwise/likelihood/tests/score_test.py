@@ -443,9 +443,6 @@ _TERMS = tuple(
 FILTER = "filter"
 """The kind of a hypothesis of a filter that all sensors share."""
 
-RESONANCE = "resonance"
-"""The kind of a hypothesis of an accelerometer on a mount that resonates above the motion, the opposite of a filter."""
-
 BETWEEN_MODES = "damping between modes"
 """The kind of a hypothesis of damping that a host lacks, whose place is the link that would hold it."""
 
