@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35622  # lines of all files of tests
+TESTS = 35575  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1899),
     "discovery": (18, 3498),
-    "estimates": (7, 1461),
+    "estimates": (7, 1456),
     "export": (9, 784),
     "expression": (6, 1083),
-    "files": (14, 1959),
+    "files": (14, 1943),
     "identification": (13, 2400),
-    "inspection": (10, 1920),
-    "likelihood": (64, 14240),
+    "inspection": (10, 1884),
+    "likelihood": (64, 14168),
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 368),
@@ -34,7 +34,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "signals": (6, 838),
     "simulation": (9, 1648),
     "sindy": (9, 1063),
-    "study": (9, 1470),
+    "study": (9, 1472),
     "weak": (11, 1754),
 }
 

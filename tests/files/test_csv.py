@@ -73,7 +73,6 @@ SPELLINGS = [
     (text("# " + HEADER, body()), None),
     (text(HEADER + ",", [line + "," for line in body()]), None),
     (text(HEADER, [line + ",," for line in body()]), None),
-    (text("# 2 channels\n" + HEADER, [f"2026-03-12 14:02:11{line[1:]}" for line in body()]), None),
     (text("Scope 7\nGain 3, 4\n" + HEADER, body()), "Lines of text skipped above the header: 2."),
     (text("Time (s),x:m1 (m),force:m1[N]", body()), None),
     *((text(HEADER, body()).encode(code), None) for code in ("utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32")),

@@ -8,10 +8,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-import re
 from dataclasses import dataclass, replace
-from datetime import datetime
-from operator import or_
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +20,6 @@ from linkwise.files.table import BadCell, Column, ColumnHeader, Table, headers
 from linkwise.records.record import Record
 from linkwise.units import is_unit
 
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")  # with the time of day, as of ISO 8601
 _MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--"})
 
 
@@ -120,23 +116,10 @@ def _check_row_lengths(
 def _column(header: str, cells: list[str], lines: NDArray[np.int64]) -> Column:
     """One column from its cells (N,)."""
     values = [parse_number(cell) for cell in cells]
-    if None not in values:
-        return Column(header, np.array(values, dtype=float))
-    if (seconds := _seconds(header, cells)) is not None:
-        return Column(header, seconds)
-    bad = values.index(None)
-    return Column(header, None, BadCell(cells[bad], int(lines[bad])))
-
-
-def _seconds(header: str, cells: list[str]) -> Floats | None:
-    """(N,) times in s since the first cell where all are dates with times of day, and the header states no unit; else None."""
-    if ColumnHeader.parse(header).unit or not all(map(_DATE.match, cells)):
-        return None
-    try:
-        moments = [datetime.fromisoformat(cell) for cell in cells]
-        return np.array([(moment - moments[0]).total_seconds() for moment in moments])
-    except (TypeError, ValueError):  # some with a time zone and some without
-        return None
+    if None in values:
+        bad = values.index(None)
+        return Column(header, None, BadCell(cells[bad], int(lines[bad])))
+    return Column(header, np.array(values, dtype=float))
 
 
 _BYTE_ORDER_MARKS = (  # the longer first: that of UTF-32 begins with that of UTF-16
@@ -301,23 +284,15 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
         if not any(cells):
             continue
         comment = line.lstrip().startswith(_COMMENTS)
-        if not comment and _are_data(cells):
+        if not comment and all(parse_number(cell) is not None for cell in cells if cell):
             header = named if named is not None else _above_units(lines, texts)
             return header, i if header is None else header + 1
         if _names_columns(cells) and not (comment and named is not None):
             named = i
         if not comment:
             texts.append(i)
-    texts += [i for i, line in enumerate(lines) if line.strip()][:1]
-    header = named if named is not None else texts[0]
+    header = named if named is not None else next(i for i, line in enumerate(lines) if line.strip())
     return header, header + 1
-
-
-def _are_data(cells: list[str]) -> bool:
-    """Whether all of the cells that are not empty are numbers, or dates beside a number."""
-    numbers = [parse_number(cell) is not None for cell in cells if cell]
-    dates = [_DATE.match(cell) is not None for cell in cells if cell]
-    return any(numbers) and all(map(or_, numbers, dates))
 
 
 def _cells(line: str) -> list[str]:
