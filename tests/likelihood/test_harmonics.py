@@ -149,3 +149,17 @@ def test_a_motion_that_goes_on_without_a_force_is_told() -> None:
         )
         fit = lw.identify(record, subject.unknown("all"))
         assert ("does not decay over 50 periods, though no force was recorded" in fit.message) is told
+
+
+@pytest.mark.parametrize(
+    ("absorber", "k", "c", "seed"), [(0.03, 1500.0, 0.1, 500), (0.02, 1000.0, 0.05, 501)]
+)
+def test_a_mode_that_fades_is_no_force_that_goes_on(absorber: float, k: float, c: float, seed: int) -> None:
+    """What the laws lack in a decay was taken in as a hum, trusted, with k 900 errors off."""
+    spring = link("spring", "m1-ground", "k*d + c*v", k=5000.0, c=3.0)
+    leaf = link("leaf", "absorber-m1", "k*d + c*v", k=k, c=c)
+    hidden = structure({"m1": 0.8, "absorber": absorber}, spring, leaf)
+    record = lw.simulate(hidden, release={"v:m1": 0.6}, duration=2.4, rate=500.0, sensors=["x:m1"])
+    shown = replace(record.with_noise(35.0, seed=seed), simulated=None)
+    fit = lw.identify(shown, structure({"m1": 0.8}, spring).unknown("all"))
+    assert not fit.trusted and not fit.added

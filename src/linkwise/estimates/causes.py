@@ -235,7 +235,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
             "1",
         ),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
-        HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz", "Hz"),
+        HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz{remark}", "Hz"),
         "mass": CauseKind(f"a mass of {_OFF}{{remark}}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),
         "frequency": CauseKind(f"a frequency of {_OFF}", "1"),
@@ -250,8 +250,8 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         "input noise": CauseKind(f"noise of {_SIZED}"),
         AMBIENT: CauseKind(f"an ambient force on {_SIZED}"),
         HARMONIC: CauseKind(
-            "a harmonic force of {0.size:.3g} Hz on {0.where} ({0.source}) that was not recorded; try --harmonic "
-            "{0.where}={0.size:.4g}Hz",
+            "a harmonic force of {0.size:.3g} Hz on {0.where} ({0.source}) that was not recorded{remark}; try "
+            "--harmonic {0.where}={0.size:.4g}Hz",
             "Hz",
         ),
         "coloured force": CauseKind("an ambient force on {0.where} that is not white{remark}", "1"),

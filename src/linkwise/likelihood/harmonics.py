@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from linkwise.arrays import Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.display import near_miss
 from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import HARMONIC, HUM, Cause, SensorErrorEstimate
@@ -42,6 +42,9 @@ _LINES = 4  # in what a fit leaves that are tested
 _NEIGHBOURS = 61  # steps over which the level around a line is found
 # times that level from which a line is tested: noise behind a resonance that is narrow reaches 20
 _ABOVE = 30.0
+_STEADY = 0.85  # of the amplitude in the first half of a record: less in the second is no force that goes on
+FADING = "or, as it fades, a mode that the laws lack"
+"""The remark on a line that does not go on through a record, which no harmonic force or hum explains."""
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 _CHANCE = 16.0
@@ -230,15 +233,18 @@ class Lines:
             if gains[best] <= limit:
                 continue
             gain, error = float(gains[best]), float(width / np.sqrt(gains[best]))
+            fading = FADING if line.fades else ""
             if best < len(self.forces):
                 force = self.forces[best]
                 source = f"{sizes[best]:.3g} {force.unit}"
-                yield Cause(HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source)
+                yield Cause(
+                    HARMONIC, force.mass, line.frequency, "Hz", gain, error, source=source, remark=fading
+                )
                 continue
             channel = self.hums[best - len(self.forces)][1]
             frequency, alone = _refined_hum(fit, records, line.frequency, channel)
             if alone:
-                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error)
+                yield Cause(HUM, records[0].responses[channel], frequency, "Hz", gain, error, remark=fading)
 
 
 def _is_exact(fit: LikelihoodFit) -> bool:
@@ -272,11 +278,15 @@ def _driven(record: Record, forces: Sequence[HarmonicForce], number: int) -> Rec
 
 @dataclass(frozen=True)
 class _Line:
-    """A line at a `frequency` in Hz, and the numbers of the `masses` and the `channels` that show it, the clearest first."""
+    """A line at a `frequency` in Hz, the numbers of the `masses` and the `channels` that show it, the clearest first.
+
+    It `fades` where it does not go on through the record.
+    """
 
     frequency: float
     masses: Sequence[int]
     channels: Sequence[int]
+    fades: bool
 
 
 def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], int]:
@@ -303,25 +313,39 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             # at whose multiples a drift shows as well, as motion begins anew in each segment
             nodes = record.rate / samples
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
+            fades = _fade(own[row], frequency / rate, ratio)
             ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
-            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row]))
+            found.append(np.stack([ratio, frequency, np.full(len(row), kind), row, fades]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
 
 
+def _fade(series: Floats, frequency: Floats, ratio: Floats) -> Bools:
+    """(N,) whether waves of frequencies in cycles a sample fade in series (N, T), as a mode that laws lack does in a decay.
+
+    By more than chance, with power at a `ratio` to that of the noise.
+    """
+    half = series.shape[1] // 2
+    waves = np.hanning(half) * np.exp(-2j * np.pi * frequency[:, None] * np.arange(half))
+    parts = np.nan_to_num(series[:, :half]), np.nan_to_num(series[:, -half:])
+    first, second = (np.abs(np.sum(part * waves, axis=1)) for part in parts)
+    return np.asarray(second < np.minimum(_STEADY, 1.0 - 3.0 * np.sqrt(2.0 / np.maximum(ratio, 1.0))) * first)
+
+
 def _highest(found: Floats, duration: float) -> Iterator[_Line]:
-    """The highest lines of those found: ratio, frequency, and kind and number of the series that shows each, (4, N)."""
+    """The highest of lines (5, N): ratio, frequency, kind and number of the series that shows each, and whether it fades."""
     order = np.argsort(-found[0], kind="stable")
-    ratio, frequency, kind, number = found[:, order]
+    ratio, frequency, kind, number, fades = found[:, order]
     for _ in range(_LINES):
         if not np.max(ratio, initial=0.0) >= _ABOVE:
             return
-        line = float(frequency[int(np.argmax(ratio))])
+        highest = int(np.argmax(ratio))
+        line = float(frequency[highest])
         away = np.abs(frequency - line) * duration
         near = (away < 2.0) & (ratio >= _ABOVE)
         channels, masses = (
             list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
         )
-        yield _Line(line, masses, channels)
+        yield _Line(line, masses, channels, bool(fades[highest]))
         ratio[away < 4.0] = 0.0
 
 
