@@ -62,7 +62,7 @@ def test_the_same_record_gives_the_same_answer_to_the_last_digit(two: tuple[lw.R
     again = lw.discover(record, masses(lw.bnes_chain(2)))
     assert again.estimate.values.tolist() == discovery.estimate.values.tolist()
     assert again.terms == discovery.terms
-    assert again.path == discovery.path
+    assert repr(again.path) == repr(discovery.path)  # NaN where a share is not known
     assert again.runners_up == discovery.runners_up
 
 
