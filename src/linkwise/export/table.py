@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 from linkwise.display import on_one_line, to_csv
 from linkwise.errors import OutputError
@@ -66,8 +67,11 @@ def write_xlsx(answer: ExportedAnswer, path: Path, name: str) -> None:
     _fill(book.active, "coefficients", _table(answer))
     covariance = [[name, *row] for name, row in zip(answer.names, answer.covariance.tolist(), strict=True)]
     _fill(book.create_sheet(), "covariance", [["", *answer.names], *covariance])
-    content = BytesIO()  # the archive of a file that was not written whole complains when it is forgotten
-    book.save(content)
+    content = BytesIO()
+    with ZipFile(
+        content, "w", ZIP_DEFLATED
+    ) as archive:  # closed: one that was not written whole complains when forgotten
+        import_module("openpyxl.writer.excel").ExcelWriter(book, archive).save()
     path.write_bytes(content.getvalue())
 
 
