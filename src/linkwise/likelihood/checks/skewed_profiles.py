@@ -64,10 +64,15 @@ def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
     faint = with_faint_modes(fit, of.identified)[1]
     names = fit.segments.system.parameters.names
     accelerations = _accelerations(fit, of.diagnosis.tested)
-    skewed = {k: a for k, a in accelerations.items() if not abs(a) < _SKEWED and names[k] not in faint}
     reaches: dict[int, float] = {}
-    for number, acceleration in skewed.items():
-        reach = _reach_on_slow_side(fit, number, acceleration)
+    for number in np.flatnonzero(fit.free & [name not in faint for name in names]).tolist():
+        acceleration = accelerations.get(number, 0.0)
+        if not abs(acceleration) < _SKEWED:
+            reach = _reach_on_slow_side(fit, number, acceleration)
+        elif any(_is_wall(fit, number, side=side) for side in (1.0, -1.0)):
+            continue
+        else:
+            reach = None
         if reach is None:
             return replace(
                 before,
