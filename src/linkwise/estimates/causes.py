@@ -141,6 +141,15 @@ class Cause:
         )
 
     @property
+    def asked(self) -> str:
+        """What asks for it as an unknown: the option of a line, else where it is."""
+        options = {
+            HUM: "--sensor {0.where}:hum={0.size:.6g}Hz",
+            HARMONIC: "--harmonic {0.where}={0.size:.6g}Hz",
+        }
+        return options.get(self.kind, "{0.where} unknown").format(self)
+
+    @property
     def known_to(self) -> str:
         """How well each of several is known of which one is off."""
         return f"known to within {format_percent(self.known_within)}"

@@ -171,6 +171,9 @@ class Estimate(JudgedView):
         Ambient forces and noise of applied forces; offsets, gains and delays of sensors that were found with the coefficients.
     disturbances : tuple of EstimatedError
         Drifts and hums of sensors that were found with the coefficients.
+    may_fade : tuple of float
+        Frequencies in Hz of harmonic forces and hums that were found with the coefficients, and that the records do not show
+        to go on: a mode that the laws lack looks like them.
     unseen_terms : tuple of UnseenTerm
         What exact laws may lack without a sign in the records, though it would move a coefficient, the farthest first.
     links_in_doubt : frozenset of str
@@ -216,6 +219,7 @@ class Estimate(JudgedView):
     random_forces: tuple[RandomForceEstimate, ...] = ()
     sensor_errors: tuple[SensorErrorEstimate, ...] = ()
     disturbances: tuple[EstimatedError, ...] = ()
+    may_fade: tuple[float, ...] = ()
     unseen_terms: tuple[UnseenTerm, ...] = ()
     links_in_doubt: frozenset[str] = frozenset()
     for_dropped_terms: Floats | None = None
@@ -480,11 +484,9 @@ class Estimate(JudgedView):
         links = [link for link in other.given_structure.links if link.name in laws]
         asked = [f"{link.name} ({' - '.join(link.between)}): {laws[link.name]}" for link in links]
         for cause in (cause for cause in other.added if cause.is_instrument):
-            asked.append(
-                f"{cause.where}, {cause.known_to}" if cause.known_within else f"{cause.where} unknown"
-            )
+            asked.append(f"{cause.where}, {cause.known_to}" if cause.known_within else cause.asked)
         unknown = ((name, c) for name, c in other._coefficients.items() if not c.known)
-        told = [cause.label for cause in other.added if not cause.known_within]
+        told = [cause.label.partition("; try ")[0] for cause in other.added if not cause.known_within]
         several = (cause for cause in other.added if cause.known_within and cause.size)
         open_ = [replace(cause, known_within=0.0).label for cause in several]
         told += [" or ".join(open_)] if open_ else []

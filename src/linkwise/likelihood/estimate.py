@@ -38,7 +38,12 @@ from linkwise.likelihood.fit import (
     with_denoised,
     with_values,
 )
-from linkwise.likelihood.harmonics import estimated_harmonics, harmonic_forces, with_harmonics
+from linkwise.likelihood.harmonics import (
+    estimated_harmonics,
+    harmonic_forces,
+    not_shown_to_go_on,
+    with_harmonics,
+)
 from linkwise.likelihood.optima.hidden_wells import fit_about_rest
 from linkwise.likelihood.optima.other_optima import (
     is_loosened,
@@ -643,6 +648,7 @@ def estimate_of(
         random_forces=fit.random_forces,
         sensor_errors=of_sensors,
         disturbances=_disturbances(fit),
+        may_fade=not_shown_to_go_on(fit, records),
         unseen_terms=unseen,
         for_dropped_terms=judgement.added_for_terms,
         approximate=approximate is not None,

@@ -31,7 +31,6 @@ from linkwise.estimates.causes import (
     HUM,
     SPIKES,
     Cause,
-    SensorErrorEstimate,
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
@@ -39,7 +38,7 @@ from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corr
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Answer, Report, Search, with_delays
 from linkwise.likelihood.fit import LikelihoodFit
-from linkwise.likelihood.harmonics import FADING, harmonic_forces
+from linkwise.likelihood.harmonics import FADING, MAY_FADE, harmonic_forces
 from linkwise.likelihood.options import (
     OF_FORCE,
     LikelihoodOptions,
@@ -296,6 +295,7 @@ def explained_answer(
     as_stated = all(
         cause.is_instrument
         and cause.kind not in (*FREED, AMBIENT)
+        and cause.remark != MAY_FADE
         and not (cause.kind == "gain" and cause.where in base and not cause.known_within)
         and (cause.kind != "force gain" or cause.remark.startswith(OF_HITS))
         for cause in answer.added
@@ -769,12 +769,15 @@ def _shared_gain(diagnosis: Sequence[Cause], record: Record) -> tuple[Cause, ...
 
 def as_found(added: Sequence[Cause], answer: Estimate) -> tuple[Cause, ...]:
     """What was added, with the sizes and standard errors of the answer beside it."""
-    errors: Sequence[SensorErrorEstimate] = answer.sensor_errors
-    found, sizes = {(error.kind, error.channel): error for error in errors}, []
+    sizes = []
     for cause in added:
-        error = found.get((cause.kind.removeprefix(OF_FORCE), cause.where))
-        if error is not None:
+        what = cause.kind.removeprefix(OF_FORCE), cause.where
+        errors = [error for error in answer.sensor_errors if (error.kind, error.channel) == what]
+        if errors:  # several lines of one mass
+            error = min(errors, key=lambda one: abs(one.value - cause.size))
             size = error.value - 1.0 if cause.kind.endswith("gain") else error.value
             cause = replace(cause, size=size, standard_error=error.standard_error)
+        if cause.kind in (HARMONIC, HUM) and cause.size in answer.may_fade:
+            cause = replace(cause, remark=MAY_FADE)
         sizes.append(cause)
     return tuple(sizes)

@@ -45,6 +45,10 @@ _ABOVE = 30.0
 _STEADY = 0.85  # of the amplitude in the first half of a record: less in the second is no force that goes on
 FADING = "or, as it fades, a mode that the laws lack"
 """The remark on a line that does not go on through a record, which no harmonic force or hum explains."""
+MAY_FADE = "or a mode that the laws lack: the record does not show that it goes on; state it if it is known, or add a mass"
+"""The remark on one that may fade as slowly as the lightest damped mode of a structure does."""
+# damping ratio: welded and cast structures have 0.0005 and more, and what is held in a joint 0.002
+_LIGHTEST = 3e-4
 _SCREENED = 3.0  # times the mean there, below which no median is asked for: one in twenty of noise
 # with twice the logarithm of all frequencies and masses: one record in 3000 gains as much by chance
 _CHANCE = 16.0
@@ -132,6 +136,32 @@ def estimated_harmonics(
             f"{of_size:.2g} {force.unit})."
         )
     return unknowns.covariance, tuple(errors), tuple(sentences)
+
+
+def not_shown_to_go_on(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[float, ...]:
+    """Frequencies in Hz of the harmonic forces and hums of a fit that may fade, or grow, as fast as a mode of a structure.
+
+    A mode that the laws lack acts on them as a harmonic force does, and shows in a sensor as a hum does: over a record that
+    does not tell its decay it is neither of them. A rate of decay is tested beside all that is estimated.
+    """
+    forces, segments = fit.options.harmonics, fit.segments
+    hums = [(one.term, one) for one in fit.found if isinstance(one.term, Hum)]
+    lines = np.array([force.frequency for force in forces] + [hum.frequency for hum, _ in hums])
+    if not len(lines) or not fit.has_errors or not _tells_time(segments, records):
+        return ()
+    time, owner = _times(segments, records)
+    fading = []
+    for hum, one in hums:
+        number, (a, b) = one.unknown.record, one.sizes
+        waves = _waves(hum.frequency, time.reshape(len(owner), -1).T, owner, len(records))
+        cosine, sine = waves[2 * number : 2 * number + 2]
+        since_middle = time.reshape(len(owner), -1).T - 0.5 * records[number].duration
+        fading.append(-since_middle * (a * cosine + b * sine))
+    channels = np.array([records[0].responses.index(hum.channel) for hum, _ in hums])
+    shown = SensorErrors(channels, np.stack(fading, axis=1)) if hums else None
+    rates, errors = _Unknowns.of(fit, fit.optimum, records, forces, shown, fading=True).rates
+    may_fade = np.abs(rates) + 2.0 * errors > _LIGHTEST * 2.0 * np.pi * lines
+    return tuple(dict.fromkeys(lines[may_fade].tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,13 +472,16 @@ class _Unknowns:
         records: Sequence[Record],
         forces: Sequence[HarmonicForce],
         hums: SensorErrors | None = None,
+        *,
+        fading: bool = False,
     ) -> _Unknowns:
-        """Those at the optimum of a fit, in segments of any length."""
+        """Those at the optimum of a fit, in segments of any length; with the rates of forces that are `fading`."""
         with one_blas_thread():
-            columns, units = _columns(optimum, records, forces)
+            columns, units = _columns(optimum, records, forces, fading=fading)
             augmented = augmented_quadratic(optimum, columns, hums)
         units = np.append(units, np.ones(0 if hums is None else len(hums.channel)))
-        each, p = 2 * len(records) + bool(forces[0].amplitudes), len(augmented.slope) - len(units)
+        found = bool(forces and forces[0].amplitudes)
+        each, p = 2 * len(records) + found * (1 + fading), len(augmented.slope) - len(units)
         free = np.flatnonzero(fit.free)
         curvature, slope = augmented.curvature / optimum.noise**2, augmented.slope / optimum.noise**2
         own = slice(p, None)
@@ -472,11 +505,18 @@ class _Unknowns:
     @property
     def places(self) -> Indices:
         """(f, h / f) the numbers of the unknowns of each force."""
-        return np.arange(len(self.forces) * self.each).reshape(-1, self.each)
+        return np.arange(len(self.forces) * self.each).reshape(len(self.forces), self.each)
 
     @property
     def _inverse(self) -> Floats:
         return np.asarray(np.linalg.pinv(self.information, rcond=1e-13, hermitian=True))
+
+    @property
+    def rates(self) -> tuple[Floats, Floats]:
+        """The rates in 1/s at which forces and hums fade, all else following, and the standard errors of these."""
+        places = [*self.places[:, -1], *range(self.places.size, len(self.score))]
+        inverse = self._inverse
+        return (inverse @ self.score)[places], np.sqrt(inverse.diagonal()[places])
 
     @property
     def covariance(self) -> Floats:
@@ -504,9 +544,12 @@ class _Unknowns:
 
 
 def _columns(
-    optimum: Optimum, records: Sequence[Record], forces: Sequence[HarmonicForce]
+    optimum: Optimum, records: Sequence[Record], forces: Sequence[HarmonicForce], *, fading: bool = False
 ) -> tuple[CandidateForces, Floats]:
-    """The forces of unit size of all unknowns along the segments, and the units of these (h,)."""
+    """The forces of unit size of all unknowns along the segments, and the units of these (h,).
+
+    Behind the frequency of each comes the rate at which it is `fading`.
+    """
     segments = optimum.segments
     every = segments.flow_steps_per_tangent
     tangents, step = segments.steps // every, segments.step * every
@@ -524,12 +567,14 @@ def _columns(
             waves = _waves(force.frequency, time, owner, len(records))
             columns += waves
             if force.amplitudes:
-                pairs = zip(force.amplitudes, waves[::2], waves[1::2], strict=True)
+                pairs = list(zip(force.amplitudes, waves[::2], waves[1::2], strict=True))
                 turned = sum(b * cosine - a * sine for (a, b), cosine, sine in pairs)
                 columns.append(2.0 * np.pi * time * turned)
-        halves.append(np.stack(columns, axis=1))
+                if fading:
+                    columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
+        halves.append(np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1])))
     power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
     scale = np.where(power > 0.0, power, 1.0)[:, None]
-    ends = np.repeat([force.number for force in forces], len(scale) // len(forces))
+    ends = np.repeat([force.number for force in forces], len(scale) // max(len(forces), 1)).astype(int)
     candidates = CandidateForces(np.full(len(ends), -1), ends, halves[0] / scale, halves[1] / scale)
     return candidates, 1.0 / scale[:, 0]
