@@ -45,6 +45,7 @@ TEXTS = (
     "\ud800",
 )  # fmt: skip
 Door = Callable[[str, Path], lw.Structure | Path]
+CASES = Path(__file__).parents[3] / "shared" / "cases" / "export-code"
 
 
 def linked(
@@ -179,3 +180,18 @@ def test_no_text_is_code_of_an_export(door: str, tmp_path: Path, monkeypatch: py
         check_equations(answer, tmp_path)
     assert (TEXTS[0] in accepted) == (door in OPEN)
     assert ("\nv" in accepted) == (door in {"structure", "coefficient", "law", "rate"})
+
+
+@pytest.mark.skipif(not CASES.exists(), reason="needs ../shared")
+def test_files_of_strangers_are_no_code_of_an_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[str] = []
+    monkeypatch.setattr("os.system", commands.append)
+    for name in ("a_rotation_name.toml", "b_comment.toml"):
+        module = lw.export_answer(CASES / name, tmp_path / "answer.py")
+        assert "MASSES" in runpy.run_path(str(module)) and not commands
+        code = matlab_code(lw.export_answer(CASES / name, tmp_path / "answer.m"))
+        assert not re.search("__import__", "".join(code))
+        check_equations(CASES / name, tmp_path)
+    assert not commands
+    with pytest.raises(lw.LinkwiseError, match=r"states the status .* which linkwise does not write"):
+        lw.export_answer(CASES / "c_folder", tmp_path / "answer.py")

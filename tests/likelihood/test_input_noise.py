@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,6 +83,28 @@ def test_intervals_hold_the_noise_that_a_channel_shows() -> None:
     by_noise = np.asarray(fit.covariance) - (0.0 if fit.for_dropped_terms is None else fit.for_dropped_terms)
     ratios = np.sqrt(by_noise.diagonal() / stated.covariance.diagonal())
     assert np.all((ratios > 0.9) & (ratios < 1.2))
+
+
+def test_what_noise_of_a_force_does_to_motion_between_wells_does_not_depend_on_a_relaxation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Such motion is sensitive to its past: kicks that relaxed laws forget move coefficients by much of their errors."""
+    rig = structure(
+        {"m1": 1.4, "m2": 0.3},
+        link("s1", "m1-ground", "k*d + k3*d**3 + c*v", k=2600.0, k3=1e7, c=1.0),
+        link("s2", "m2-m1", "alpha*d + beta*d**3 + c*v", alpha=-850.0, beta=3.4e7, c=0.4),
+    )
+    given = random_force(np.random.default_rng(53), 8.0, 250.0, rms=5.0, highest=20.0)
+    drive: dict[str, Any] = {"forces": {"m1": given}, "release": {"x:m2": 5e-3}}
+    run = lw.simulate(rig, duration=8.0, rate=250.0, sensors=["a"], **drive).with_noise(35.0, seed=53)
+    columns = run.values.copy()
+    columns[:, run.channels.index("force:m1")] += 2e-3 * np.random.default_rng(1).standard_normal(len(run))
+    record = replace(run, values=columns, noise={"force:m1": 2e-3}, simulated=None)
+    fit = lw.identify(record, rig.unknown("all"))
+    assert fit.trusted and "allow for noise of force:m1 of 0.002" in fit.message
+    monkeypatch.setattr("linkwise.likelihood.tests.variances._HELD", 1e-6)
+    tighter = lw.identify(record, rig.unknown("all"))
+    assert np.allclose(fit.covariance.diagonal(), tighter.covariance.diagonal(), rtol=0.01)
 
 
 def test_a_model_error_of_a_driven_structure_may_be_noise_of_the_input() -> None:

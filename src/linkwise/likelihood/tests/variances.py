@@ -314,6 +314,8 @@ def _bands(fit: LikelihoodFit) -> Iterator[tuple[slice, int, float]]:
 DRAWS = 64
 SEED = 20200
 RELAXED = 1e-3  # relaxation: multipliers of smaller defects are lost to rounding
+# relaxation at which laws hold: with a larger one kicks are forgotten within a long record, and move coefficients too little
+_HELD = 1e-5
 SIGNIFICANT = 3.3  # a normal score, as one input in 2000 gives by chance
 _HINT = 2.0  # a normal score beyond which intervals hold the noise that residuals hint at: one input in 44 by chance
 # segments from which so few of the draws are followed at once, which takes a quarter of the memory
@@ -413,7 +415,7 @@ def _moved_by_kicks(fit: LikelihoodFit, kicks: Floats) -> Floats | None:
     """
     optimum = fit.optimum
     with one_blas_thread():
-        equations = DrawnEquations.of(fit, optimum, RELAXED)
+        equations = DrawnEquations.of(fit, optimum, _HELD)
         if equations is None:
             return None
         unit = np.eye(len(equations.free))[:, : len(fit.values)]
