@@ -4,9 +4,9 @@ Starting values of coefficients from forces, where elongations are known up to d
 
 A law is fitted to the forces of all windows together, while a line may be added to the elongation in each window. A first
 guess comes from high-pass filtered elongations, for which the law is linear in its coefficients. Then each window finds its
-best line under the law by grid search, and the law is corrected with the lines eliminated (variable projection). Where the
-best about d = 0 leaves more than noise, as springs of two wells in one of which the link moves, one about a place of rest
-far from there competes.
+best line under the law by grid search, and the law is corrected with the lines eliminated (variable projection), by windows
+that leave no more than others. Where the best about d = 0 leaves more than noise, as springs of two wells in one of which the
+link moves, one about a place of rest far from there competes.
 
 References
 ----------
@@ -103,6 +103,7 @@ def link_start(
     half = window_half(signals, number, _PERIODS)
     windows = DriftWindows.of(signals, number, half=half, stride=half)
     force = signals.force[number]
+    noise = windows.force.shape[1] * float(np.nan_to_num(noise_sigma(force))[0]) ** 2
 
     def trial(cutoff: float, deviations: float = 0.0) -> tuple[float, dict[str, float]]:
         d, v = (highpass(signal[number], 1.0 / signals.step, cutoff) for signal in (signals.d, signals.v))
@@ -110,12 +111,11 @@ def link_start(
         guess, left = regressed(link, d + place, v, force, values, free)
         if place and not np.isfinite(left):
             return np.inf, guess
-        return _improved(windows, link, {**values, **guess}, free, reach=_BEYOND * place)
+        return _improved(windows, link, {**values, **guess}, free, noise, reach=_BEYOND * place)
 
     trials = [trial(cutoff) for cutoff in _CUTOFFS]
-    noise = windows.force.size * float(np.nan_to_num(noise_sigma(force))[0]) ** 2
     has_wells = windows.integration_order > 0 and not is_linear(link.law)
-    if has_wells and min(left for left, _ in trials) > _EXPLAINED * noise:
+    if has_wells and min(left for left, _ in trials) > _EXPLAINED * noise * len(windows.force):
         trials.append(trial(_CUTOFFS[0], _FAR))
     return min(trials, key=lambda trial: trial[0])[1]
 
@@ -144,14 +144,26 @@ def _least_squares(columns: Floats, right: Floats) -> Floats:
 
 
 def _improved(
-    windows: DriftWindows, link: Link, values: dict[str, float], free: tuple[str, ...], reach: float = 0.0
+    windows: DriftWindows,
+    link: Link,
+    values: dict[str, float],
+    free: tuple[str, ...],
+    noise: float,
+    reach: float = 0.0,
 ) -> tuple[float, dict[str, float]]:
-    """Squared force error and free coefficients after alternating between lines and coefficients."""
-    best, best_values = np.inf, values
+    """Squared force error and free coefficients after alternating between lines and coefficients.
+
+    Windows that leave more than half of all, and than `noise`, count less and less (S. Geman and D. E. McClure, Bull. Int.
+    Stat. Inst. 52, 5 (1987)): where a motion is too fast for its samples, no line mends what integration makes of it.
+    """
+    best, best_values, usual = np.inf, values, np.inf
     for _ in range(_ROUNDS):
         candidates = drift_candidates(windows, link, values, reach=reach)
-        cost = float(candidates.cost.min(axis=0).sum())
-        if cost >= best:
+        left = candidates.cost.min(axis=0)
+        usual = min(usual, max(float(np.median(left)), noise))
+        weight = 1.0 / (1.0 + left / max(usual, np.finfo(float).tiny))
+        cost = 2.0 * float(left @ weight)
+        if not cost < best:
             break
         converged = cost > (1.0 - _TOLERANCE) * best
         best, best_values = cost, values
@@ -159,15 +171,23 @@ def _improved(
             break
         lowest = candidates.cost.argmin(axis=0)
         lines = candidates.lines[:, lowest, np.arange(len(lowest))]
-        step = _projected_step(windows, link, values, free, lines)
+        step = _projected_step(windows, link, values, free, lines, weight)
         values = values | {name: values[name] + change for name, change in zip(free, step, strict=True)}
     return best, {name: best_values[name] for name in free}
 
 
 def _projected_step(
-    windows: DriftWindows, link: Link, values: dict[str, float], free: tuple[str, ...], lines: Floats
+    windows: DriftWindows,
+    link: Link,
+    values: dict[str, float],
+    free: tuple[str, ...],
+    lines: Floats,
+    weight: Floats,
 ) -> Floats:
-    """The Gauss-Newton step (p,) of the coefficients with the lines (2, K) of all windows eliminated."""
+    """The Gauss-Newton step (p,) of the coefficients with the lines (2, K) of all windows eliminated.
+
+    Errors count by `weight` (K,), their squares by its square.
+    """
     d, v = windows.motion(lines)
     partials = link.law.partials(d, v, values)
     error = windows.force - partials.force
@@ -179,7 +199,8 @@ def _projected_step(
         q, _ = np.linalg.qr(np.stack(by_line, axis=2))
         columns = columns - q @ (q.transpose(0, 2, 1) @ columns)
         error = error - (q @ (q.transpose(0, 2, 1) @ error[..., None]))[..., 0]
-    return _least_squares(columns.reshape(-1, len(free)), error.ravel())
+    counted = weight[:, None] * error
+    return _least_squares((weight[:, None, None] * columns).reshape(-1, len(free)), counted.ravel())
 
 
 def start_of_links(
