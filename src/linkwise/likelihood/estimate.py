@@ -88,9 +88,9 @@ from linkwise.likelihood.starts.values import require_supported, starting_values
 from linkwise.likelihood.terms import (
     Block,
     Disturbance,
-    HighPass,
     Hum,
     Offset,
+    OfMotion,
     Term,
     frequencies_by_channel,
     of_kind,
@@ -459,13 +459,13 @@ class MaximumLikelihood(AskedFor, Estimator):
     def _search(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit; noise adds up in what high passes take off, so that it is repeated with what the one before shows of them."""
+        """A fit; it is repeated with the motion of the one before where errors of sensors follow from that."""
         fit = self._searched(structure, records, options)
         if fit.status in _ENDED_EARLY and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._searched(structure, noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             fit = self._searched(structure, noisier, options)
-        for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
+        for _ in range(_DENOISED if any(isinstance(one, OfMotion) for one in options.errors) else 0):
             errors = with_denoised(fit, records, options.errors)
             fit = self._searched(structure, records, replace(options, errors=errors))
         return fit
