@@ -58,6 +58,7 @@ from linkwise.likelihood.optima.restarts import (
     fit_of_growing_records,
     fit_with_restarts,
     is_settled,
+    runs_away,
 )
 from linkwise.likelihood.options import (
     AskedFor,
@@ -80,6 +81,7 @@ from linkwise.likelihood.shooting.system import held_where_unseen
 from linkwise.likelihood.starts.drift import needs_integration
 from linkwise.likelihood.starts.memory import (
     FindStarts,
+    held_at_zero,
     host_memory_starts,
     memory_starts,
     memory_starts_by_links,
@@ -461,10 +463,13 @@ class MaximumLikelihood(AskedFor, Estimator):
     ) -> LikelihoodFit:
         """A fit; it is repeated with the motion of the one before where errors of sensors follow from that."""
         fit = self._searched(structure, records, options)
-        if fit.status in _ENDED_EARLY and (noisier := _with_noise_of_quiet(records)) is not None:
+        lost = fit.status in _ENDED_EARLY or runs_away(fit)
+        if lost and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._searched(structure, noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
-            fit = self._searched(structure, noisier, options)
+            names = fit.segments.system.parameters.names
+            found = dict(zip(names, fit.values.tolist(), strict=True))
+            fit = replace(self, starts=found)._searched(structure, noisier, options)
         for _ in range(_DENOISED if any(isinstance(one, OfMotion) for one in options.errors) else 0):
             errors = with_denoised(fit, records, options.errors)
             fit = self._searched(structure, records, replace(options, errors=errors))
@@ -518,6 +523,10 @@ class MaximumLikelihood(AskedFor, Estimator):
             host_memory_starts if structure.hosts else memory_starts,
         ]
         searches = [partial(fit, kind) for kind in kinds]
+        shows_states = any(name.kind == "state" for name in records[0].channels)
+        held = held_at_zero(structure) if shows_states and knows_masses and not structure.hosts else None
+        if held:
+            searches.append(partial(self._from_motion, held, structure, records, options))
         if all(p.name in known for p in structure.parameters):
             values = np.array([known[p.name] for p in structure.parameters])
             stated = [
@@ -529,14 +538,37 @@ class MaximumLikelihood(AskedFor, Estimator):
             )
         return attempts(searches)[0]
 
+    def _from_motion(
+        self, held: Structure, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
+    ) -> LikelihoodFit:
+        """A fit from what the motion alone says of laws `held` without states, beside which recorded states follow.
+
+        A state that is recorded with hardly any noise, by an equation that is not quite right, leads the search for all
+        of a law astray.
+        """
+        moving = [name for name in records[0].channels if name.kind != "state"]
+        bare = [record.select(moving) for record in records]
+        errors = tuple(one for one in options.errors if one.channel in moving)
+        alone = self._searched(held, bare, replace(options, errors=errors))
+        found = dict(zip(alone.segments.system.parameters.names, alone.values.tolist(), strict=True))
+        framed_ones = framed_records(records, structure, integrated=True)
+        best = memory_starts(framed_ones, structure, dict(self.starts or {}))[0].values
+        theta = [found.get(p.name, start) for p, start in zip(structure.parameters, best, strict=True)]
+        return likelihood_fit(records, structure, np.array(theta), options=options)
+
 
 def _with_noise_of_quiet(records: Sequence[Record]) -> list[Record] | None:
-    """The records with a part of their motion as noise of channels that show hardly any; None without any."""
+    """The records with the same part of the motion of each channel as its noise, if any shows hardly any; else None.
+
+    Beside a channel that is taken for exact, what laws leave of it goes into the motion of the others.
+    """
     first = records[0]
     found, unstated = channel_noise(first), [name for name in first.responses if name not in first.noise]
     sizes = {name: float(np.nanstd(first.channel(name))) for name in unstated}
-    quiet = {str(name): _PART * size for name, size in sizes.items() if found[name] < _QUIET * size}
-    return [replace(record, noise={**record.noise, **quiet}) for record in records] if quiet else None
+    if not any(found[name] < _QUIET * size for name, size in sizes.items()):
+        return None
+    alike = {str(name): max(_PART * size, found[name]) for name, size in sizes.items()}
+    return [replace(record, noise={**record.noise, **alike}) for record in records]
 
 
 def _refuse_dead(record: Record) -> None:

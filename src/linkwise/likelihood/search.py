@@ -99,7 +99,7 @@ class Optimum:
 
     @cached_property
     def runs_away(self) -> bool:
-        """Whether motion by the laws, run on from states along the records, leaves more than any as large would."""
+        """Whether motion by the laws, run on from states along the records, leaves more of a channel than rest would."""
         segments, point = self.segments, self.point
         for _ in range(_JOINED_FAR):
             longer = LongerSegments.of(segments)
@@ -110,7 +110,8 @@ class Optimum:
         shown = moved(segments) / segments.deviations(self.scales)
         with np.errstate(over="ignore", invalid="ignore"):
             power = np.sum(left**2, axis=(0, 2))
-        return not bool(np.all(power <= _OPPOSITE * np.sum(shown**2, axis=(0, 2))))
+        of_noise = segments.observed.sum(axis=(0, 2))
+        return not bool(np.all(power <= np.sum(shown**2, axis=(0, 2)) + of_noise))
 
     def searched(self, q: float, steps: int, start: Iterate | None = None) -> AnnealingFit:
         """The search at one relaxation, from this optimum or another `start`."""

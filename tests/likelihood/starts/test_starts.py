@@ -11,6 +11,7 @@ from structures import (
     HARDENING,
     NES,
     asked_oscillator,
+    harvester,
     host,
     link,
     named,
@@ -26,6 +27,7 @@ from linkwise.likelihood.starts.drift import LinkSignals
 from linkwise.likelihood.starts.kalman import likeliest_change
 from linkwise.likelihood.starts.linear_part import LinearPart, stable_starts
 from linkwise.likelihood.starts.link_states import follow_states
+from linkwise.likelihood.starts.memory import held_at_zero
 from linkwise.likelihood.starts.values import link_start, starting_values
 from linkwise.model.law import Law
 
@@ -230,3 +232,12 @@ def test_records_of_few_samples_are_refused_or_answered(kind: str, samples: int)
         lw.identify(motion.with_noise(40.0, seed=1)[:samples], chain.unknown("nes"))
     except lw.LinkwiseError as error:
         assert "samples" in str(error) or "time" in str(error)
+
+
+def test_laws_are_held_without_states_unless_nothing_is_left_of_them() -> None:
+    (piezo,) = present(held_at_zero(harvester(1.0, alpha=-40.0).unknown("all"))).links
+    assert (piezo.law.text, set(piezo.coefficients)) == ("alpha*d + beta*d**3 + c*v", {"alpha", "beta", "c"})
+    slip = {"z": "(v - abs(v)*z)/x0"}
+    assert held_at_zero(structure({"m1": 1.0}, link("joint", "m1-ground", "F*z", slip))) is None
+    plain = oscillator("k*d", k=1.0).unknown("all")
+    assert present(held_at_zero(plain)).links == plain.links

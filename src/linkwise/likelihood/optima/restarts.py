@@ -141,21 +141,21 @@ def attempts(searches: Iterable[Callable[[], LikelihoodFit]]) -> list[Likelihood
     return sorted(fits, key=_rank)
 
 
-def _runs_away(fit: LikelihoodFit) -> bool:
+def runs_away(fit: LikelihoodFit) -> bool:
     """Whether motion with a model error soon runs away from the records, which it follows a few samples at a time."""
     return fit.model_error > 0.0 and fit.optimum.runs_away
 
 
 def is_settled(fit: LikelihoodFit) -> bool:
     """Whether a fit converged to what noise or a model error explains, and its motion does not run away from the records."""
-    return fit.converged and not fit.chi_square_off and not _runs_away(fit)
+    return fit.converged and not fit.chi_square_off and not runs_away(fit)
 
 
 def _rank(fit: LikelihoodFit) -> tuple[bool, bool, bool, float]:
     """Fits that are settled first, noise before a model error, then those that leave least; relaxations count as misfit."""
     settled, inexact = is_settled(fit), fit.model_error > 0.0
     left = fit.misfit.cost(fit.model_error) / fit.samples if inexact else fit.chi_square
-    return not settled, _runs_away(fit), settled and inexact, left
+    return not settled, runs_away(fit), settled and inexact, left
 
 
 def _are_apart(fit: LikelihoodFit, best: LikelihoodFit) -> bool:

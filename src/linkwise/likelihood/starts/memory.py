@@ -32,13 +32,14 @@ import numpy as np
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
+from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
 from linkwise.likelihood.starts.kalman import tuned_modes, with_starts
 from linkwise.likelihood.starts.linear_part import LinearPart
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
 from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported
-from linkwise.model.law import unit_dimension
+from linkwise.model.law import Law, unit_dimension
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
@@ -572,6 +573,21 @@ def _without_drift(d: Floats, v: Floats, step: float, cutoff: float) -> tuple[Fl
     """Elongations and rates (L, N) above a frequency; each integral is filtered, as that of a drift grows."""
     rates = np.stack([highpass(row, 1.0 / step, cutoff) for row in v])
     return np.stack([highpass(integral(row, step), 1.0 / step, cutoff) for row in rates]), rates
+
+
+def held_at_zero(structure: Structure) -> Structure | None:
+    """The structure with what its laws are while all states of its links are 0; None where a law is nothing then."""
+    links = []
+    for link in structure.links:
+        zero = dict.fromkeys(link.law.states, Number(0.0))
+        left = substitute(link.law.expression, zero)
+        if isinstance(left, Number):
+            return None
+        law = Law.parse(to_text(left), signals=dict(link.law.signal_units))
+        own = {name: link.coefficients[name] for name in law.coefficients}
+        links.append(replace(link, law=law, coefficients=own) if zero else link)
+    held = replace(structure, links=tuple(links))
+    return held if held.parameters else None
 
 
 def host_memory_starts(
