@@ -499,7 +499,7 @@ def explained_fit(
     white_alone = known or not (inexact and options.coloured_noise)
     coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
-    unlimited = inexact and options.steps >= AnnealingSchedule.max_steps
+    unlimited = inexact and not options.is_trial
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
     is_sought = inexact and (known or unreached or off_by_laws)
     found = with_model_error(segments, fit, start, annealer) if is_sought else None
@@ -664,8 +664,7 @@ def searched(
     if held is not None and fit.status is not AnnealingStatus.INTERRUPTED:
         released = annealer(segments, fit.point, fit.scales, _loosened(schedule))
         fit = replace(released, path=(*fit.path, *released.path))
-    limited = options.steps < AnnealingSchedule.max_steps
-    if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
+    if not options.is_trial and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
         fit = _resumed(segments, fit, schedule, annealer)
     if problem.segments.chains < segments.chains:
         joined = _joined(problem.segments, fit, limit, annealer)
@@ -699,7 +698,7 @@ def _of_long_record(
     annealer: Annealer,
 ) -> AnnealingFit | None:
     """The fit to a long record without long gaps; None where it is not searched so, or leads to no optimum."""
-    limited = options.steps < AnnealingSchedule.max_steps or options.tightest > AnnealingSchedule.final_q
+    limited = options.is_trial or options.tightest > AnnealingSchedule.final_q
     if limited or options.relaxation is not None or options.ceiling < np.inf:
         return None
     if problem.segments.chains < segments.chains or not is_long(segments):
