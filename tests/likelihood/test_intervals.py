@@ -18,6 +18,7 @@ from within import assert_within
 import linkwise as lw
 from linkwise.likelihood.fit import LikelihoodFit, likelihood_fit
 from linkwise.likelihood.optima import profiles
+from linkwise.likelihood.search import BlockScores
 
 CHAIN = lw.bnes_chain(2)
 UNKNOWN = CHAIN.unknown("all")
@@ -269,3 +270,35 @@ def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
     assert off.max() > 5.0
     assert estimate.status == "several optima" and not estimate.trusted
     assert "or rises again beyond" in estimate.message
+
+
+@pytest.mark.parametrize("held", [0.05, 0.5, 0.95])
+def test_scores_of_blocks_that_hold_unequal_information(held: float) -> None:
+    """Intervals by blocks cover what white noise scatters by, where one of 20 blocks has a share `held` of the information.
+
+    Where that is nearly all of it, blocks are said to tell nothing.
+    """
+    blocks, count, noise = 20, 2000, 3.0
+    rng = np.random.default_rng(20)
+    along = np.array([[1.0, 0.3], [0.3, 2.0]])
+    shares = np.full(blocks, (1.0 - held) / (blocks - 1))
+    shares[3] = held
+    parts = shares[:, None, None] * along
+    of_noise = (
+        noise * np.sqrt(shares)[:, None] * (rng.normal(size=(count, blocks, 2)) @ np.linalg.cholesky(along).T)
+    )
+    off = of_noise.sum(axis=1) @ np.linalg.inv(along)
+    free = np.ones(2, dtype=bool)
+    # the optimum follows the noise, so that the scores there sum to zero
+    errors = np.array(
+        [
+            BlockScores(own - parts @ moved, parts).by_scores(free)
+            for own, moved in zip(of_noise, off, strict=True)
+        ]
+    )
+    assert BlockScores(of_noise[0], parts).told(free).all() == (held < 0.9)
+    if held > 0.9:
+        return
+    covered = np.mean(np.abs(off) < 1.96 * errors)
+    assert 0.93 < covered < 0.99
+    assert np.median(errors / (noise * np.sqrt(np.linalg.inv(along).diagonal()))) < 2.0

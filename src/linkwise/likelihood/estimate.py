@@ -611,8 +611,10 @@ def _smoothest(structure: Structure, fit: LikelihoodFit, records: Sequence[Recor
 
 
 def _approximated(fit: LikelihoodFit, judgement: Judgement) -> tuple[LikelihoodFit | None, Judgement]:
-    """The approximate answer of laws that leave more than noise, and the judgement, which says why there is none."""
-    if not judgement.may_be_approximate:
+    """The approximate answer of laws that leave more than noise, and the judgement, which says why there is none; of laws
+    that are only tried there is none.
+    """
+    if not judgement.may_be_approximate or fit.options.is_trial:
         return None, judgement
     found = over_horizons(fit)
     if not isinstance(found, str):

@@ -131,6 +131,11 @@ class LikelihoodOptions:
     steps: int = AnnealingSchedule.max_steps
     tightest: float = AnnealingSchedule.final_q
 
+    @property
+    def is_trial(self) -> bool:
+        """Whether searches end early, of laws that may be wrong: what counts of them is whether they leave only noise."""
+        return self.steps < AnnealingSchedule.max_steps
+
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled, with the fit that it belongs to: all but the progress, which is for this process only."""
         return {**vars(self), "progress": silent}

@@ -54,6 +54,8 @@ BLOCKS = 20, 10
 FEWEST = 5  # segments in the shortest block
 EQUAL = 15  # segments in the shortest block, from which on one more or less hardly matters
 _LEVEL = 0.975
+_SHARED = 0.25  # of the information of a direction: what other blocks hold of it at least, else they tell nothing of it
+_FEWEST = 3.0  # degrees of freedom: with less the scatter of blocks is no measure of an error
 # times that segments are joined, of a few masses by four: 80 samples, which is mostly a period
 _JOINED_FAR = 2
 _COLLINEAR = 1e-6  # of its own information: what is left of an unknown beside the others
@@ -158,37 +160,71 @@ class BlockScores:
         return BlockScores(np.add.reduceat(self.scores, firsts), np.add.reduceat(self.information, firsts))
 
     def ratios(self, free: Bools, noise: float, deviations: Callable[[BlockScores, Bools], Floats]) -> Floats:
-        """(p,) standard errors by blocks over those of white `noise`, at least 1, in either number of blocks."""
+        """(p,) standard errors by blocks over those of white `noise`, the larger in either number; 1 where not `free`."""
         chosen, ratios = np.flatnonzero(free), np.ones(len(free))
         inverse = np.linalg.inv(self.information.sum(axis=0)[np.ix_(chosen, chosen)])
         white = noise * np.sqrt(np.maximum(inverse.diagonal(), np.finfo(float).tiny))
         by_blocks = [deviations(self.merged(blocks), free)[chosen] for blocks in BLOCKS]
-        ratios[chosen] = np.maximum(np.max(by_blocks, axis=0) / white, 1.0)
+        ratios[chosen] = np.max(by_blocks, axis=0) / white
         return ratios
 
     def deviations(self, free: Bools) -> Floats:
         """(p,) standard errors by leaving out one block at a time, widened to normal quantiles; zero where not `free`."""
         chosen, blocks = np.flatnonzero(free), len(self.scores)
         moved = np.einsum("bij,bj->bi", self._inverses_without_each(chosen), self.scores[:, chosen])
-        return self._errors(free, moved, (blocks - 1) / blocks)
+        variance = (blocks - 1) / blocks * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
+        out = np.zeros(len(free))
+        out[chosen] = _normal_quantiles(blocks - 1) * np.sqrt(variance)
+        return out
 
     def by_scores(self, free: Bools) -> Floats:
         """(p,) standard errors by the scores of blocks at the common optimum, widened to normal quantiles; zero where not
         `free`. One block that holds nearly all information, as a hit of a hammer does, does not inflate them.
+
+        The optimum follows the blocks that hold much of the information, whose scores are less there: each is enlarged to what
+        white noise gives it without that, and few such blocks have few degrees of freedom (Bell and McCaffrey 2002); not where
+        hardly more than one tells an unknown.
         """
         chosen, blocks = np.flatnonzero(free), len(self.scores)
-        information = self.information.sum(axis=0)[np.ix_(chosen, chosen)]
-        moved = np.linalg.solve(information, self.scores[:, chosen].T).T
-        return self._errors(free, moved, blocks / (blocks - 1))
-
-    def _errors(self, free: Bools, moved: Floats, factor: float) -> Floats:
-        """(p,) standard errors from how far each block moves the `free` unknowns (B, f)."""
-        variance = factor * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0)
+        unit, _, weights = self._enlarged(chosen)
+        pull = (self.scores - self.scores.mean(axis=0))[:, chosen] @ unit.T
+        degrees = self.degrees(free)[chosen]
+        plain = blocks / (blocks - 1) * np.sum((pull @ unit) ** 2, axis=0)
+        enlarged = np.sum(np.einsum("bci,bi->bc", weights, pull) ** 2, axis=0)
+        few = degrees < _FEWEST
         out = np.zeros(len(free))
-        out[free] = (
-            scipy.special.stdtrit(len(moved) - 1, _LEVEL) / scipy.special.ndtri(_LEVEL) * np.sqrt(variance)
+        out[chosen] = _normal_quantiles(np.where(few, blocks - 1, degrees)) * np.sqrt(
+            np.where(few, plain, enlarged)
         )
         return out
+
+    def degrees(self, free: Bools) -> Floats:
+        """(p,) degrees of freedom of the standard errors by scores: how many blocks tell it; zero where not `free`."""
+        chosen = np.flatnonzero(free)
+        _, shares, weights = self._enlarged(chosen)
+        rows = weights.transpose(1, 0, 2)  # (c, b, i)
+        followed = np.einsum("cbi,bij->cbj", rows, shares)
+        covariance = -followed @ followed.transpose(0, 2, 1)
+        covariance[:, np.arange(len(shares)), np.arange(len(shares))] += np.sum(followed * rows, axis=2)
+        out = np.zeros(len(free))
+        out[chosen] = _degrees(covariance)
+        return out
+
+    def told(self, free: Bools) -> Bools:
+        """(p,) whether enough blocks hold information on an unknown, in either number, for their scatter to be its error."""
+        degrees = np.array([self.merged(blocks).degrees(free) for blocks in BLOCKS])
+        return np.asarray((degrees >= _FEWEST).all(axis=0))
+
+    def _enlarged(self, chosen: Indices) -> tuple[Floats, Floats, Floats]:
+        """The unit (c, c) in which the information on the `chosen` unknowns is 1, the shares (B, c, c) of blocks in it, and
+        what their scores in that unit move the unknowns by, enlarged, (B, c, c).
+        """
+        parts = self.information[:, chosen][:, :, chosen]
+        unit = np.linalg.inv(np.linalg.cholesky(parts.sum(axis=0)))
+        shares = unit @ parts @ unit.T
+        sizes, axes = np.linalg.eigh(shares)
+        enlarged = 1.0 / np.sqrt(np.maximum(1.0 - sizes, _SHARED))
+        return unit, shares, unit.T @ (axes * enlarged[:, None, :]) @ axes.transpose(0, 2, 1)
 
     def chances(self, free: Bools, noise: float) -> Floats:
         """(p,) probabilities that noise alone scatters estimates without one block so far; 1 where not `free`.
@@ -208,8 +244,7 @@ class BlockScores:
         covariance[:, np.arange(len(parts)), np.arange(len(parts))] += own
         covariance -= covariance.mean(axis=1, keepdims=True)
         covariance -= covariance.mean(axis=2, keepdims=True)
-        mean = np.trace(covariance, axis1=1, axis2=2)
-        degrees = mean**2 / np.sum(covariance**2, axis=(1, 2))
+        mean, degrees = np.trace(covariance, axis1=1, axis2=2), _degrees(covariance)
         out[chosen] = scipy.special.chdtrc(degrees, degrees * squares / mean)
         return out
 
@@ -234,6 +269,16 @@ class BlockScores:
         tested = left > _COLLINEAR
         pulls = np.var(self.scores * scale @ beside, axis=0, ddof=1) * len(self.scores)
         return np.where(tested, pulls / np.where(tested, left, 1.0), 1.0)
+
+
+def _degrees(covariance: Floats) -> Floats:
+    """(p,) degrees of freedom of sums of squares of normal numbers with covariances (p, B, B) (Satterthwaite 1946)."""
+    return np.asarray(np.trace(covariance, axis1=1, axis2=2) ** 2 / np.sum(covariance**2, axis=(1, 2)))
+
+
+def _normal_quantiles(degrees: Floats | float) -> Floats:
+    """What a standard error with so many degrees of freedom is to be multiplied by, so that normal quantiles hold."""
+    return np.asarray(scipy.special.stdtrit(degrees, _LEVEL) / scipy.special.ndtri(_LEVEL))
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,6 +322,7 @@ def block_scatter(optimum: Optimum, free: Bools, scores: BlockScores | None = No
         ratios = scores.ratios(free, optimum.noise, BlockScores.deviations)
         if np.max(ratios) > _ALONE:
             ratios = scores.ratios(free, optimum.noise, BlockScores.by_scores)
+        ratios = np.maximum(ratios, 1.0)
         chances = np.fmin(*(scores.merged(blocks).chances(free, optimum.noise) for blocks in BLOCKS))
     except np.linalg.LinAlgError:
         return None
@@ -454,7 +500,7 @@ def explained_fit(
     white_alone = known or not (inexact and options.coloured_noise)
     coloured = None if white_alone else with_coloured_noise(segments, fit, annealer)
     unreached = did_not_converge(fit) and fit.misfit.data > (1.0 + limit) * fit.samples
-    unlimited = inexact and options.steps >= AnnealingSchedule.max_steps
+    unlimited = inexact and not options.is_trial
     off_by_laws = off and fit.chi_square > 1.0 and _is_coloured(fit)
     is_sought = inexact and (known or unreached or off_by_laws)
     found = with_model_error(segments, fit, start, annealer) if is_sought else None
@@ -619,8 +665,7 @@ def searched(
     if held is not None and fit.status is not AnnealingStatus.INTERRUPTED:
         released = annealer(segments, fit.point, fit.scales, _loosened(schedule))
         fit = replace(released, path=(*fit.path, *released.path))
-    limited = options.steps < AnnealingSchedule.max_steps
-    if not limited and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
+    if not options.is_trial and did_not_converge(fit) and fit.misfit.data < _NEARLY * fit.samples:
         fit = _resumed(segments, fit, schedule, annealer)
     if problem.segments.chains < segments.chains:
         joined = _joined(problem.segments, fit, limit, annealer)
@@ -654,7 +699,7 @@ def _of_long_record(
     annealer: Annealer,
 ) -> AnnealingFit | None:
     """The fit to a long record without long gaps; None where it is not searched so, or leads to no optimum."""
-    limited = options.steps < AnnealingSchedule.max_steps or options.tightest > AnnealingSchedule.final_q
+    limited = options.is_trial or options.tightest > AnnealingSchedule.final_q
     if limited or options.relaxation is not None or options.ceiling < np.inf:
         return None
     if problem.segments.chains < segments.chains or not is_long(segments):

@@ -4,7 +4,8 @@ Where laws are wrong by more than the noise, the likeliest relaxation is that of
 motion tells hardly anything and what is missing goes into the coefficients. So the motion is held to the laws over longer and
 longer horizons. The answer is that of the loosest horizon from which on the coefficients hardly move: the values of this form
 of the laws that come closest over motion like that of the records (White, Econometrica 50, 1982). Its standard errors are
-those of the scores of separate blocks of the records at the common optimum, and hold the change to the tighter horizons.
+those of the scores of separate blocks of the records at the common optimum, and hold the change to the tighter horizons. They
+may be less than white noise would give: a force that does no work over a period leaves a damping alone.
 
 What a model error or noise of an input hides: a missing term that explains most of what is left without it, or a change.
 
@@ -68,7 +69,7 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     if blocks_of_scatter(fit.optimum.segments) == 1:
         longer = FEWEST * BLOCKS[0] / fit.optimum.segments.count
         return f"The record is too short to compare parts of it: take {max(longer, 1.1):.2g} times as much of such motion."
-    path = list(_from_exact(fit))[::-1] if fit.noise_from_misfit else list(_path(fit))
+    path = _from_exact(fit)[::-1] if fit.noise_from_misfit else _path(fit)
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     if not moves:
         return (
@@ -77,19 +78,17 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     if min(moves) > _LARGEST:
         return _turning(fit, path)
     chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), int(np.argmin(moves)))
-    moved = [later.values - path[chosen].values for later in path[chosen + 1 :]]
-    return replace(
-        path[chosen], covariance=path[chosen].covariance + np.diag(np.max(np.square(moved), axis=0))
-    )
+    answer = path[chosen].fit
+    moved = [later.fit.values - answer.values for later in path[chosen + 1 :]]
+    return replace(answer, covariance=answer.covariance + np.diag(np.max(np.square(moved), axis=0)))
 
 
-def _turning(fit: LikelihoodFit, path: Sequence[LikelihoodFit]) -> str:
+def _turning(fit: LikelihoodFit, path: Sequence[_Horizon]) -> str:
     """What the horizon changes most, of which no interval can be given."""
-    deviations = np.sqrt(np.maximum(path[0].covariance.diagonal(), 1e-300))
-    most = int(np.argmax(np.abs(path[-1].values - path[0].values) / deviations * fit.free))
-    first, last = (
-        format_both(values[most], deviations[most])[0] for values in (path[0].values, path[-1].values)
-    )
+    deviations = np.maximum(path[0].deviations, 1e-150)
+    loose, tight = path[0].fit.values, path[-1].fit.values
+    most = int(np.argmax(np.abs(tight - loose) / deviations * fit.free))
+    first, last = (format_both(values[most], deviations[most])[0] for values in (loose, tight))
     name = fit.segments.system.parameters.names[most]
     return (
         f"{name} is {first} over short horizons and {last} over long ones, which no interval holds: hold it at a known value, "
@@ -97,39 +96,50 @@ def _turning(fit: LikelihoodFit, path: Sequence[LikelihoodFit]) -> str:
     )
 
 
-def _largest_move(before: LikelihoodFit, after: LikelihoodFit) -> float:
+@dataclass(frozen=True, eq=False)
+class _Horizon:
+    """The fit at one horizon, and the standard errors (p,) by blocks, or by white noise where these are larger.
+
+    Below the latter a coefficient moves from one horizon to the next by chance.
+    """
+
+    fit: LikelihoodFit
+    deviations: Floats
+
+
+def _largest_move(before: _Horizon, after: _Horizon) -> float:
     """How far the parameter moves most from a horizon to the next, in its standard errors; those at bounds have none."""
-    deviations = np.sqrt(np.maximum(before.covariance.diagonal(), 0.0))
-    moved = after.values - before.values
-    free = deviations > 0.0
-    return float(np.max(np.abs(moved[free]) / deviations[free], initial=0.0))
+    moved = after.fit.values - before.fit.values
+    free = before.deviations > 0.0
+    return float(np.max(np.abs(moved[free]) / before.deviations[free], initial=0.0))
 
 
-def _path(fit: LikelihoodFit) -> list[LikelihoodFit]:
+def _path(fit: LikelihoodFit) -> list[_Horizon]:
     """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
     exact = fit.optimum.q <= AnnealingSchedule.final_q
     loosest = _LOOSE if exact else fit.optimum.q
     return _followed(fit, [(loosest, 1), *((q, reach) for q, reach in _REACH.items() if q < loosest)])
 
 
-def _from_exact(fit: LikelihoodFit) -> list[LikelihoodFit]:
+def _from_exact(fit: LikelihoodFit) -> list[_Horizon]:
     """A fit of exact laws, and the optima at looser and looser relaxations as long as they are found: over short horizons
     a record may not tell what it does over long ones, as the motion of many modes by few sensors.
     """
     looser = [(q, reach) for q, reach in reversed(_REACH.items()) if q <= _LOOSE]
-    return [fit, *_followed(fit, [step for step in looser if _has_blocks(fit.optimum, step[1])])]
+    exact = _Horizon(fit, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)))
+    return [exact, *_followed(fit, [step for step in looser if _has_blocks(fit.optimum, step[1])])]
 
 
-def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> list[LikelihoodFit]:
+def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> list[_Horizon]:
     """The fits at relaxations, of which the error of a state reaches so many segments, each searched from the one before."""
-    path, optimum = list[LikelihoodFit](), fit.optimum
+    path, optimum = list[_Horizon](), fit.optimum
     for q, reach in relaxations:
         found = optimum.searched(q, _STEPS) if _has_blocks(optimum, reach) else None
         there = _by_blocks(fit, found) if found and found.status is AnnealingStatus.CONVERGED else None
         if there is None:
             break
         path.append(there)
-        optimum = there.optimum
+        optimum = there.fit.optimum
     return path
 
 
@@ -139,8 +149,11 @@ def _has_blocks(optimum: Optimum, reach: int) -> bool:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is no horizon
-def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> LikelihoodFit | None:
-    """The fit where a search ended, with its covariance by blocks; None where that is not finite."""
+def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
+    """The fit where a search ended, with its covariance by blocks; None where that is not finite.
+
+    Of what is known beforehand, or told by hardly more than one block, blocks do not say that it is known better.
+    """
     optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
     if blocks_of_scatter(optimum.segments) == 1:
         return None
@@ -151,11 +164,19 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> LikelihoodFit | None:
         return None
     try:
         ratios = scores.ratios(~found.at_bound, noise, BlockScores.by_scores)
-        covariance = _with_noise(found, noise, optimum.segments.prior) * np.outer(ratios, ratios)
+        told = scores.told(~found.at_bound)
+        white = _with_noise(found, noise, optimum.segments.prior)
     except np.linalg.LinAlgError:
         return None
+    if (prior := optimum.segments.prior) is not None:
+        told &= np.isinf(prior.deviation)
+    ratios = np.where(told, ratios, np.maximum(ratios, 1.0))
+    covariance = white * np.outer(ratios, ratios)
+    if not np.isfinite(covariance).all():
+        return None
     there = fit.at(replace(optimum, noise=noise), found, covariance)
-    return there if np.isfinite(covariance).all() else None
+    larger = np.sqrt(np.maximum(np.maximum(covariance, white).diagonal(), 0.0))
+    return _Horizon(there, larger[: len(there.values)])
 
 
 def _with_noise(found: AnnealingFit, noise: float, prior: Prior | None) -> Floats:
