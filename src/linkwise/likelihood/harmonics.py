@@ -343,8 +343,9 @@ def _lines(fit: LikelihoodFit, records: Sequence[Record]) -> tuple[list[_Line], 
             # at whose multiples a drift shows as well, as motion begins anew in each segment
             nodes = record.rate / samples
             slow = np.abs(frequency - nodes * np.rint(frequency / nodes)) < _PERIODS / record.duration
+            high = (ratio >= _ABOVE) & ~slow & (frequency <= _HIGHEST * min(rate, record.rate))
+            row, frequency, ratio = row[high], frequency[high], ratio[high]
             fades = _fade(own[row], frequency / rate, ratio)
-            ratio[slow | (frequency > _HIGHEST * min(rate, record.rate))] = 0.0
             found.append(np.stack([ratio, frequency, np.full(len(row), kind), row, fades]))
     return list(_highest(np.concatenate(found, axis=1), records[0].duration)), count
 
@@ -366,12 +367,12 @@ def _highest(found: Floats, duration: float) -> Iterator[_Line]:
     order = np.argsort(-found[0], kind="stable")
     ratio, frequency, kind, number, fades = found[:, order]
     for _ in range(_LINES):
-        if not np.max(ratio, initial=0.0) >= _ABOVE:
+        if not ratio.any():
             return
         highest = int(np.argmax(ratio))
         line = float(frequency[highest])
         away = np.abs(frequency - line) * duration
-        near = (away < 2.0) & (ratio >= _ABOVE)
+        near = (away < 2.0) & (ratio > 0.0)
         channels, masses = (
             list(dict.fromkeys(number[near & (kind == own)].astype(int).tolist())) for own in (0, 1)
         )

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.neighbourhoods import LocalRows, Neighbourhood, as_slice
-from linkwise.likelihood.shooting.normal_equations import Linearization, Sums, empty_model, filled
+from linkwise.likelihood.shooting.normal_equations import Linearization, Sums, empty_model, filled, summed
 
 _AT_ONCE = 400_000  # numbers in the sensitivities of a group in a chunk
 _HELD = 8_000_000  # numbers in the rows of all groups in a chunk
-_TOGETHER = 8  # segments whose products are summed in the precision of the rows
 
 
 def local_linearization(rows: LocalRows, executor: Executor | None = None, blocks: int = 1) -> Linearization:
@@ -69,7 +68,7 @@ def local_linearization(rows: LocalRows, executor: Executor | None = None, block
             states = len(first.states), len(second.states)
             for corners, both in ((model.of_data, shown), (model.of_defects, moving)):
                 (a, b), (own_rows, other_rows) = states, both
-                corner = np.stack([_summed(own_rows[at, :, a:], other_rows[at, :, b:]) for at in pieces])
+                corner = np.stack([summed(own_rows[at, :, a:], other_rows[at, :, b:]) for at in pieces])
                 own_columns, others = first.border[: corner.shape[1]], second.border[: corner.shape[2]]
                 by_blocks = _by_blocks(corner, estimated[own_columns], estimated[others])
                 for at, own_places, other_places, added in by_blocks:
@@ -165,18 +164,3 @@ def _common_rows(
     )
     k, r = len(first), int(np.prod(first.shape[1:-1]))
     return first.reshape(k, r, first.shape[-1]), second.reshape(k, r, second.shape[-1])
-
-
-def _summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
-    """(q, q') sum over segments of the products of rows (k, r, q) and (k, r, q').
-
-    Few segments are multiplied together, so that sums of single precision remain short.
-    """
-    k, r = first.shape[:2]
-    whole = k - k % _TOGETHER
-    total = np.zeros((first.shape[2], second.shape[2]))
-    for some, size in ((slice(whole), _TOGETHER), (slice(whole, k), 1)):
-        count = (some.stop - (some.start or 0)) // size
-        left, right = (rows[some].reshape(count, size * r, rows.shape[2]) for rows in (first, second))
-        total += (left.transpose(0, 2, 1) @ right).sum(axis=0, dtype=float)
-    return total

@@ -134,6 +134,7 @@ def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whi
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
 _AT_ONCE = 200_000  # numbers in the equations of nodes that are assembled together
+_TOGETHER = 8  # segments whose products are summed in the precision of the rows
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
 
 
@@ -141,8 +142,7 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
     m, K = segments.system.dimension, segments.count
     p = segments.parameters if parameters is None else parameters
-    size = max(16, int(CHUNK / (m * (m + p))) // 16 * 16)
-    return [slice(first, min(first + size, K)) for first in range(0, K, size)]
+    return [slice(*ends) for ends in pairwise(block_ends(K, max(1, round(K * m * (m + p) / CHUNK))))]
 
 
 def block_ends(K: int, blocks: int) -> list[int]:
@@ -314,7 +314,7 @@ def linearise(
 
     The amplitudes of `candidates` and the sizes of `errors` follow theta in the border, whose corner is summed by consecutive
     `blocks` of segments, but for the errors: these are multiplied in their channel alone, and asked for in no blocks. Rows
-    are multiplied segment by segment in single precision, and the products summed in double precision, in which the ends are.
+    of few segments are multiplied in single precision, and the products summed in double precision, in which the ends are.
     """
     m, p = segments.system.dimension, segments.parameters + _extra_columns(candidates, errors)
     model = empty_model(segments, misfit, p, blocks, np.float64)
@@ -326,18 +326,19 @@ def linearise(
 
     def work(part: slice, pieces: list[slice]) -> list[Sums]:
         rows, ends = whitened_jacobian(segments, misfit, scales, loss, part, candidates)
-        product = rows.transpose(0, 2, 1) @ rows
+        by_border = rows[..., m:]
+        product = rows[..., :m].transpose(0, 2, 1) @ rows
         right, right_ends = model.right[part], model.right_ends[part]
         model.state[part], right[..., own], right[..., p] = (
-            product[:, :m, :m],
-            product[:, :m, m:-1],
-            product[:, :m, -1],
+            product[..., :m],
+            product[..., m:-1],
+            product[..., -1],
         )
         ends *= model.joined[part, :, None]
         model.state_ends[part], right_ends[..., own] = ends[..., :m], ends[..., m:]
         ends = np.concatenate([ends[..., m:], right_ends[..., p:]], axis=2)
         borders = (ends[piece].reshape(-1, ends.shape[2]) for piece in pieces)
-        of_data = np.stack([product[piece, m:, m:].sum(axis=0, dtype=float) for piece in pieces])
+        of_data = np.stack([summed(by_border[piece], by_border[piece]) for piece in pieces])
         of_defects = np.stack([border.T @ border for border in borders])
         sums = list[Sums]()
         for corners, products in ((model.of_data, of_data), (model.of_defects, of_defects)):
@@ -348,11 +349,9 @@ def linearise(
             count, width = last - first, rows.shape[2] - m
             beside, squares = np.zeros((count, width)), np.zeros((count, count))
             for channel, numbers, columns in _errors(segments, misfit, scales, loss, part, errors):
-                product = columns @ shown[:, :, channel]
-                right[..., first + numbers] = product[..., :m].transpose(0, 2, 1)
-                beside[numbers] = product[..., m:].sum(axis=0, dtype=float)
-                powers = columns @ columns.transpose(0, 2, 1)
-                squares[numbers[:, None], numbers] = powers.sum(axis=0, dtype=float)
+                right[..., first + numbers] = shown[:, :, channel, :m].transpose(0, 2, 1) @ columns
+                beside[numbers] = summed(columns, shown[:, :, channel, m:])
+                squares[numbers[:, None], numbers] = summed(columns, columns)
             block, at = slice(0, 1), slice(first, last)
             sums.append((model.of_data.matrices, (block, at, own), beside[:, :-1]))
             sums.append((model.of_data.matrices, (block, own, at), beside[:, :-1].T))
@@ -364,6 +363,22 @@ def linearise(
     return filled(model, parts, work, executor, (segments, misfit, scales))
 
 
+def summed(first: NDArray[Any], second: NDArray[Any]) -> Floats:
+    """(q, q') sum over segments of the products of rows (k, r, q) and (k, r, q').
+
+    Few segments are multiplied together, so that sums of single precision remain short.
+    """
+    k, r = first.shape[:2]
+    together = k // -(-k // _TOGETHER)
+    whole = k - k % together
+    total = np.zeros((first.shape[2], second.shape[2]))
+    for some, size in ((slice(whole), together), (slice(whole, k), 1)):
+        count = (some.stop - (some.start or 0)) // size
+        left, right = (rows[some].reshape(count, size * r, rows.shape[2]) for rows in (first, second))
+        total += (left.transpose(0, 2, 1) @ right).sum(axis=0, dtype=float)
+    return total
+
+
 def _errors(
     segments: Segments,
     misfit: Misfit,
@@ -372,7 +387,7 @@ def _errors(
     part: slice,
     errors: SensorErrors | None,
 ) -> Iterator[tuple[int, Indices, Single]]:
-    """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, c, M)."""
+    """Of each channel with errors the numbers of these, and what they add to its samples, whitened (k, M, c)."""
     if errors is None:
         return
     _, whiten = _weights(segments, misfit, scales, loss, part)
@@ -381,7 +396,7 @@ def _errors(
         numbers = np.flatnonzero(errors.channel == channel)
         factor = factors[channel] if channel in segments.sensors.scaled else 1.0
         columns = whiten[:, channel, None] * (factor * errors.values[:, numbers, part])
-        yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 1, 0), np.float32)
+        yield channel, numbers, np.ascontiguousarray(columns.transpose(2, 0, 1), np.float32)
 
 
 def add_prior(corner: Floats, gradient: Floats, prior: Prior, point: Iterate, scales: Scales) -> None:
@@ -434,7 +449,7 @@ def whitened_jacobian(
         add_shown_forces(jacobian, segments.random, scales, whiten)
     add_errors_of_sensors(jacobian, segments, misfit, scales, root, part)
     for channel, numbers, own in _errors(segments, misfit, scales, loss, part, errors):
-        jacobian[:, :, channel, moving + numbers] = own.transpose(0, 2, 1)
+        jacobian[:, :, channel, moving + numbers] = own
     ends /= scales.state[:, None]
     return jacobian.reshape(K, M * C, P + 1), ends
 
