@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats, Indices
+from linkwise.arrays import Bools, Floats, Indices, bridged
 from linkwise.errors import IdentificationError
 from linkwise.model.host import Host
 from linkwise.model.link import Mass
@@ -169,22 +169,13 @@ def read_densely(record: Record, structure: Structure) -> tuple[Record, Measured
     return dense, replace(motion, bandwidth=highest_frequency(record), density=density)
 
 
-def bridged(displacements: Floats, missing: Bools) -> Floats:
-    """Signals (k, N) with straight lines through samples that are `missing` (up to k, N)."""
-    filled, index = displacements.copy(), np.arange(displacements.shape[1])
-    for row, lost in zip(filled, missing, strict=False):
-        if lost.any() and not lost.all():
-            row[lost] = np.interp(index[lost], index[~lost], row[~lost])
-    return filled
-
-
 def _bridged_bandwidth(values: Floats, rate: float, sigma: Floats) -> float:
     """Bandwidth in Hz of channels (C, N) without a long complete piece."""
     present = np.isfinite(values).any(axis=1)
     if not present.any():
         return 0.5 * rate
-    whole = bridged(values, ~np.isfinite(values))[present]
-    return float(np.max(bandwidth(whole.T, rate, sigma[present])))
+    whole = np.stack([bridged(row) for row in values[present]], axis=1)
+    return float(np.max(bandwidth(whole, rate, sigma[present])))
 
 
 def _of_modes(shown: MeasuredDisplacements, structure: Structure) -> MeasuredDisplacements:

@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from scipy.linalg import lapack
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Floats, bridged
 from linkwise.errors import IdentificationError
 from linkwise.expression import Program, differentiate
 from linkwise.likelihood.starts.memory import MemorySearch, Start
@@ -34,7 +34,6 @@ from linkwise.records.channel import Channel, require_complete
 from linkwise.records.record import Record
 from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.states import SmoothingSpline, smoothing_spline
-from linkwise.weak.displacements import bridged
 
 
 @dataclass(frozen=True, eq=False)
@@ -575,8 +574,7 @@ def starts(problem: RigProblem, given: Mapping[str, float]) -> tuple[Start, ...]
         for along in (motion.d, motion.v)
     )
     shown: dict[str, Floats] = {
-        cell_name(problem.structure, link): bridged(force[None], ~np.isfinite(force[None]))[0, searched]
-        for link, force in forces.items()
+        cell_name(problem.structure, link): bridged(force)[searched] for link, force in forces.items()
     }
     slow = int(bool(problem.offsets))
     step = thinned * motion.step * motion.substeps

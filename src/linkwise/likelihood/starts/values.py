@@ -664,26 +664,15 @@ def _best_weak_fit(
     Short gaps are bridged where no record has enough windows without one.
     """
     sampled = [common_samples(record) or record for record in records]
-    fits, failures = _weak_fits(sampled, structure, known)
-    if not fits:
-        bridged = [filled for record in sampled if (filled := short_gaps_bridged(record)) is not None]
-        fits = _weak_fits(bridged, structure, known)[0]
+    fits, failures, tiny = list[WeakFit](), list[IdentificationError](), np.finfo(float).tiny
+    for some in (sampled, filter(None, map(short_gaps_bridged, sampled))):
+        for record in some if not fits else ():
+            try:
+                dense, motion = read_densely(record, structure)
+                fits.append(weak_search(dense, structure, motion, known)[1])
+            except IdentificationError as error:
+                failures.append(error)
     if not fits:
         raise failures[0]
-    tiny = np.finfo(float).tiny
     best = min(fits, key=lambda fit: float(np.mean(np.log(np.maximum(fit.covariance.diagonal(), tiny)))))
     return best.values, np.sqrt(np.maximum(best.covariance.diagonal(), 0.0))
-
-
-def _weak_fits(
-    records: Sequence[Record], structure: Structure, known: Mapping[str, float]
-) -> tuple[list[WeakFit], list[IdentificationError]]:
-    """The weak fits to each of the records, and why others fail."""
-    fits, failures = [], []
-    for record in records:
-        try:
-            dense, motion = read_densely(record, structure)
-            fits.append(weak_search(dense, structure, motion, known)[1])
-        except IdentificationError as error:
-            failures.append(error)
-    return fits, failures
