@@ -246,7 +246,10 @@ def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> 
     before = Judgement(lw.Verdict.MODEL_ERROR_NEEDED, "")
     best, optimum = Examined(fit, asked, [asked], records), fit.optimum
     assert motion_that_runs_away(best, before) is None
-    for factors in ([1.0, -10.0], [0.5, 1.0]):  # whose residuals are 7e4 and 1.4 times the motion
+    for factors in (
+        [1.0, -10.0],
+        [0.4, 1.0],
+    ):  # whose residuals are 7e4 and 2.7 times the power of the motion
         point = replace(optimum.point, theta=fit.values * factors)
         misfit = evaluate(optimum.segments, point, optimum.scales, optimum.loss)
         wrong = replace(best, fit=replace(fit, optimum=replace(optimum, misfit=misfit)))

@@ -101,7 +101,7 @@ class Optimum:
 
     @cached_property
     def runs_away(self) -> bool:
-        """Whether motion by the laws, run on from states along the records, leaves more of a channel than rest would."""
+        """Whether motion by the laws, run on from states along the records, leaves more of a channel than any unrelated would."""
         segments, point = self.segments, self.point
         for _ in range(_JOINED_FAR):
             longer = LongerSegments.of(segments)
@@ -113,7 +113,7 @@ class Optimum:
         with np.errstate(over="ignore", invalid="ignore"):
             power = np.sum(left**2, axis=(0, 2))
         of_noise = segments.observed.sum(axis=(0, 2))
-        return not bool(np.all(power <= np.sum(shown**2, axis=(0, 2)) + of_noise))
+        return not bool(np.all(power <= _UNRELATED * np.sum(shown**2, axis=(0, 2)) + of_noise))
 
     def searched(self, q: float, steps: int, start: Iterate | None = None) -> AnnealingFit:
         """The search at one relaxation, from this optimum or another `start`."""
@@ -337,6 +337,9 @@ def blocks_of_scatter(segments: Segments) -> int:
 
 _ROUGH = 3.0  # cost per sample at q = 1 beyond which states are no motion: their noise leaves 1 or 2
 _SCHEDULE = AnnealingSchedule(initial_q=10.0, final_q=0.1, max_steps=30)
+_UNRELATED = (
+    2.0  # times the power of the samples: residuals of a motion as large that has nothing to do with them
+)
 _OPPOSITE = 4.0  # times the power of the samples: residuals of a motion as large, in opposite phase
 _MANY = 0.2  # share of the segments from which the flow runs away although laws and units are right
 _HALVINGS = 20  # of states from which the flow runs away
