@@ -8,7 +8,7 @@ from sources import FILES, SOURCE, sizes, tree
 
 LINES = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8").count("\n") for path in FILES}
 FILE, FUNCTION, PARAMETERS = 800, 60, 8
-TESTS = 35618  # lines of all files of tests
+TESTS = 35636  # lines of all files of tests
 
 
 BUDGET = {  # files and lines of code of each package: falls with any commit, rises only in one that argues why
@@ -16,13 +16,13 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "analysis": (4, 506),
     "cli": (20, 1899),
     "discovery": (18, 3498),
-    "estimates": (7, 1462),
+    "estimates": (7, 1464),
     "export": (9, 784),
     "expression": (6, 1083),
     "files": (14, 1943),
     "identification": (13, 2400),
     "inspection": (10, 1884),
-    "likelihood": (64, 14222),
+    "likelihood": (65, 14306),
     "modal": (5, 853),
     "model": (17, 2995),
     "paper": (3, 368),
