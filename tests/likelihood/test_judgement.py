@@ -256,3 +256,21 @@ def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> 
         judgement = present(motion_that_runs_away(wrong, before))
     assert judgement.verdict is lw.Verdict.NOT_CONVERGED
     assert "state starts of link.k and link.c within some 20 %" in judgement.message
+
+
+@pytest.mark.parametrize(("left", "growth"), [(0.5, 0.0), (0.2, 0.0), (1.0, 0.0), (1.0, 10.0)])
+def test_an_exponential_window_is_told_by_the_noise_that_falls_with_it(left: float, growth: float) -> None:
+    """A motion that decays has more damping then, by 17 and 40 %; noise that grows with the motion is no window."""
+    spring = oscillator("k*d + c*v", name="spring", k=5000.0, c=2.0)
+    clean = lw.simulate(spring, release={"v:m1": 0.5}, duration=4.0, rate=500.0)
+    level = 10.0 ** (-SNR / 20.0) * 0.2 * clean.values.std()
+    louder = np.sqrt(1.0 + growth * np.exp(-2.0 * clean.time))
+    noise = np.random.default_rng(31).normal(size=len(clean)) * level * louder
+    windowed = (clean.values + noise[:, None]) * left ** (clean.time / 4.0)[:, None]
+    fit = lw.identify(replace(clean, values=windowed, simulated=None), spring.unknown("all"))
+    if left == 1.0:
+        assert "window" not in {cause.kind for cause in fit.diagnosis} and fit.grade is not lw.Grade.REFUSED
+        return
+    assert fit.grade is lw.Grade.REFUSED and [cause.kind for cause in fit.diagnosis] == ["window"]
+    [window] = fit.diagnosis
+    assert abs(window.size + 0.25 * np.log(left)) < 4.0 * window.standard_error

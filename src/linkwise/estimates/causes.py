@@ -32,7 +32,7 @@ class Cause:
         them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
         ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
         ``"clock"``, a ``"slip"`` by samples that were lost or doubled, another ``"range"`` from a moment on,
-        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, ``"mass"``, the ``"frequency"`` of a mode
+        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``, ``"mass"``, the ``"frequency"`` of a mode
         of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force
         gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel or that of the base, an
         ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"`` where white ones were
@@ -46,7 +46,7 @@ class Cause:
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
         shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
         time constant for a filter, how many times too large values in another unit are, the factor of a range, the
-        corner of a high pass, the frequency of a mode that is lacking or of a hum, the number of clipped samples or
+        corner of a high pass, the frequency of a mode that is lacking or of a hum, the rate at which a window falls, the number of clipped samples or
         spikes, of samples of the shortest hit, of those that were lost or, below 0, doubled, 0 for a sign, a relative
         motion and channels that are swapped, the standard deviation of noise, the spectral density of an ambient force,
         the root mean square of what that of a coloured one departs from its mean by, and the square of that of an
@@ -216,6 +216,7 @@ HITS: Final = "hits"
 SPIKES: Final = "spikes"
 HUM: Final = "hum"
 RANGE: Final = "range"
+WINDOW: Final = "window"
 
 _OFF = "{0.where} that is off by {percent:+.3g} %"
 _SIZED = "{0.where} of {size:.3g} {0.unit}{remark}"
@@ -247,6 +248,7 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         ),
         SPIKES: CauseKind("{0.size:.0f} sample{plural} of {0.where} that are spikes", "1"),
         HUM: CauseKind("a hum of {0.where} at {0.size:.5g} Hz{remark}", "Hz"),
+        WINDOW: CauseKind("an exponential window on {0.where} that falls by {0.size:.3g} 1/s", "1/s"),
         "mass": CauseKind(f"a mass of {_OFF}{{remark}}", "1", relative=True),
         "coefficient": CauseKind(_OFF, "1"),
         "frequency": CauseKind(f"a frequency of {_OFF}", "1"),

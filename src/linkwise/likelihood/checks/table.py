@@ -9,6 +9,7 @@ from linkwise.likelihood.checks.changed_coefficients import changed_coefficients
 from linkwise.likelihood.checks.host_modes import modes_of_hosts
 from linkwise.likelihood.checks.judgement import Check, Examined, Judgement
 from linkwise.likelihood.checks.skewed_profiles import skewed_profiles
+from linkwise.likelihood.checks.windows import exponential_window
 
 VERDICTS = (
     Check("convergence", "refuses", verdicts.convergence),
@@ -42,6 +43,7 @@ FINDINGS = (
     Check("stated noise", "names", recording.understated_noise),
     Check("changes along the record", "approximates", changed_coefficients),
     Check("motion that begins anew", "approximates", verdicts.motion_that_begins_anew),
+    Check("exponential window", "refuses", exponential_window),
     Check("skewed profiles", "widens", skewed_profiles),
     Check("clipped samples and errors of channels", "refuses", recording.errors_of_records),
     Check("modes that hosts lack", "approximates", modes_of_hosts),

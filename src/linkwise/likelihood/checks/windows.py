@@ -1,0 +1,120 @@
+"""Exponential windows of hammer tests, by which channels were multiplied: noise falls along the record as the window does.
+
+To a motion that decays such a window is damping, by any laws, and the residuals stay noise; their level alone tells it. Noise
+that grows with the motion falls as well, as the power of that: which of them it is the likelihoods of both levels say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from linkwise.arrays import Floats
+from linkwise.estimates.causes import WINDOW, Cause
+from linkwise.likelihood.checks.judgement import Examined, Judgement
+from linkwise.likelihood.fit import LikelihoodFit
+from linkwise.records.record import Record
+from linkwise.verdict import Verdict
+
+_BLOCKS = 24  # of each record, over which levels are taken
+_FALLS = np.linspace(0.0, 6.0, 121)  # logarithms of what a window takes off a record
+_GROWTH = np.geomspace(
+    0.01, 1e4, 61
+)  # power of noise as large as the motion is on average, over that which is always there
+_CHANCE = 16.0  # of -2 log likelihood: four standard errors
+_LIKELIER = 9.0  # of it: three, by which noise that grows with the motion has to explain more
+_SLOWER = 0.9  # times the rate at which the motion decays: what falls as fast as that follows it
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """Mean squares of noise and motion (R, B) in blocks of records and channels, of so many samples, at parts of records."""
+
+    noise: Floats
+    motion: Floats
+    samples: Floats
+    part: Floats
+
+    def costs(self, power: Floats, shape: Floats) -> Floats:
+        """(R,) -2 log likelihood of mean squares of normal values, of which variances go with a shape (..., B)."""
+        scale = np.sum(self.samples * power / shape, axis=1) / np.sum(self.samples, axis=1)
+        variance = np.maximum(scale[:, None] * shape, np.finfo(float).tiny)
+        return np.asarray(np.sum(self.samples * (np.log(variance) + power / variance), axis=1))
+
+    def overdispersion(self, shape: Floats) -> float:
+        """By how much levels of noise scatter about a shape more than those of normal values do, at least 1."""
+        scale = np.sum(self.samples * self.noise / shape, axis=1) / np.sum(self.samples, axis=1)
+        return max(
+            1.0, float(np.mean(0.5 * self.samples * (self.noise / (scale[:, None] * shape) - 1.0) ** 2))
+        )
+
+    def by_falls(self, power: Floats) -> Floats:
+        """(F, R) these costs by how much a window takes off."""
+        return np.array([self.costs(power, np.exp(-2.0 * fall * self.part)) for fall in _FALLS])
+
+    @property
+    def by_growth(self) -> float:
+        """The least cost of noise that grows with the motion."""
+        relative = self.motion / np.mean(self.motion, axis=1, keepdims=True)
+        return min(float(self.costs(self.noise, 1.0 + growth * relative).sum()) for growth in _GROWTH)
+
+
+def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
+    """Whether noise falls along records as behind an exponential window, which counts as damping of a motion that decays."""
+    fit, records = of.fit, of.records
+    unnamed = before.verdict in (Verdict.NOISE_MISMATCH, Verdict.OUTLIERS) and not before.diagnosis
+    if not (before.leaves_noise or unnamed) or fit.random_forces or fit.optimum.coloured is not None:
+        return None
+    blocks = list(_levels(fit, records))
+    if not blocks:
+        return None
+    levels = _Levels(*map(np.array, zip(*blocks, strict=True)))
+    of_each = levels.by_falls(levels.noise)
+    costs = of_each.sum(axis=1)
+    best = int(np.argmin(costs))
+    scatter = levels.overdispersion(np.exp(-2.0 * _FALLS[best] * levels.part))
+    gain = float(costs[0] - costs[best]) / scatter
+    follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
+    others = min(levels.by_growth, float(of_each.min(axis=0).sum()))  # a window falls in all channels alike
+    if gain < _CHANCE or follows or others < costs[best] - _LIKELIER * scatter:
+        return None
+    error = 1.0 / np.sqrt(np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
+    rate = float(_FALLS[best] / records[0].duration)
+    cause = Cause(WINDOW, "all channels", rate, "1/s", gain, float(error / records[0].duration))
+    return replace(
+        before,
+        verdict=Verdict.MEASUREMENT_ERROR,
+        message=(
+            f"What is left falls along the record as noise does behind {cause.description}, which would lower -2 log "
+            f"likelihood by {gain:.3g}. It counts as damping of a motion that decays: divide all channels by it, or record "
+            "without it."
+        ),
+        diagnosis=(cause,),
+        added={},
+    )
+
+
+def _levels(fit: LikelihoodFit, records: Sequence[Record]) -> Iterator[tuple[Floats, Floats, Floats, Floats]]:
+    """Of each channel of each record what `_Levels` has of it; none where segments do not follow each other."""
+    segments = fit.segments
+    samples = len(segments.samples)
+    counts = [-(-len(record) // samples) for record in records]
+    if segments.count != sum(counts) or min(counts) < _BLOCKS:
+        return
+    ends = np.cumsum([0, *counts])
+    for first, last in pairwise(ends.tolist()):
+        for number in range(segments.samples.shape[1]):
+            observed = segments.observed[:, number, first:last]
+            shown = segments.samples[:, number, first:last]
+            centred = np.where(observed, shown - np.mean(shown[observed]) if observed.any() else 0.0, 0.0)
+            residuals = np.where(observed, fit.misfit.residuals[:, number, first:last], 0.0)
+            edges = np.linspace(0, last - first, _BLOCKS + 1).astype(int)[:-1]
+            size, noise, motion = (
+                np.add.reduceat(each.sum(axis=0).astype(float), edges)
+                for each in (observed, residuals**2, centred**2)
+            )
+            if np.all(size > 0):
+                yield noise / size, motion / size, size, (np.arange(_BLOCKS) + 0.5) / _BLOCKS
