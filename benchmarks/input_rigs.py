@@ -6,6 +6,7 @@ One to four masses in a chain from the ground, cubic springs and bistable sinks,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,13 +18,17 @@ FINE = 8  # samples of the true input in one of the record
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A rig with its record: the `truth`, what is `asked` of it, and the `share` of the input's peak that its noise has."""
+    """A rig with its record: the `truth`, what is `asked` of it, and the `share` of the input's peak that its noise has.
+
+    `clean` gives the record without noise at so many times its rate.
+    """
 
     truth: lw.Structure
     asked: lw.Structure
     record: lw.Record
     share: float
     decibels: float
+    clean: Callable[[int], lw.Record]
 
 
 def _link(name: str, between: tuple[str, str], law: str, **values: float) -> lw.Link:
@@ -109,9 +114,12 @@ def rig(seed: int, kind: str = "hammer", *, unknown_mass: bool = False, share: f
         else:
             drive["base"] = lw.model.Sampled(0.0, rate * FINE, 2e-3 * signal)
             sensors = [("rel:x", "a:base"), ("a", "a:base"), ("x", "x:base")][int(rng.integers(3))]
-    clean = lw.simulate(
-        truth, duration=duration, rate=rate, release=_resting(truth), sensors=sensors, **drive
-    )
+
+    def run(times: int) -> lw.Record:
+        at = _resting(truth)
+        return lw.simulate(truth, duration=duration, rate=times * rate, release=at, sensors=sensors, **drive)
+
+    clean = run(1)
     decibels = float(rng.uniform(20.0, 40.0))
     share = float(np.exp(rng.uniform(np.log(1e-4), np.log(1e-2)))) if share is None else share
     record = clean.with_noise(decibels, seed=seed)
@@ -124,4 +132,4 @@ def rig(seed: int, kind: str = "hammer", *, unknown_mass: bool = False, share: f
     if unknown_mass:
         free = replace(truth.masses[0], mass=lw.Coefficient.unknown())
         asked = replace(asked, masses=(free, *truth.masses[1:]))
-    return Rig(truth, asked, replace(record, values=columns, simulated=None), share, decibels)
+    return Rig(truth, asked, replace(record, values=columns, simulated=None), share, decibels, run)

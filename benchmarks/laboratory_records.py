@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from input_rigs import rig
+from input_rigs import Rig, rig
 
 import linkwise as lw
 
@@ -38,21 +38,25 @@ class Faulty:
         return np.asarray((fit.values - true) / np.sqrt(fit.covariance.diagonal()))
 
 
-def _of_sensor(kind: str, seed: int, rng: np.random.Generator) -> tuple[lw.Record, lw.Structure, str]:
-    """A record of a shaker with at least `two` responses where the fault needs them, and the channel that it falls on."""
+FINE = 8  # samples of the motion in one of a record whose clock runs apart
+
+
+def _of_sensor(kind: str, seed: int, rng: np.random.Generator) -> tuple[Rig, str]:
+    """A rig with a shaker with at least `two` responses where the fault needs them, and the channel that it falls on."""
     while True:
         made = rig(seed, "shaker", share=SHARE)
         responses = [str(name) for name in made.record.responses]
         enough = len(responses) > 1 or kind not in ("sign", "swapped")
         if enough and (kind != "high pass" or responses[0].startswith("a:")):
-            return made.record, made.truth, responses[int(rng.integers(len(responses)))]
+            return made, responses[int(rng.integers(len(responses)))]
         seed += 10_000
 
 
 def of_sensor(kind: str, seed: int) -> Faulty:
     """A record with a "high pass" of 0.1 to 2 Hz, a "clock" of 50 to 500 ppm, a "sign", channels "swapped", or a "unit"."""
     rng = np.random.default_rng([seed, 4949])
-    record, truth, channel = _of_sensor(kind, seed, rng)
+    made, channel = _of_sensor(kind, seed, rng)
+    record, truth = made.record, made.truth
     values, column = record.values.copy(), list(map(str, record.channels)).index(channel)
     where: tuple[str, ...] = (channel,)
     size = float("nan")
@@ -64,8 +68,9 @@ def of_sensor(kind: str, seed: int) -> Faulty:
             )
         case "clock":
             size = float(rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(50.0), np.log(500.0))))
-            spline = scipy.interpolate.CubicSpline(record.time, values[:, column])
-            values[:, column] = spline(record.time * (1.0 + 1e-6 * size))
+            fine, noise = made.clean(FINE), values[:, column] - made.clean(1).values[:, column]
+            motion = scipy.interpolate.CubicSpline(fine.time, fine.values[:, column])
+            values[:, column] = motion(record.time * (1.0 + 1e-6 * size)) + noise
         case "sign":
             values[:, column] *= -1.0
         case "swapped":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
-from structures import oscillator
+from random_signals import random_force
+from structures import link, oscillator, structure
 
 import linkwise as lw
 from linkwise.estimates.estimate import Estimate
@@ -46,6 +47,33 @@ def assert_right(fit: Estimate, channel: str, ppm: float) -> None:
     found = next(error for error in fit.sensor_errors if error.kind == "clock")
     assert found.channel == channel and found.unit == "ppm"
     assert abs(found.value - ppm) < 4.5 * found.standard_error < 0.5 * abs(ppm)
+
+
+@pytest.mark.slow
+def test_an_acceleration_by_a_late_clock_beside_noise_of_a_force_is_explained() -> None:
+    """A part of a sample that was not taken out looked like another clock, a gain and a late force."""
+    rig = structure(
+        {"m1": 1.0, "m2": 0.3},
+        link("s1", "m1-ground", "k*d + k3*d**3 + c*v", k=1500.0, k3=5e6, c=1.0),
+        link("s2", "m2-m1", "alpha*d + beta*d**3 + c*v", alpha=-850.0, beta=3.4e7, c=0.4),
+    )
+    force = random_force(np.random.default_rng(83), DURATION, RATE, rms=4.0, highest=20.0)
+    drive: dict[str, Any] = {"forces": {"m1": force}, "release": {"x:m2": 5e-3}, "sensors": ["a"]}
+    fine = lw.simulate(rig, duration=DURATION, rate=8.0 * RATE, **drive)
+    record = lw.simulate(rig, duration=DURATION, rate=RATE, **drive)
+    late = record.time - 1.3e-3 - 1e-6 * PPM * (record.time - 0.5 * DURATION)
+    shown = interpolated(0.0, fine.rate, fine.channel("a:m2")).value(np.clip(late, 0.0, DURATION))
+    rng, columns = np.random.default_rng(84), record.values.copy()
+    columns[:, record.channels.index("a:m2")] = shown
+    for column, name in zip(columns.T, record.channels, strict=True):
+        column += (1e-3 if name.is_force else 0.02 * column.std()) * rng.standard_normal(len(column))
+    measured = replace(record, values=columns, simulated=None)[8:-8]
+    fit = lw.identify(
+        measured, rig.unknown("all"), clocks=["a:m2"], input_noise={"force:m1": 1e-3}, as_stated=True
+    )
+    assert fit.trusted, fit.message
+    found = next(error for error in fit.sensor_errors if error.kind == "clock")
+    assert abs(found.value - PPM) < 4.5 * found.standard_error
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause
 from linkwise.likelihood.fit import LikelihoodFit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.terms import PPM, Clock, Delay, of_kind
+from linkwise.likelihood.terms import PPM, Clock, Delay, Term, of_kind
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
 
@@ -23,6 +23,9 @@ _BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: w
 _FAR = (-4, -2, 2, 4)
 _NO_RATIO = 0.1  # standard errors
 _NO_SLIP = 0.02  # samples, over a record
+_ON_TIME = (
+    0.05  # samples of delay that are left: more misleads the tests of random forces beside an acceleration
+)
 # of a ratio that a fit finds, the most that the next one leaves: of right laws it is a few percent
 _SHRINKING = 0.5
 _SHIFTS = 8  # of channels, at most: beyond the delays wander
@@ -67,19 +70,26 @@ def with_delays(
 
 
 def _on_one_clock(search: Search, records: Sequence[Record], options: LikelihoodOptions) -> _ShiftedFit:
-    """The fit at settled delays, in records out of which the ratios of clocks are taken that it finds.
+    """The fit at settled delays, in records out of which the ratios and delays of clocks are taken that it finds.
 
     What a fit finds of them is small then, as its first order takes it for.
     """
+    members = {name for clock in of_kind(options.errors, Clock) for name in clock.members}
     late: Mapping[str, int] = {delay.channel: 0 for delay in of_kind(options.errors, Delay)}
     before: dict[str, float] = {}
     for _ in range(_SHIFTS):
         clocks = of_kind(options.errors, Clock)
         slips = {name: ppm for clock in clocks for name, ppm in clock.late.items()}
-        own = [without_delays(record, {}, clocks=slips) for record in records]
+        delays = {one.channel: one.taken_out for one in of_kind(options.errors, Delay) if one.taken_out}
+        own = [without_delays(record, delays, clocks=slips) for record in records]
         best = _settled(_Shifts(search, own, options), late)
         found = {clock: best.fit.size_of(clock) for clock in clocks if clock.ratio is None}
-        if best.fit.interrupted or all(_is_small(*pair, own[0]) for pair in found.values()):
+        of_clocks = (one for one in of_kind(options.errors, Delay) if one.channel in members)
+        left: dict[Term, float] = {
+            one: best.fit.delays[one.channel] for one in of_clocks if one.channel in best.fit.delays
+        }
+        is_on_time = all(abs(delay) < _ON_TIME * own[0].step for delay in left.values())
+        if best.fit.interrupted or (is_on_time and all(_is_small(*pair, own[0]) for pair in found.values())):
             return best
         if any(
             abs(ratio) > max(_SHRINKING * before.get(clock.channel, inf), error)
@@ -88,8 +98,9 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
             break
         late = best.late
         before = {clock.channel: abs(ratio) for clock, (ratio, _) in found.items()}
+        sizes = left | {clock: ratio for clock, (ratio, _) in found.items()}
         errors = (
-            one.taking_out(found[one][0]) if isinstance(one, Clock) and one in found else one
+            one.taking_out(sizes[one]) if isinstance(one, Clock | Delay) and one in sizes else one
             for one in options.errors
         )
         options = replace(options, errors=tuple(errors))
@@ -119,7 +130,7 @@ class _Shifts:
         shift = tuple(late.values())
         if shift not in self.known:
             errors = tuple(
-                replace(one, taken_out=late[one.channel] * self.step) if isinstance(one, Delay) else one
+                one.taking_out(late[one.channel] * self.step) if isinstance(one, Delay) else one
                 for one in self.options.errors
             )
             self.known[shift] = self.search(self.of(late), replace(self.options, errors=errors))

@@ -258,6 +258,10 @@ class Delay(Constant):
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         return super().estimate(self.taken_out + value, error, unit)
 
+    def taking_out(self, found: float) -> Delay:
+        """The same with what was found of it taken out as well."""
+        return replace(self, taken_out=self.taken_out + found)
+
     def beside(self, errors: Sequence[Term], record: Record) -> tuple[Term, ...] | None:
         late = late_channels(record, self.channel)
         is_there = {*late} <= {one.channel for one in of_kind(errors, Delay)}
