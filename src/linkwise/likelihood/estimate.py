@@ -492,7 +492,17 @@ class MaximumLikelihood(AskedFor, Estimator):
     def _from_forces(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit that starts with the laws that the forces of links give, and about the places where hidden masses rest."""
+        """A fit that starts with the laws that the forces of links give, and about the places where hidden masses rest.
+
+        Beside noise of inputs it goes on from a fit without, whose motion is known better than that which is integrated.
+        """
+        if options.random and not any(force.ambient for force in options.random):
+            exact = self._from_forces(structure, records, replace(options, random=()))
+            if is_settled(exact) or exact.interrupted:
+                nodes = exact.optimum.point.nodes
+                by_sample = nodes.shape[-1] == sum(map(len, records))
+                begun = replace(options, nodes=nodes if by_sample else None)
+                return likelihood_fit(records, structure, exact.values, options=begun)
         theta, _ = starting_values(records, structure, self.starts)
         about_rest = partial(fit_about_rest, records, structure, given=self.starts)
         return fit_with_restarts(

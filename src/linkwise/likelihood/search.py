@@ -646,7 +646,8 @@ def searched(
             misfit = states_by_held_laws(segments, misfit, problem.scales, annealer)
             schedule = _NEAR_OF_MANY if many else _NEAR
     else:
-        start, schedule = replace(problem.start, nodes=options.nodes), _WARM
+        beside = problem.start.nodes[len(options.nodes) :]  # random forces, which another fit may not have
+        start, schedule = replace(problem.start, nodes=np.concatenate([options.nodes, beside])), _WARM
         misfit = evaluate(segments, start, problem.scales, annealer.loss)
     start = misfit.point
     if options.relaxation is not None:
