@@ -155,7 +155,8 @@ def _with_blocks(optimum: Optimum) -> list[float]:
 def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     """The fit where a search ended, with its covariance by blocks; None where that is not finite.
 
-    Of what is known beforehand, or told by hardly more than one block, blocks do not say that it is known better.
+    Of what hardly more than one block tells, blocks do not say that it is known better than by white noise; nor of anything
+    where some of it is known beforehand, which the rest follows.
     """
     optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
     if blocks_of_scatter(optimum.segments) == 1:
@@ -172,7 +173,7 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     except np.linalg.LinAlgError:
         return None
     if (prior := optimum.segments.prior) is not None:
-        told &= np.isinf(prior.deviation)
+        told &= np.isinf(prior.deviation).all()
     ratios = np.where(told, ratios, np.maximum(ratios, 1.0))
     covariance = white * np.outer(ratios, ratios)
     if not np.isfinite(covariance).all():
