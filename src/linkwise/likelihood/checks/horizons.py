@@ -61,8 +61,9 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     -------
     LikelihoodFit or str
         With the values, the motion and the covariance of the loosest horizon from which on the path is flat, or of that which
-        the next one moves least. A sentence on why there is none where the path is flat nowhere or the records are too short
-        for blocks; an empty one beside random forces, which let the motion forget as a relaxation does.
+        the next one moves least; of the likeliest one where beside longer ones blocks are too short. A sentence on why there
+        is none where the path is flat nowhere or the records are too short for blocks; an empty one beside random forces,
+        which let the motion forget as a relaxation does.
     """
     if fit.optimum.segments.random is not None:
         return ""
@@ -71,15 +72,17 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
         return f"The record is too short to compare parts of it: take {max(longer, 1.1):.2g} times as much of such motion."
     path = _from_exact(fit)[::-1] if fit.noise_from_misfit else _path(fit)
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
-    if not moves:
+    alone = path and not fit.noise_from_misfit and path[0].fit.optimum.q < _with_blocks(fit.optimum)[-1]
+    if not (moves or alone):
         return (
             "No search over longer horizons ends: take a shorter part of the record, or state what is left."
         )
-    if min(moves) > _LARGEST:
+    if min(moves, default=0.0) > _LARGEST:
         return _turning(fit, path)
-    chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), int(np.argmin(moves)))
+    least = int(np.argmin(moves)) if moves else 0
+    chosen = next((number for number, move in enumerate(moves) if move <= _FLAT), least)
     answer = path[chosen].fit
-    moved = [later.fit.values - answer.values for later in path[chosen + 1 :]]
+    moved = [later.fit.values - answer.values for later in path[chosen:]]
     return replace(answer, covariance=answer.covariance + np.diag(np.max(np.square(moved), axis=0)))
 
 
@@ -118,24 +121,23 @@ def _path(fit: LikelihoodFit) -> list[_Horizon]:
     """The optima at tighter and tighter relaxations, from the likeliest one on, as long as they are found and have blocks."""
     exact = fit.optimum.q <= AnnealingSchedule.final_q
     loosest = _LOOSE if exact else fit.optimum.q
-    return _followed(fit, [(loosest, 1), *((q, reach) for q, reach in _REACH.items() if q < loosest)])
+    return _followed(fit, [loosest, *(q for q in _with_blocks(fit.optimum) if q < loosest)])
 
 
 def _from_exact(fit: LikelihoodFit) -> list[_Horizon]:
     """A fit of exact laws, and the optima at looser and looser relaxations as long as they are found: over short horizons
     a record may not tell what it does over long ones, as the motion of many modes by few sensors.
     """
-    looser = [(q, reach) for q, reach in reversed(_REACH.items()) if q <= _LOOSE]
     exact = _Horizon(fit, np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0)))
-    return [exact, *_followed(fit, [step for step in looser if _has_blocks(fit.optimum, step[1])])]
+    return [exact, *_followed(fit, [q for q in reversed(_with_blocks(fit.optimum)) if q <= _LOOSE])]
 
 
-def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> list[_Horizon]:
-    """The fits at relaxations, of which the error of a state reaches so many segments, each searched from the one before."""
+def _followed(fit: LikelihoodFit, relaxations: Iterable[float]) -> list[_Horizon]:
+    """The fits at relaxations, each searched from the one before, as long as they are found."""
     path, optimum = list[_Horizon](), fit.optimum
-    for q, reach in relaxations:
-        found = optimum.searched(q, _STEPS) if _has_blocks(optimum, reach) else None
-        there = _by_blocks(fit, found) if found and found.status is AnnealingStatus.CONVERGED else None
+    for q in relaxations:
+        found = optimum.searched(q, _STEPS)
+        there = _by_blocks(fit, found) if found.status is AnnealingStatus.CONVERGED else None
         if there is None:
             break
         path.append(there)
@@ -143,16 +145,18 @@ def _followed(fit: LikelihoodFit, relaxations: Iterable[tuple[float, int]]) -> l
     return path
 
 
-def _has_blocks(optimum: Optimum, reach: int) -> bool:
-    """Whether blocks are long beside the segments that the error of a state reaches."""
-    return optimum.segments.count >= _INDEPENDENT * reach * BLOCKS[0]
+def _with_blocks(optimum: Optimum) -> list[float]:
+    """The relaxations, loose ones first, beside whose reach blocks are long."""
+    longest = optimum.segments.count / (_INDEPENDENT * BLOCKS[0])
+    return [q for q, reach in _REACH.items() if reach <= longest]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what is not finite is no horizon
 def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     """The fit where a search ended, with its covariance by blocks; None where that is not finite.
 
-    Of what is known beforehand, or told by hardly more than one block, blocks do not say that it is known better.
+    Of what hardly more than one block tells, blocks do not say that it is known better than by white noise; nor of anything
+    where some of it is known beforehand, which the rest follows.
     """
     optimum = replace(fit.optimum, misfit=found.misfit, q=found.q, coloured=None, of_white=None)
     if blocks_of_scatter(optimum.segments) == 1:
@@ -169,7 +173,7 @@ def _by_blocks(fit: LikelihoodFit, found: AnnealingFit) -> _Horizon | None:
     except np.linalg.LinAlgError:
         return None
     if (prior := optimum.segments.prior) is not None:
-        told &= np.isinf(prior.deviation)
+        told &= np.isinf(prior.deviation).all()
     ratios = np.where(told, ratios, np.maximum(ratios, 1.0))
     covariance = white * np.outer(ratios, ratios)
     if not np.isfinite(covariance).all():
