@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles
+from linkwise.likelihood.shooting.flow import Inputs, input_along
 from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
 from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
@@ -96,9 +96,9 @@ def changes_of_forces(
     per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
     per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
     changes = np.concatenate([per_gain, per_delay], axis=2)
-    starts, middles = at_ends_and_middles(changes, segments.flow_steps_per_tangent)
     ends = uncertain.ends[np.concatenate([scaled, late])]
-    return CandidateForces(np.full(len(ends), -1), ends, starts, middles)
+    along = input_along(changes, segments.flow_steps_per_tangent)
+    return CandidateForces(np.full(len(ends), -1), ends, along)
 
 
 def add_errors_of_sensors(
