@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X, as_slice
 from linkwise.likelihood.shooting.system import MANY as MANY
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tangents import (
@@ -388,10 +388,3 @@ class LocalRows:
                 for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
                     own = int(np.searchsorted(group.channels, channel))
                     data[:, own, :, first + place] = whiten[:, channel].T * unit
-
-
-def as_slice(numbers: Indices) -> Indices | slice:
-    """The same places as a slice, where they follow each other, so that no copy is made."""
-    if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1 and (np.diff(numbers) == 1).all():
-        return slice(int(numbers[0]), int(numbers[-1]) + 1)
-    return numbers

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -454,7 +455,7 @@ class Hypothesis:
     source: str = ""
     unit: str = ""
 
-    @property
+    @cached_property
     def is_usual(self) -> bool:
         """Whether it is one of the few terms that links lack most often."""
         return self.kind == "term" and self.term in _USUAL
