@@ -426,7 +426,7 @@ def _random_inputs(
         forces = (pulls[:, masses, None] * shapes[:, None, :, None]).reshape(len(pulls), -1, pulls.shape[2])
         acting = np.repeat(masses, len(samples))
         forces = forces.astype(np.float32)
-        every.append(CandidateForces(np.full(len(acting), -1), acting, forces[::2], forces[1::2]))
+        every.append(CandidateForces(np.full(len(acting), -1), acting, forces))
         sums.append(np.tile(np.eye(len(samples)), (len(masses), 1)))
     return RandomInputs(reduce(CandidateForces.joined, every), scipy.linalg.block_diag(*sums))
 

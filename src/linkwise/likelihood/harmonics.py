@@ -28,7 +28,7 @@ from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.likelihood.terms import Hum, of_kind
 from linkwise.likelihood.tests.columns import Added
 from linkwise.likelihood.tests.diagnosis import TestedCauses, in_longer_segments
-from linkwise.likelihood.tests.score_test import Hypothesis, augmented_quadratic, in_turn
+from linkwise.likelihood.tests.score_test import Hypothesis, augmented_quadratic
 from linkwise.model.structure import Structure
 from linkwise.records.channel import Channel
 from linkwise.records.record import Record
@@ -213,7 +213,7 @@ class Lines:
             for mass in line.masses[:1]:
                 forces, units = _columns(optimum, self.records, [HarmonicForce("", mass, line.frequency, "")])
                 sizes = _phases(self._kicks(mass), line.frequency, len(self.records)) / units
-                along = np.einsum("jhk,h->jk", in_turn(forces.starts, forces.middles), sizes)
+                along = np.einsum("jhk,h->jk", forces.along, sizes)
                 yield Added(Hypothesis(HARMONIC, ""), [(-1, mass, along)])
             for channel in line.channels[:1]:
                 hums = _hums(optimum.segments, self.records, [(line.frequency, channel)])
@@ -558,24 +558,18 @@ def _columns(
     before = 0.5 * segments.step * segments.refine if segments.centred else 0.0
     middle = 0.5 * np.array([record.duration for record in records])[owner]
     first = since_start[:: len(segments.samples)] - middle - before
-    halves = []
-    for time in (
-        first + step * np.arange(tangents + 1)[:, None],
-        first + step * (np.arange(tangents)[:, None] + 0.5),
-    ):
-        columns = []
-        for force in forces:
-            waves = _waves(force.frequency, time, owner, len(records))
-            columns += waves
-            if force.amplitudes:
-                pairs = list(zip(force.amplitudes, waves[::2], waves[1::2], strict=True))
-                turned = sum(b * cosine - a * sine for (a, b), cosine, sine in pairs)
-                columns.append(2.0 * np.pi * time * turned)
-                if fading:
-                    columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
-        halves.append(np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1])))
-    power = np.sqrt(np.mean(halves[0] ** 2, axis=(0, 2)))
+    time, columns = first + 0.5 * step * np.arange(2 * tangents + 1)[:, None], []
+    for force in forces:
+        waves = _waves(force.frequency, time, owner, len(records))
+        columns += waves
+        if force.amplitudes:
+            pairs = list(zip(force.amplitudes, waves[::2], waves[1::2], strict=True))
+            turned = sum(b * cosine - a * sine for (a, b), cosine, sine in pairs)
+            columns.append(2.0 * np.pi * time * turned)
+            if fading:
+                columns.append(-time * sum(a * cosine + b * sine for (a, b), cosine, sine in pairs))
+    along = np.stack(columns, axis=1) if columns else np.empty((len(time), 0, time.shape[1]))
+    power = np.sqrt(np.mean(along[::2] ** 2, axis=(0, 2)))
     scale = np.where(power > 0.0, power, 1.0)[:, None]
     ends = np.repeat([force.number for force in forces], len(scale) // max(len(forces), 1)).astype(int)
-    candidates = CandidateForces(np.full(len(ends), -1), ends, halves[0] / scale, halves[1] / scale)
-    return candidates, 1.0 / scale[:, 0]
+    return CandidateForces(np.full(len(ends), -1), ends, along / scale), 1.0 / scale[:, 0]

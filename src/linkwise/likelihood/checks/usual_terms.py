@@ -74,11 +74,6 @@ those of 10 s of random motion differ from those of an endless record by about a
 beside missing damping by a third of that. Of several powers each has a higher limit, as chance gives more of them."""
 
 
-def _is_of_a_law(hypothesis: Hypothesis) -> bool:
-    """Whether it is a usual term, or damping between modes."""
-    return hypothesis.is_usual or hypothesis.kind == BETWEEN_MODES
-
-
 def _hinted(fit: LikelihoodFit, tested: TestedCauses, *, doubted: bool) -> Hint | None:
     """What usual terms, none of them significant, add to the covariance of a fit that leaves only noise; None if none does.
 
@@ -86,7 +81,7 @@ def _hinted(fit: LikelihoodFit, tested: TestedCauses, *, doubted: bool) -> Hint 
     exact, those of one link that are farther from zero than their standard error, of more links fewer, as chance gives more of
     them (Foster and George, Ann. Statist. 22, 1994).
     """
-    numbers = tested.which(_is_of_a_law)
+    numbers = tested.of_laws
     if not len(numbers):
         return None
     hypotheses, p = [tested.hypotheses[number] for number in numbers], len(fit.values)
@@ -235,7 +230,7 @@ def unseen_terms(
     if tested is None:
         return ()
     deviations = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    of_laws = tested.which(_is_of_a_law) if terms else np.empty(0, dtype=int)
+    of_laws = tested.of_laws if terms else np.empty(0, dtype=int)
     numbers = np.append(of_laws, tested.stated_masses())
     unseen = (term for term, _ in _bounded(fit, identified, tested, numbers, deviations))
     return tuple(sorted(unseen, key=lambda term: -term.standard_errors))

@@ -263,16 +263,15 @@ class Inputs:
         size = np.abs(self.force[:, 0, mass])
         return np.asarray(size > _ROUNDED * size.max(initial=0.0))
 
-    def accelerations(self, orbit: Trajectories) -> tuple[Floats, Floats]:
-        """Accelerations (J + 1, n, K) and (J, n, K) of the masses at the ends and middles of steps of an orbit, in m/s^2.
+    def accelerations(self, orbit: Trajectories) -> Floats:
+        """Accelerations (2 J + 1, n, K) of the masses at the ends and in the middles of steps of an orbit in turn, in m/s^2.
 
         Those of the orbit are relative to the coordinates.
         """
-        if self.frame is None:
-            return orbit.accelerations, orbit.middle_accelerations
-        stride = len(self.frame) // len(orbit.middle_accelerations)
-        ends, middles = at_ends_and_middles(self.frame, stride)
-        return orbit.accelerations + ends[:, None], orbit.middle_accelerations + middles[:, None]
+        along = in_turn(orbit.accelerations, orbit.middle_accelerations)
+        if self.frame is not None:
+            along += input_along(self.frame, len(self.frame) // len(orbit.middle_accelerations))[:, None]
+        return along
 
 
 @dataclass(frozen=True, eq=False)
@@ -538,10 +537,17 @@ class _Stages:
             orbit.accelerations[steps] += applied / self.mechanics.masses[:, None]
 
 
-def at_ends_and_middles(points: Floats, refine: int) -> tuple[Floats, Floats]:
-    """(J + 1, ...) and (J, ...) of an input (J refine, 5, ...) that is given at the POINTS of every step of the flow."""
+def in_turn(ends: Floats, middles: Floats) -> Floats:
+    """(2 J + 1, ...) of values at the ends (J + 1, ...) of steps and in their middles (J, ...)."""
+    both = np.empty((len(ends) + len(middles), *ends.shape[1:]))
+    both[::2], both[1::2] = ends, middles
+    return both
+
+
+def input_along(points: Floats, refine: int) -> Floats:
+    """(2 J + 1, ...) of an input (J refine, 5, ...) that is given at the POINTS of every step of the flow."""
     ends = np.concatenate([points[::refine, 0], points[-1:, 4]])
-    return ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0]
+    return in_turn(ends, points[:, 2] if refine == 1 else points[refine // 2 :: refine, 0])
 
 
 def _add_base(

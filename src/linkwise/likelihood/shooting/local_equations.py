@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.neighbourhoods import LocalRows, Neighbourhood, as_slice
+from linkwise.likelihood.shooting.neighbourhoods import LocalRows, Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import Linearization, Sums, empty_model, filled, summed
+from linkwise.likelihood.shooting.segments import as_slice
 
 _AT_ONCE = 400_000  # numbers in the sensitivities of a group in a chunk
 _HELD = 8_000_000  # numbers in the rows of all groups in a chunk

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
-from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X
+from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X, as_slice
 from linkwise.likelihood.shooting.system import MANY as MANY
 from linkwise.likelihood.shooting.system import NumericSystem, System
 from linkwise.likelihood.shooting.tangents import (
@@ -138,15 +138,14 @@ def reach(segments: Segments, misfit: Misfit, scales: Scales) -> Bools:
     step = segments.step[some] * thinned
     orbit = misfit.trajectories.part(some).thinned(thinned)
     unit, inputs = scales.theta[: system.parameters.size], segments.inputs.part(some)
-    starts, middles = tangent_forces(mechanics, orbit, step, unit, inputs=inputs)
+    forces = tangent_forces(mechanics, orbit, step, unit, inputs=inputs)
     masses, links, memory = map(np.arange, (n, system.incidence.shape[1], len(system.states)))
     columns = np.arange(len(scales.state))
     transfer = Transfer.of(mechanics.incidence, mechanics.gain)
     largest = np.zeros((len(columns), n))
     for tangent in march(
         transfer,
-        starts.within(masses, links, memory, columns),
-        middles.within(masses, links, memory, columns),
+        forces.within(masses, links, memory, columns),
         *units_of_states(scales.state, step, n, len(columns)),
     ):
         for motion, unit in (
@@ -306,7 +305,7 @@ class LocalRows:
         self,
         group: Neighbourhood,
         mechanics: NumericSystem,
-        forces: tuple[TangentForces, TangentForces],
+        forces: TangentForces,
         part: slice,
         step: Floats,
         whiten: Single,
@@ -318,12 +317,10 @@ class LocalRows:
         data: NDArray[Any] = np.zeros((len(step), len(group.channels), M, group.size), np.float32)
         ends: NDArray[Any] = np.zeros((len(step), len(group.rows), width), np.float32)
         if width:
-            starts, middles = (
-                force.within(group.masses, group.links, group.memory, columns) for force in forces
-            )
+            own = forces.within(group.masses, group.links, group.memory, columns)
             inside = np.ix_(group.masses, group.links)
             transfer = Transfer.of(mechanics.incidence[inside], mechanics.gain[inside])
-            steps = march(transfer, starts, middles, *self._units(group, step, width))
+            steps = march(transfer, own, *self._units(group, step, width))
             shown = self._shown_by(group, step)
             for number, tangent in enumerate(steps):
                 sample, between = divmod(number, segments.tangent_refine)
@@ -391,10 +388,3 @@ class LocalRows:
                 for channel in np.flatnonzero(self.segments.sensors.offset == offset).tolist():
                     own = int(np.searchsorted(group.channels, channel))
                     data[:, own, :, first + place] = whiten[:, channel].T * unit
-
-
-def as_slice(numbers: Indices) -> Indices | slice:
-    """The same places as a slice, where they follow each other, so that no copy is made."""
-    if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1 and (np.diff(numbers) == 1).all():
-        return slice(int(numbers[0]), int(numbers[-1]) + 1)
-    return numbers

@@ -23,21 +23,18 @@ from numpy.typing import NDArray
 
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
-from linkwise.likelihood.shooting.flow import Inputs, at_ends_and_middles
+from linkwise.likelihood.shooting.flow import Inputs, input_along
 from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
-from linkwise.likelihood.shooting.neighbourhoods import as_slice
 from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
 from linkwise.likelihood.shooting.segments import (
     A,
-    F,
     Iterate,
-    S,
     Scales,
     Segments,
     Sensors,
     V,
-    X,
     add_starts,
+    as_slice,
 )
 from linkwise.likelihood.shooting.tangents import CandidateForces, Single, shown_tangents, tangents
 
@@ -96,9 +93,9 @@ def changes_of_forces(
     per_gain = -force[:, :, scaled] * (units[gains] / point.gains[gains])[:, None]
     per_delay = rate[:, :, late] * units[len(point.gains) + delays][:, None]
     changes = np.concatenate([per_gain, per_delay], axis=2)
-    starts, middles = at_ends_and_middles(changes, segments.flow_steps_per_tangent)
     ends = uncertain.ends[np.concatenate([scaled, late])]
-    return CandidateForces(np.full(len(ends), -1), ends, starts, middles)
+    along = input_along(changes, segments.flow_steps_per_tangent)
+    return CandidateForces(np.full(len(ends), -1), ends, along)
 
 
 def add_errors_of_sensors(
@@ -473,13 +470,12 @@ def _put_marched(
     shown = [
         (
             kind,
-            as_slice(sensors.mass[channels]),
-            _late(sensors, misfit.point, kind, channels),
-            as_slice(channels),
+            sources,
+            _late(sensors, misfit.point, kind),
+            channels,
             (whiten[:, channels] * rates[kind]).astype(np.float32),
         )
-        for kind in (X, V, A, F, S)
-        if len(channels := np.flatnonzero(sensors.kind == kind))
+        for kind, channels, sources in sensors.by_kind
     ]
     orbit = misfit.trajectories.part(part).thinned(segments.flow_steps_per_tangent)
     forces, inputs = _acting(segments, misfit.point, scales, part, candidates)
@@ -506,12 +502,11 @@ def _put_marched(
     return ends
 
 
-def _late(
-    sensors: Sensors, point: Iterate, kind: int, channels: Indices
-) -> list[tuple[int, np.floating[Any], int]]:
-    """Of `channels` of one kind those that are late: the place among them, the delay in s to first order, and the mass."""
+def _late(sensors: Sensors, point: Iterate, kind: int) -> list[tuple[int, np.floating[Any], int]]:
+    """Of the channels of one kind those that are late: the place among them, the delay in s to first order, and the mass."""
     if kind >= A or not len(sensors.delay):
         return []
+    channels = np.flatnonzero(sensors.kind == kind)
     late = ((place, int(channel)) for place, channel in enumerate(channels) if sensors.delay[channel] >= 0)
     return [
         (place, point.delays[sensors.delay[channel]], int(sensors.mass[channel])) for place, channel in late

@@ -138,19 +138,12 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a mass may be 0 in a trial
         inputs = segments.inputs.at(point.gains, point.delays)
         orbit = flow(mechanics, point.nodes, segments.step, segments.steps, inputs)
-    sensors, rate = segments.sensors.at(mechanics), 1.0 / segments.step
+    sensors = segments.sensors.at(mechanics)
     shown_orbit = sensors.orbit_with_points(orbit)
-    every = segments.at_samples
     residuals = np.empty_like(segments.samples)
-    for kind, motion in (
-        (X, shown_orbit.states[every, 0]),
-        (V, shown_orbit.states[every, 1] * rate),
-        (A, shown_orbit.accelerations[every]),
-        (F, forces_at_samples(segments, mechanics, orbit)),
-        (S, orbit.memory[every]),
-    ):
-        chosen = np.flatnonzero(sensors.kind == kind)
-        residuals[:, chosen] = segments.samples[:, chosen] - motion[:, sensors.mass[chosen]]
+    for kind, channels, places in sensors.by_kind:
+        motion = _at_samples(segments, mechanics, shown_orbit, kind)
+        residuals[:, channels] = segments.samples[:, channels] - motion[:, places]
     if segments.random is not None and segments.random.shown is not None:
         residuals[0] -= segments.random.shown @ point.nodes[segments.random.rows]
     for channel in sensors.late:
@@ -180,6 +173,16 @@ def evaluate(segments: Segments, point: Iterate, scales: Scales, loss: Loss) -> 
         prior += segments.random.cost(point.nodes, point.border)
     data, continuity = loss.total(residuals), float(np.vdot(defects, defects))
     return Misfit(point, orbit, residuals, defects, data, continuity, prior, clipped)
+
+
+def _at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories, kind: int) -> Floats:
+    """(M, places, K) what a kind of sensors may show of an orbit with points at the samples."""
+    every = segments.at_samples
+    if kind == F:
+        return forces_at_samples(segments, mechanics, orbit)
+    if kind == V:
+        return np.asarray(orbit.states[every, 1] * (1.0 / segments.step))
+    return {X: orbit.states[:, 0], A: orbit.accelerations, S: orbit.memory}[kind][every]
 
 
 def forces_at_samples(segments: Segments, mechanics: NumericSystem, orbit: Trajectories) -> Floats:

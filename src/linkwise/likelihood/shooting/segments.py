@@ -42,6 +42,13 @@ X, V, A, F, S = 0, 1, 2, 3, 4
 """Kinds of sensors: displacement, velocity and acceleration of a mass, force in a link, state of a link."""
 
 
+def as_slice(numbers: Indices) -> Indices | slice:
+    """The same places as a slice, where they follow each other, so that no copy is made."""
+    if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1 and (np.diff(numbers) == 1).all():
+        return slice(int(numbers[0]), int(numbers[-1]) + 1)
+    return numbers
+
+
 @dataclass(frozen=True)
 class Sensors:
     """`kind` (C,) is X, V, A, F or S, `mass` (C,) the number of a mass, or of a link or a state in the order of the system.
@@ -101,6 +108,12 @@ class Sensors:
     def constants(self) -> int:
         """Unknown constant offsets."""
         return int(self.offset.max(initial=-1)) + 1
+
+    @cached_property
+    def by_kind(self) -> list[tuple[int, Indices | slice, Indices | slice]]:
+        """Each kind that there is, the channels of it, and the numbers of what they show."""
+        kinds = ((kind, np.flatnonzero(self.kind == kind)) for kind in (X, V, A, F, S))
+        return [(kind, as_slice(own), as_slice(self.mass[own])) for kind, own in kinds if len(own)]
 
     @cached_property
     def offsets(self) -> int:

@@ -22,7 +22,8 @@ from linkwise.likelihood.shooting.flow import (
     TANGENT_MIDDLE,
     Inputs,
     Trajectories,
-    at_ends_and_middles,
+    in_turn,
+    input_along,
 )
 from linkwise.likelihood.shooting.segments import Sensors
 from linkwise.likelihood.shooting.system import NumericSystem, System
@@ -40,35 +41,29 @@ class CandidateForces:
     first, second : array of int, shape (c,)
         The masses on which the force acts, negative on the first; -1 and -2 for none, points of hosts from -3 down, and below
         these moving coordinates, whose acceleration in m/s^2 acts on all masses.
-    starts : array of shape (J + 1, c, K)
-        Forces of unit size in N at the ends of the steps.
-    middles : array of shape (J, c, K)
-        The same in the middles of the steps.
+    along : array of shape (2 J + 1, c, K)
+        Forces of unit size in N at the ends of J steps and in their middles, in turn.
     """
 
     first: Indices
     second: Indices
-    starts: Floats | Single
-    middles: Floats | Single
+    along: Floats | Single
 
     def part(self, segments: slice) -> CandidateForces:
         """The forces in some segments."""
-        return CandidateForces(
-            self.first, self.second, self.starts[..., segments], self.middles[..., segments]
-        )
+        return CandidateForces(self.first, self.second, self.along[..., segments])
 
     def joined(self, others: CandidateForces) -> CandidateForces:
         """These forces and, after them, `others`."""
         return CandidateForces(
             np.append(self.first, others.first),
             np.append(self.second, others.second),
-            np.concatenate([self.starts, others.starts], axis=1, dtype=np.float32),
-            np.concatenate([self.middles, others.middles], axis=1, dtype=np.float32),
+            np.concatenate([self.along, others.along], axis=1, dtype=np.float32),
         )
 
 
 class TangentForces:
-    """Tangent link forces h^2 df, and the change of acceleration by an unknown mass."""
+    """Tangent link forces h^2 df, and the change of acceleration by an unknown mass, at ends and middles of steps in turn."""
 
     def __init__(
         self,
@@ -112,8 +107,8 @@ class TangentForces:
 
     @property
     def steps(self) -> int:
-        """Number of points along the orbit at which there are forces."""
-        return len(self.by_d)
+        """Number of steps along the orbit."""
+        return len(self.by_d) // 2
 
     def within(self, masses: Indices, links: Indices, states: Indices, columns: Indices) -> TangentForces:
         """Those of some `columns` in a part of the structure, the rest of which stays where it is.
@@ -158,8 +153,9 @@ class TangentForces:
         ]
         return own
 
-    def add_candidates(self, candidates: CandidateForces, force: Floats | Single, step: Floats) -> None:
-        """Count `force` (..., c, K), of unit amplitude, of candidates that no link exerts yet."""
+    def add_candidates(self, candidates: CandidateForces, step: Floats) -> None:
+        """Count forces that no link exerts yet."""
+        force = candidates.along
         for ends, sign in ((candidates.first, -1.0), (candidates.second, 1.0)):
             on_mass = np.flatnonzero(ends >= 0)
             self._push(ends[on_mass], on_mass, np.full(len(on_mass), sign), force, step)
@@ -310,9 +306,9 @@ def tangents(
     """
     n = len(mechanics.gain)
     P = len(scale) + len(unit) + (0 if candidates is None else len(candidates.first))
-    starts, middles = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
+    forces = tangent_forces(mechanics, orbit, step, unit, candidates, inputs=inputs)
     transfer = Transfer.of(mechanics.incidence, mechanics.gain)
-    return march(transfer.stretched(mechanics.system), starts, middles, *units_of_states(scale, step, n, P))
+    return march(transfer.stretched(mechanics.system), forces, *units_of_states(scale, step, n, P))
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,17 +341,15 @@ class Transfer:
         return replace(self, by_state=(system.base_error, -system.base[:, None, None].astype(np.float32)))
 
 
-def march(
-    transfer: Transfer, starts: TangentForces, middles: TangentForces, state: Single, inner: Single
-) -> Iterator[TangentStep]:
+def march(transfer: Transfer, forces: TangentForces, state: Single, inner: Single) -> Iterator[TangentStep]:
     """Carry sensitivities from the nodes on.
 
     Parameters
     ----------
     transfer : Transfer
         The structure.
-    starts, middles : TangentForces
-        Tangent forces at the ends of J steps and in their middles.
+    forces : TangentForces
+        Tangent forces along the steps.
     state, inner : array of shape (2, n, P, K) and (S, P, K)
         Sensitivities at the nodes, of masses and of states of links; overwritten.
 
@@ -369,31 +363,31 @@ def march(
     stack, pulls, motion = (np.empty((count, L, P, K), np.float32) for count in (4, 3, 2))
     accelerations, moved = np.empty((3, *state.shape[1:]), np.float32), np.empty_like(state)
     rates, between = np.empty((3, S, P, K), np.float32), np.empty_like(inner)
-    for j in range(middles.steps):
+    for start in range(0, 2 * forces.steps, 2):
         product(into_links, state, stack[:2])
         if transfer.by_state is not None:
             number, elongations = transfer.by_state
             stack[0] += elongations * inner[number]
-        starts(j, stack[:2], inner, pulls[0], rates[0])
+        forces(start, stack[:2], inner, pulls[0], rates[0])
         product(gain, pulls[0], accelerations[0])
-        starts.inertia(j, accelerations[0])
+        forces.inertia(start, accelerations[0])
         yield TangentStep(state, inner, accelerations[0], pulls[0])
         product(into_links, accelerations[0], stack[2])
         combine(TANGENT_MIDDLE, stack[:3], motion)
         if S:
             np.add(inner, np.float32(0.5) * rates[0], out=between)
-        middles(j, motion, between, pulls[1], rates[1])
+        forces(start + 1, motion, between, pulls[1], rates[1])
         product(gain, pulls[1], accelerations[1])
-        middles.inertia(j, accelerations[1])
+        forces.inertia(start + 1, accelerations[1])
         product(into_links, accelerations[1], stack[3])
         combine(TANGENT_END, stack, motion)
         if S:
             np.add(inner, np.float32(2.0) * rates[1] - rates[0], out=between)
-        starts(j + 1, motion, between, pulls[2], rates[2])
+        forces(start + 2, motion, between, pulls[2], rates[2])
         if S:
             inner += (rates[0] + np.float32(4.0) * rates[1] + rates[2]) / np.float32(6.0)
         product(gain, pulls[2], accelerations[2])
-        starts.inertia(j + 1, accelerations[2])
+        forces.inertia(start + 2, accelerations[2])
         state[0] += state[1]
         combine(TANGENT_CLOSING, accelerations, moved)
         state += moved
@@ -408,8 +402,8 @@ def tangent_forces(
     candidates: CandidateForces | None = None,
     *,
     inputs: Inputs,
-) -> tuple[TangentForces, TangentForces]:
-    """Tangent forces at the ends of the steps and in their middles.
+) -> TangentForces:
+    """Tangent forces at the ends of the steps and in their middles, in turn.
 
     Parameters
     ----------
@@ -418,22 +412,20 @@ def tangent_forces(
 
     Returns
     -------
-    starts, middles : TangentForces
+    TangentForces
         The forces.
     """
-    at_ends, between = inputs.accelerations(orbit)
-    starts = TangentForces(mechanics, orbit.links, orbit.memory, at_ends, step, unit)
-    middles = TangentForces(mechanics, orbit.middle_links, orbit.middle_memory, between, step, unit)
+    links, memory = in_turn(orbit.links, orbit.middle_links), in_turn(orbit.memory, orbit.middle_memory)
+    forces = TangentForces(mechanics, links, memory, inputs.accelerations(orbit), step, unit)
     if candidates is not None:
-        starts.add_candidates(candidates, candidates.starts, step)
-        middles.add_candidates(candidates, candidates.middles, step)
+        forces.add_candidates(candidates, step)
     if mechanics.system.shapes is not None:
         applied = inputs.points
-        stride = 1 if applied is None else len(applied) // len(orbit.middle_links)
-        pushed, pushed_between = (None, None) if applied is None else at_ends_and_middles(applied, stride)
-        starts.add_shapes(orbit.states, orbit.links, orbit.memory, pushed, step)
-        middles.add_shapes(orbit.middles(step), orbit.middle_links, orbit.middle_memory, pushed_between, step)
-    return starts, middles
+        if applied is not None:
+            applied = input_along(applied, len(applied) // len(orbit.middle_links))
+        states = in_turn(orbit.states, orbit.middles(step))
+        forces.add_shapes(states, links, memory, applied, step)
+    return forces
 
 
 def units_of_states(scale: Floats, step: Floats, n: int, P: int) -> tuple[Single, Single]:

@@ -20,6 +20,7 @@ from linkwise.arrays import Floats
 from linkwise.estimates.causes import CLOCK, CROSSTALK
 from linkwise.expression import Number, substitute, symbols, to_text
 from linkwise.likelihood.search import Optimum
+from linkwise.likelihood.shooting.flow import in_turn, input_along
 from linkwise.likelihood.shooting.residuals import (
     Misfit,
     SensorErrors,
@@ -42,8 +43,6 @@ from linkwise.likelihood.tests.score_test import (
     augmented_quadratic,
     candidate_forces,
     forces_along,
-    in_turn,
-    input_along,
     states_along,
 )
 from linkwise.model.coefficient import SHAPE
@@ -197,8 +196,7 @@ class TestedColumns:
         candidates, errors, owners = None, None, list[int]()
         if forces:
             numbers, firsts, seconds, along = zip(*forces, strict=True)
-            both = np.stack(along, axis=1)
-            candidates = CandidateForces(np.array(firsts), np.array(seconds), both[::2], both[1::2])
+            candidates = CandidateForces(np.array(firsts), np.array(seconds), np.stack(along, axis=1))
             owners.extend(numbers)
         if samples:
             numbers, channels, shown = zip(*samples, strict=True)
@@ -260,7 +258,7 @@ def inertia_and_inputs(motion: FittedMotion) -> Iterator[Added]:
     segments, structure = motion.segments, motion.structure
     own = [place for place in enumerate(structure.mass_names) if place[1] not in structure.modes]
     orbit = motion.misfit.trajectories.thinned(segments.flow_steps_per_tangent)
-    accelerations = in_turn(*segments.inputs.accelerations(orbit))
+    accelerations = segments.inputs.accelerations(orbit)
     for number, name in own:  # a mode has unit mass by definition; its frequency and damping are terms
         force = -float(structure.mass_values[number]) * accelerations[:, number]
         yield Added(Hypothesis("mass", name), [(-1, number, force)])

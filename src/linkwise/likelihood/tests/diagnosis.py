@@ -47,6 +47,7 @@ from linkwise.likelihood.tests.columns import (
     terms_along,
 )
 from linkwise.likelihood.tests.score_test import (
+    BETWEEN_MODES,
     FILTER,
     MEMORY_TERMS,
     PRICE_OF_REACH,
@@ -92,6 +93,11 @@ class TestedCauses:
     def which(self, wanted: Callable[[Hypothesis], bool]) -> Indices:
         """The numbers of the hypotheses that are wanted."""
         return np.flatnonzero([wanted(one) for one in self.hypotheses])
+
+    @cached_property
+    def of_laws(self) -> Indices:
+        """The numbers of usual terms, and of damping between modes."""
+        return self.which(lambda one: one.is_usual or one.kind == BETWEEN_MODES)
 
     def stated_masses(self) -> Indices:
         """The numbers of the errors of masses that are stated, not estimated."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -25,7 +26,7 @@ from linkwise.expression.program import cached_program
 from linkwise.likelihood.marginal import is_long
 from linkwise.likelihood.random_forces import system_with
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.flow import at_ends_and_middles
+from linkwise.likelihood.shooting.flow import in_turn, input_along
 from linkwise.likelihood.shooting.linear_model import (
     FactoredModel,
     eliminated_rows,
@@ -353,7 +354,7 @@ def candidate_forces(
     """The forces along the orbit, scaled to a root mean square of 1, and the scale factors (f,)."""
     along, units = forces_along(segments, misfit, forces)
     ends = np.array([[force.first, force.second] for force in forces], dtype=int).reshape(-1, 2)
-    return CandidateForces(ends[:, 0], ends[:, 1], along[::2], along[1::2]), units
+    return CandidateForces(ends[:, 0], ends[:, 1], along), units
 
 
 def forces_along(
@@ -393,18 +394,6 @@ def forces_along(
             for place, number in enumerate(part):
                 put(number, values[:, place])
     return both, units
-
-
-def in_turn(ends: Floats | Single, middles: Floats | Single) -> Floats:
-    """(2 J + 1, ...) of values at the ends (J + 1, ...) of steps and in their middles (J, ...)."""
-    both = np.empty((len(ends) + len(middles), *ends.shape[1:]))
-    both[::2], both[1::2] = ends, middles
-    return both
-
-
-def input_along(points: Floats, refine: int) -> Floats:
-    """(2 J + 1, ...) of an input (J refine, 5, ...) that is given at the points of every step of the flow."""
-    return in_turn(*at_ends_and_middles(points, refine))
 
 
 def states_along(segments: Segments, misfit: Misfit) -> Floats:
@@ -466,7 +455,7 @@ class Hypothesis:
     source: str = ""
     unit: str = ""
 
-    @property
+    @cached_property
     def is_usual(self) -> bool:
         """Whether it is one of the few terms that links lack most often."""
         return self.kind == "term" and self.term in _USUAL
