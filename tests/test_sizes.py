@@ -15,7 +15,7 @@ BUDGET = {  # files and lines of code of each package: falls with any commit, ri
     "absorption": (11, 2254),
     "analysis": (4, 506),
     "cli": (20, 1899),
-    "discovery": (18, 3498),
+    "discovery": (18, 3489),
     "estimates": (7, 1456),
     "export": (9, 784),
     "expression": (6, 1083),
