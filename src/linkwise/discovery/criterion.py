@@ -11,6 +11,7 @@ The subset with the least criterion is searched stepwise: coefficients are added
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -283,26 +284,17 @@ class QuadraticModel:
     def forward_selection(self, always: frozenset[int], limit: float) -> list[int]:
         """Add the coefficient with the largest |z| to `always`, drop what it makes insignificant, until none is above `limit`.
 
-        Of hundreds of columns that the noise makes nearly dependent only a few are ever solved for together.
+        Each is added once. Of hundreds of columns that noise makes nearly dependent few are ever solved for together.
         """
-        chosen = sorted(always)
-        visited: set[tuple[int, ...]] = set()
-        refused: list[int] = []
+        chosen, tried = sorted(always), list[int]()
         while True:
             additions = self.additions(chosen)
-            z = np.where(np.isin(additions.numbers, refused), 0.0, np.abs(additions.z))
-            if not len(z) or not np.max(z) >= limit:
+            z = np.where(np.isin(additions.numbers, tried), 0.0, np.abs(additions.z))
+            if not np.max(z, initial=0.0) >= limit:
                 return chosen
-            added = int(additions.numbers[int(np.argmax(z))])
-            try:
-                after = self.backward_elimination([*chosen, added], always, limit)
-            except np.linalg.LinAlgError:
-                after = chosen
-            if after == chosen or tuple(after) in visited:
-                refused.append(added)
-            else:
-                visited.add(tuple(after))
-                chosen = after
+            tried.append(int(additions.numbers[int(np.argmax(z))]))
+            with suppress(np.linalg.LinAlgError):
+                chosen = self.backward_elimination([*chosen, tried[-1]], always, limit)
 
 
 def inverse_of(matrix: Floats) -> Floats:

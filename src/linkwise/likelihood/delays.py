@@ -19,8 +19,8 @@ from linkwise.records.record import Record
 
 _WHOLE = 0.6  # samples of delay from which a channel is shifted by whole ones
 _BESIDE = 1.0  # samples of delay beyond which the shift beside stands for it: where a fit ends there, it is no optimum
-# samples by which a channel is shifted where the nearest ones do not explain the records
-_FAR = (-4, -2, 2, 4)
+# samples by which a channel is shifted where noise does not explain what the laws leave
+_BY = (1, -1, 2, -2, 4, -4)
 _NO_RATIO = 0.1  # standard errors
 _NO_SLIP = 0.02  # samples, over a record
 _ON_TIME = (
@@ -193,37 +193,23 @@ def _settled(shifts: _Shifts, late: Mapping[str, int]) -> _ShiftedFit:
 
 
 def _at_best_shift(shifted: _ShiftedFit, name: str) -> _ShiftedFit:
-    """The fit at the shift of a channel from which one sample more or less explains the records worse."""
-    best = _nearest(shifted, name)
-    if best.is_last:
-        return best
-    nearest = best
-    for neighbour in filter(None, (shifted.beside(name, samples) for samples in _FAR)):
-        if neighbour.fit.interrupted:
-            return neighbour
-        nearest = neighbour if neighbour.misfit < nearest.misfit else nearest
-    far = best if nearest is best else _nearest(nearest, name)
-    return far if far.is_optimum or far.fit.interrupted else best
+    """The fit at the shift of a channel beside which no other explains the records better."""
+    best = shifted
+    for _ in range(_SHIFTS):
+        nearest = best
+        for samples in () if best.is_last else _BY:
+            neighbour = None if nearest.is_last else best.beside(name, samples)
+            if neighbour is not None and neighbour.misfit < nearest.misfit:
+                nearest = neighbour
+        if nearest is best:
+            break
+        best = nearest
+    return best if best.is_optimum or best.fit.interrupted else shifted
 
 
 def _is_small(ratio: float, error: float, record: Record) -> bool:
     """Whether a ratio in ppm, known to an `error`, is hardly different from one, or no sample moves by it."""
     return abs(ratio) < max(_NO_RATIO * error, _NO_SLIP / (PPM * len(record)))
-
-
-def _nearest(start: _ShiftedFit, name: str) -> _ShiftedFit:
-    """The same, sample by sample from a fit."""
-    forward = 1 if start.fit.delays[name] >= 0.0 else -1
-    for direction in (forward, -forward):
-        best = start
-        for _ in range(_SHIFTS):
-            neighbour = None if best.is_last else best.beside(name, direction)
-            if neighbour is None or not neighbour.misfit < best.misfit:
-                break
-            best = neighbour
-        if best.is_last or (best is not start and best.is_optimum):
-            return best
-    return start
 
 
 def _shifted(record: Record, late: Mapping[str, int]) -> Record:

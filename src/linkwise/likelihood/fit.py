@@ -473,34 +473,27 @@ def motion_of_links(
     v = (states[:, 1] / segments.step).transpose(2, 0, 1).reshape(-1, identified.size)
     whole = [-(-len(record) // samples) * samples for record in records]
     firsts = np.cumsum([0, *whole[:-1]])
+    own = np.concatenate([first + np.arange(len(one)) for first, one in zip(firsts, records, strict=True)])
+    base = rate = None
+    if "x:base" in records[0].channels:
+        base = np.concatenate([record.channel("x:base") for record in records])
+        rate = np.concatenate([np.gradient(record.channel("x:base"), record.step) for record in records])
+    d, rates = identified.elongations(x[own], base), identified.elongations(v[own], rate)
     memory = fit.misfit.trajectories.memory[segments.at_samples]
-    inside = memory.transpose(2, 0, 1).reshape(len(x), -1)
+    inside, count = memory.transpose(2, 0, 1).reshape(len(x), -1)[own].T, len(segments.system.states)
+    of_links = zip(segments.system.states, inside[:count], strict=True)
+    signals = dict(zip(segments.inputs.signals, inside[count:], strict=True))
     left = fit.misfit.residuals if judged is None else judged
-    left = left.transpose(2, 0, 1).reshape(len(x), -1)
-    observed = fit.segments.observed.transpose(2, 0, 1).reshape(len(x), -1)
-    left = np.where(observed, left, np.nan)
-    d, rates, forces, remains = [], [], [], []
-    for record, first in zip(records, firsts, strict=True):
-        own = slice(first, first + len(record))
-        remains.append(left[own])
-        base = record.channel("x:base") if "x:base" in record.channels else None
-        d.append(identified.elongations(x[own], base))
-        rate = None if base is None else np.gradient(base, record.step)
-        rates.append(identified.elongations(v[own], rate))
-        count, names = len(segments.system.states), segments.inputs.signals
-        of_links = zip(segments.system.states, inside[own].T[:count], strict=True)
-        signals = dict(zip(names, inside[own].T[count:], strict=True))
-        force = forces_with_memory(identified, (d[-1], rates[-1]), of_links, signals)
-        forces += [] if force is None else [force]
+    remains = np.where(segments.observed, left, np.nan).transpose(2, 0, 1).reshape(len(x), -1)[own]
     return LinkMotion(
         structure=identified,
         time=np.concatenate([record.time for record in records]),
-        d=np.concatenate(d),
-        v=np.concatenate(rates),
-        d_range=extremes(np.concatenate(d)),
+        d=d,
+        v=rates,
+        d_range=extremes(d),
         compute_residual=partial(_residual, identified, records),
-        identified_force=np.concatenate(forces) if forces else None,
-        residuals=dict(zip(fit.noise, np.concatenate(remains).T, strict=True)),
+        identified_force=forces_with_memory(identified, (d, rates), of_links, signals),
+        residuals=dict(zip(fit.noise, remains.T, strict=True)),
     )
 
 

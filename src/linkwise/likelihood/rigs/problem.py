@@ -168,27 +168,24 @@ class LinkPath:
         initial: Floats, guess: Floats | None = None,
     ) -> LinkPath:  # fmt: skip
         ordered = tuple(values[name] for name in law.coefficients)
-        if not law.states:
-            return cls(law, ordered, d, v, step, np.zeros((len(d), 0)), True)
         program, _ = _programs(law, ())
         count = len(law.states)
-        states = np.zeros((len(d), count)) if guess is None else guess.copy()
+        states, converged = np.zeros((len(d), count)) if guess is None else guess.copy(), not count
         states[0] = initial
-        for _ in range(_NEWTON):
+        for _ in range(_NEWTON if count else 0):
             rates_and_slopes = program(d, v, *states.T, *ordered)
             rates = np.stack(rates_and_slopes[:count], axis=1)
             slopes = np.stack(rates_and_slopes[count:], axis=1).reshape(-1, count, count)
             missed = np.diff(states, axis=0) - 0.5 * step * (rates[1:] + rates[:-1])
             if not (np.isfinite(missed).all() and np.isfinite(slopes).all()):
-                return cls(law, ordered, d, v, step, states, False)
+                break
             change = StateEquations.of(slopes, step).solve(missed[..., None])[..., 0]
             states[1:] -= change
             size = np.abs(states).max()
-            if not size < _LARGEST:
-                return cls(law, ordered, d, v, step, states, False)
-            if np.abs(change).max() <= _TOLERANCE * (size + 1e-300):
-                return cls(law, ordered, d, v, step, states, True)
-        return cls(law, ordered, d, v, step, states, False)
+            converged = bool(np.abs(change).max() <= _TOLERANCE * (size + 1e-300) and size < _LARGEST)
+            if converged or not size < _LARGEST:
+                break
+        return cls(law, ordered, d, v, step, states, converged)
 
     def force(self) -> Floats:
         """Force (J,) in N at the nodes."""

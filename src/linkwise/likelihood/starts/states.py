@@ -30,8 +30,6 @@ from linkwise.records.record import Record
 from linkwise.signals.states import integral, smoothed
 from linkwise.weak.displacements import motion_without_drift
 
-_AFFINE = 1e-6  # relative difference of slopes of a rate by v up to which it counts as affine
-
 
 def motion_from_states(
     record: Record, structure: Structure, sigma: Mapping[str, float], x: Floats, v: Floats
@@ -63,31 +61,17 @@ def motion_from_states(
 
 def _rate(link: Link, record: Record, sigma: Mapping[str, float]) -> Floats | None:
     """The rate of a link (N,) in m/s from the first measured state that determines it; None if none does."""
-    states = link.law.states
-    for number, name in enumerate(states):
-        channel = f"state:{link.name}.{name}"
-        if channel not in record.channels:
+    for number, (name, expression) in enumerate(link.law.named_rates):
+        channel, slope = f"state:{link.name}.{name}", symbols(differentiate(expression, "v"))
+        if channel not in record.channels or "d" in symbols(expression) or not {"d", "v"}.isdisjoint(slope):
             continue
         state, changing, _ = smoothed(record, channel, sigma[channel])
         signals = dict(zip(link.law.signals, signals_of(record, link.law), strict=True))
         values: dict[str, float | Floats] = {**link.values, **link.zero_states, **signals, name: state}
-        at_rest, slope = _affine(link, number, values)
-        if slope is not None:
-            return np.asarray((changing - at_rest) / slope)
+        at_rest, moving = (np.asarray(link.law.state_rates(0.0, v, values)[number]) for v in (0.0, 1.0))
+        if np.abs(moving - at_rest).min() > 0.0:
+            return np.asarray((changing - at_rest) / (moving - at_rest))
     return None
-
-
-def _affine(link: Link, number: int, values: Mapping[str, float | Floats]) -> tuple[Floats, Floats | None]:
-    """The rate of a state at v = 0, and its slope by v; None for the slope where the rate depends on d or bends with v."""
-
-    def rate(d: float, v: float) -> Floats:
-        return np.asarray(link.law.state_rates(d, v, values)[number])
-
-    at_rest = rate(0.0, 0.0)
-    slope = rate(0.0, 1.0) - at_rest
-    estimates = (rate(1.0, 1.0) - at_rest, at_rest - rate(0.0, -1.0), 0.5 * (rate(0.0, 2.0) - at_rest))
-    steady = all(np.abs(estimate - slope).max() <= _AFFINE * np.abs(slope).max() for estimate in estimates)
-    return at_rest, slope if steady and np.abs(slope).min() > 0.0 else None
 
 
 # of the motion of the measured masses: the scale of a defect of an unmeasured mass at q = 1
