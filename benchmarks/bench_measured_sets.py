@@ -192,13 +192,36 @@ def relative_to_base(base: np.ndarray, tip: np.ndarray, rate: float) -> lw.Recor
     return lw.Record(0.0, rate, ("a:base", "rel:v:tip"), np.column_stack([base, tip - velocity]))
 
 
-def harvester_between_wells() -> MeasuredSet:
-    """The same harvester as it jumps between its wells: 4 s of the tip by laser, 0.1 m/s per V, and of the base."""
+def chaos_of_harvester() -> np.ndarray:
+    """Base in m/s^2, tip in m/s by laser at 0.1 m/s per V, and voltage of the same harvester (N, 3), at 2048 Hz."""
     folder = PUBLIC / "americocunhajr/BistableX/DataExperimental/poincare_analysis/chaos_symmetric"
     file = loadmat(folder / "DPsv00000.mat")
-    record = relative_to_base(9.81 * file["X1"][:, 1], 0.1 * file["X3"][:, 1], 2048.0).decimate(8)
+    return np.column_stack([9.81 * file["X1"][:, 1], 0.1 * file["X3"][:, 1], file["X2"][:, 1]])
+
+
+def harvester_between_wells() -> MeasuredSet:
+    """The same harvester as it jumps between its wells: 4 s."""
+    base, tip, _ = chaos_of_harvester().T
+    record = relative_to_base(base, tip, 2048.0).decimate(8)
     beam = lw.rig({"tip": 1.0}, {"harvester": "tip - base: alpha*d + beta*d**3 + gamma*d**5 + c*v"})
     return MeasuredSet("BistableX, both wells", record, beam, "none for a free run", 0.9)
+
+
+def harvester_with_voltage() -> MeasuredSet:
+    """The same with the voltage of its patch on 1 MOhm in the law."""
+    base, tip, voltage = chaos_of_harvester().T
+    bare = relative_to_base(base, tip, 2048.0)
+    channels, values = (*bare.channels, "state:harvester.V"), np.column_stack([bare.values, voltage])
+    law = lw.Law.parse("alpha*d + beta*d**3 + gamma*d**5 + c*v - theta*V", {"V": "(theta*v - V/R)/C"})
+    known = {"C": lw.Coefficient.unknown(lower=0.0), "R": lw.Coefficient.number(1e6)}
+    values_of = {name: known.get(name, lw.Coefficient.unknown()) for name in law.coefficients}
+    link = lw.Link("harvester", ("tip", "base"), law, values_of)
+    beam = lw.Structure("", (lw.Mass("tip", lw.Coefficient.number(1.0)),), (link,))
+    record = lw.Record(0.0, 2048.0, channels, values).decimate(8)
+    options = {"as_stated": True}
+    return MeasuredSet(
+        "BistableX, with its voltage", record, beam, "none for a free run", 0.9, options=options
+    )
 
 
 STUDENTS = {"x:frame[mm]": "sensor2", "x:damper[mm]": "sensor1"}
@@ -298,6 +321,7 @@ SETS: tuple[Callable[[], MeasuredSet], ...] = (
     friction_damper,
     harvester,
     harvester_between_wells,
+    harvester_with_voltage,
     sloshing,
     double_beam,
     jointed_beam,

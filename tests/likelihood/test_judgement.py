@@ -176,16 +176,17 @@ def test_a_term_that_overturns_a_coefficient_leaves_an_approximate_answer() -> N
 
 def test_a_record_that_is_too_short_for_an_approximate_answer_says_how_much_longer_would_do() -> None:
     law = "k*d + c*v"
-    whole = oscillator(f"{law} + q*d**3", k=987.0, c=6.0, q=4e6)
-    force = random_force(np.random.default_rng(5), 1.5, 200.0)
-    clean = lw.simulate(whole, forces={"m1": force}, duration=1.5, rate=200.0)
-    fit = lw.identify(
-        clean.with_noise(40.0, seed=5), oscillator(law, k=987.0, c=6.0).unknown("all"), as_stated=True
-    )
-    assert fit.grade is lw.Grade.REFUSED
-    assert re.search(
-        r"too short to compare parts of it: take [\d.]+ times as much of such motion\.", fit.message
-    )
+    whole, asked = oscillator(f"{law} + q*d**3", k=987.0, c=6.0, q=4e6), oscillator(law, k=987.0, c=6.0)
+
+    def answer(duration: float) -> lw.Estimate:
+        force = random_force(np.random.default_rng(5), duration, 200.0)
+        clean = lw.simulate(whole, forces={"m1": force}, duration=duration, rate=200.0)
+        return lw.identify(clean.with_noise(40.0, seed=5), asked.unknown("all"), as_stated=True)
+
+    short = answer(1.5)
+    told = present(re.search(r"to compare parts of it: take ([\d.]+) times as much of such", short.message))
+    assert short.grade is lw.Grade.REFUSED
+    assert answer(1.5 * float(told[1])).grade is lw.Grade.APPROXIMATE
 
 
 @pytest.mark.slow

@@ -102,6 +102,7 @@ from linkwise.model.coefficient import Name
 from linkwise.model.link import refuse_signals
 from linkwise.model.structure import Structure
 from linkwise.progress import Progress
+from linkwise.records.channel import MOTIONS
 from linkwise.records.channel_units import unit_in
 from linkwise.records.record import Record
 from linkwise.runtime import one_blas_thread
@@ -551,7 +552,7 @@ class MaximumLikelihood(AskedFor, Estimator):
     def _from_motion(
         self, held: Structure, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit from what the motion alone says of laws `held` without states, beside which recorded states follow.
+        """A fit from starts along the motion that laws `held` without states follow.
 
         A state that is recorded with hardly any noise, by an equation that is not quite right, leads the search for all
         of a law astray.
@@ -560,11 +561,18 @@ class MaximumLikelihood(AskedFor, Estimator):
         bare = [record.select(moving) for record in records]
         errors = tuple(one for one in options.errors if one.channel in moving)
         alone = self._searched(held, bare, replace(options, errors=errors))
-        found = dict(zip(alone.segments.system.parameters.names, alone.values.tolist(), strict=True))
-        framed_ones = framed_records(records, structure, integrated=True)
-        best = memory_starts(framed_ones, structure, dict(self.starts or {}))[0].values
-        theta = [found.get(p.name, start) for p, start in zip(structure.parameters, best, strict=True)]
-        return likelihood_fit(records, structure, np.array(theta), options=options)
+        followed = _along(alone, framed_records(records, structure, integrated=True), structure)
+        best = memory_starts(followed, structure, dict(self.starts or {}))[0].values
+        return likelihood_fit(records, structure, best, options=options)
+
+
+def _along(fit: LikelihoodFit, framed_ones: Sequence[Record], structure: Structure) -> list[Record]:
+    """The first of records in the coordinates of the equations, with the motion of a fit, which has no drift, for sensors."""
+    record, states = framed_ones[0], fit.misfit.trajectories.states[fit.segments.at_samples]
+    x = states[:, 0].transpose(2, 0, 1).reshape(-1, structure.size)[: len(record)]
+    kept = record.select([name for name in record.channels if name.is_input or name.kind not in MOTIONS])
+    channels = (*kept.channels, *(f"x:{name}" for name in structure.mass_names))
+    return [Record(record.start, record.rate, channels, np.column_stack([kept.values, x]))]
 
 
 def _with_noise_of_quiet(records: Sequence[Record]) -> list[Record] | None:

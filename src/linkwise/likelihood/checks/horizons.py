@@ -68,8 +68,11 @@ def over_horizons(fit: LikelihoodFit) -> LikelihoodFit | str:
     if fit.optimum.segments.random is not None:
         return ""
     if blocks_of_scatter(fit.optimum.segments) == 1:
-        longer = FEWEST * BLOCKS[0] / fit.optimum.segments.count
-        return f"The record is too short to compare parts of it: take {max(longer, 1.1):.2g} times as much of such motion."
+        longer = np.ceil(10.0 * FEWEST * BLOCKS[0] / fit.optimum.segments.count) / 10.0
+        return (
+            f"The record is too short to compare parts of it: take {longer:g} times as much of such motion, of several "
+            "records together where one ends before."
+        )
     path = _from_exact(fit)[::-1] if fit.noise_from_misfit else _path(fit)
     moves = [_largest_move(before, after) for before, after in pairwise(path)]
     alone = path and not fit.noise_from_misfit and path[0].fit.optimum.q < _with_blocks(fit.optimum)[-1]
