@@ -32,25 +32,25 @@ class Cause:
         them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
         ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
         ``"clock"``, a ``"slip"`` by samples that were lost or doubled, another ``"range"`` from a moment on,
-        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``, ``"mass"``, the ``"frequency"`` of a mode
-        of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between modes"`` that a host lacks, ``"force
-        gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its channel or that of the base, an
-        ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured force"`` where white ones were
-        assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose level changes with time, a
-        ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a missing ``"term"`` of a link,
-        a missing ``"link"`` between two masses or to the ground, or a stated value, ``"prior"``, that the records
-        contradict.
+        ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``, ``"mass"``,
+        the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between
+        modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its
+        channel or that of the base, an ``"ambient"`` or ``"harmonic force"`` on a mass, one that is a ``"coloured
+        force"`` where white ones were assumed, ``"correlated forces"`` on two masses, an ``"unsteady force"`` whose
+        level changes with time, a ``"change"`` of a coefficient at one moment, an ``"event"`` that no input shows, a
+        missing ``"term"`` of a link, a missing ``"link"`` between two masses or to the ground, or a stated value,
+        ``"prior"``, that the records contradict.
     where : str
         The channel, mass or link; of a missing link the two that it joins, ``"m2-ground"``.
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
         shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
         time constant for a filter, how many times too large values in another unit are, the factor of a range, the
-        corner of a high pass, the frequency of a mode that is lacking or of a hum, the rate at which a window falls, the number of clipped samples or
-        spikes, of samples of the shortest hit, of those that were lost or, below 0, doubled, 0 for a sign, a relative
-        motion and channels that are swapped, the standard deviation of noise, the spectral density of an ambient force,
-        the root mean square of what that of a coloured one departs from its mean by, and the square of that of an
-        unsteady one, the correlation of two forces, what a coefficient changes by.
+        corner of a high pass, the frequency of a mode that is lacking or of a hum, the rate at which a window falls,
+        the number of clipped samples or spikes, of samples of the shortest hit, of those that were lost or, below 0,
+        doubled, 0 for a sign, a relative motion and channels that are swapped, the standard deviation of noise, the
+        spectral density of an ambient force, the root mean square of what that of a coloured one departs from its mean
+        by, and the square of that of an unsteady one, the correlation of two forces, what a coefficient changes by.
     unit : str
         SI unit of `size`, ``"1"`` for a ratio.
     gain : float

@@ -2,9 +2,8 @@
 
 Errors of inputs and sensors are taken into the model by themselves: samples at the end of a range, spikes and hums that the
 records show, noise of inputs at the level that their channels show, then what the diagnosis names first, as long as it is one
-of a sensor or an input. Terms and links that are missing are a
-second answer beside the one as stated, with what else is off beside the first of them. Either counts where it leaves nothing
-but noise.
+of a sensor or an input. Terms and links that are missing are a second answer beside the one as stated, with what else is off
+beside the first of them. Either counts where it leaves nothing but noise.
 """
 
 from __future__ import annotations
@@ -155,9 +154,8 @@ def distinct_error(diagnosis: Sequence[Cause]) -> Cause | None:
         return None
     first = instruments[0]
     is_late = first.kind.endswith(("delay", CLOCK))
-    rivals = (
-        diagnosis if first.kind == CROSSTALK else instruments[1:]
-    )  # which resembles a link between two masses
+    # crosstalk resembles a link between two masses
+    rivals = diagnosis if first.kind == CROSSTALK else instruments[1:]
     return (
         None
         if not is_late and any(_rivals(first, rival) for rival in rivals if rival is not first)

@@ -101,7 +101,7 @@ class Optimum:
 
     @cached_property
     def runs_away(self) -> bool:
-        """Whether motion by the laws, run on from states along the records, leaves more of a channel than any unrelated would."""
+        """Whether motion by the laws, run on from states along the records, leaves more of a channel than unrelated motion."""
         segments, point = self.segments, self.point
         for _ in range(_JOINED_FAR):
             longer = LongerSegments.of(segments)
