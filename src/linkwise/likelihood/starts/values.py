@@ -78,7 +78,13 @@ _TOLERANCE = 1e-3  # of the cost
 
 
 def link_start(
-    signals: LinkSignals, number: int, link: Link, values: Mapping[str, float], free: tuple[str, ...]
+    signals: LinkSignals,
+    number: int,
+    link: Link,
+    values: Mapping[str, float],
+    free: tuple[str, ...],
+    *,
+    smooth: bool = False,
 ) -> dict[str, float]:
     """Starting values of coefficients in which the law of a link is jointly linear.
 
@@ -94,6 +100,8 @@ def link_start(
         Values of the other coefficients.
     free : tuple of str
         Names of the coefficients.
+    smooth : bool
+        Whether the motion is smoothed by a model, and no window is worse than others by its integration.
 
     Returns
     -------
@@ -111,7 +119,8 @@ def link_start(
         guess, left = regressed(link, d + place, v, force, values, free)
         if place and not np.isfinite(left):
             return np.inf, guess
-        return _improved(windows, link, {**values, **guess}, free, noise, reach=_BEYOND * place)
+        usual = np.inf if smooth else noise
+        return _improved(windows, link, {**values, **guess}, free, usual, reach=_BEYOND * place)
 
     trials = [trial(cutoff) for cutoff in _CUTOFFS]
     has_wells = windows.integration_order > 0 and not is_linear(link.law)
@@ -244,7 +253,9 @@ def start_of_links(
                 f'link "{link.name}": the law {link.law} is not linear in {", ".join(missing)}, which needs a start: write '
                 f"{missing[0]} = {{ start = ... }} among its coefficients"
             )
-        for name, value in link_start(signals, number, link, values, free).items():
+        for name, value in link_start(
+            signals, number, link, values, free, smooth=bool(structure.hosts)
+        ).items():
             by_parameter.setdefault(names[number, name], []).append(value)
     return {name: float(np.mean(values)) for name, values in by_parameter.items()}
 
