@@ -18,17 +18,8 @@ from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
 from linkwise.model.coefficient import Text
-from linkwise.records.channel import (
-    COMMON,
-    MOTIONS,
-    OF_CHANNELS,
-    Channel,
-    ClippedSamples,
-    SensorUncertainty,
-    check_stated,
-    check_values,
-    require_channel,
-)
+from linkwise.records.channel import COMMON, MOTIONS, OF_CHANNELS, Channel, ClippedSamples, SensorUncertainty
+from linkwise.records.sample_checks import check_stated, check_values, require_channel
 from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns
 
 if TYPE_CHECKING:

@@ -14,15 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
-from linkwise.records.channel import (
-    BAND_LIMITED,
-    NOWHERE,
-    Channel,
-    Rows,
-    check_rate,
-    check_responses,
-    column_notes,
-)
+from linkwise.records.channel import BAND_LIMITED, Channel
+from linkwise.records.sample_checks import NOWHERE, Rows, check_rate, check_responses, column_notes
 
 MIN_SAMPLES = 32  # fewer do not hold one period of a vibration together with its noise
 JITTER = 1e-3  # of a step: deviation of a clock up to which samples count as even

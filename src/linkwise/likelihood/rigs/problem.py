@@ -30,8 +30,9 @@ from linkwise.model.law import Law
 from linkwise.model.named_laws import smooth_rates
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import BASE, Structure
-from linkwise.records.channel import Channel, require_complete
+from linkwise.records.channel import Channel
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import require_complete
 from linkwise.signals.noise import channel_noise, noise_sigma
 from linkwise.signals.states import SmoothingSpline, smoothing_spline
 
