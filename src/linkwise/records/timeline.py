@@ -448,3 +448,20 @@ def sampled_columns(
     if informative:
         check_responses(tuple(channels), values, rows.file)
     return timeline, values, notes
+
+
+# of the distances, multiples of that of most samples: a few samples more or less make no other rate
+_REGULAR = 0.9
+
+
+def sampled_every(present: Bools) -> int:
+    """Samples from most of those that are `present` (N,) to the next one.
+
+    1 with less than two of them, and where the distances of many are no multiples of that, as where samples are missing at
+    random.
+    """
+    distances = np.diff(np.flatnonzero(present))
+    if not len(distances):
+        return 1
+    every = int(np.median(distances))
+    return every if np.mean(distances % every == 0) > _REGULAR else 1
