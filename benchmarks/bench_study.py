@@ -17,9 +17,9 @@ from small_study import small
 import linkwise as lw
 from linkwise.progress import silent
 from linkwise.report.study import StudyReport
-from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor
 from linkwise.study.runner import run
 from linkwise.study.store import open_store
+from linkwise.study.workers import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor
 
 WORKERS = 2
 HANDING_OUT = 0.05  # of the workers' time, at most
@@ -73,7 +73,7 @@ class Timed(Executor):
 @pytest.fixture
 def cluster() -> Iterator[Executor]:
     distributed = pytest.importorskip("distributed")
-    crews = pytest.importorskip("linkwise.study.executor")
+    crews = pytest.importorskip("linkwise.study.workers")
     with distributed.LocalCluster(
         n_workers=WORKERS,
         threads_per_worker=1,

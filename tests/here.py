@@ -10,8 +10,8 @@ from typing import Self, final
 
 import pytest
 
-from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, run_batch
 from linkwise.study.subject import Case, Row
+from linkwise.study.workers import CaseBatch, CaseResult, Executor, FailureKind, run_batch
 
 
 class Died(Exception):

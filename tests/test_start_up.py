@@ -34,7 +34,7 @@ def test_start_loads_nothing_heavy(code: str) -> None:
 QUESTIONS = """
 import sys
 import linkwise as lw
-import linkwise.study.executor
+import linkwise.study.workers
 from linkwise.report.estimate import estimate_page
 from linkwise.report.page import Reported
 chain = lw.bnes_chain(2)

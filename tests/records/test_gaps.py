@@ -13,8 +13,9 @@ from structures import beam_of_one_mode, link, oscillator
 import linkwise as lw
 from linkwise.arrays import Floats
 from linkwise.errors import RecordError
-from linkwise.records.channel import Channel, require_complete
-from linkwise.records.joining import common_samples
+from linkwise.records.channel import Channel
+from linkwise.records.record import common_samples
+from linkwise.records.sample_checks import require_complete
 from linkwise.records.timeline import resample_evenly
 from linkwise.signals.noise import channel_noise
 

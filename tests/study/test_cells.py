@@ -15,10 +15,10 @@ from small_study import DIVERGING, small
 
 import linkwise as lw
 from linkwise.study.definition import Study, parse_study
-from linkwise.study.executor import CaseBatch, run_batch
 from linkwise.study.store import open_store
 from linkwise.study.subject import FAILED, Case, Row
 from linkwise.study.summary import Cell, StudySummary, SuccessMap, maps_of
+from linkwise.study.workers import CaseBatch, run_batch
 
 TEXT = """
 snr_db = [20, 40]

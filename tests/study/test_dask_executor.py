@@ -62,7 +62,6 @@ def test_no_scheduler_is_said(tmp_path: Path) -> None:
 
 
 def test_the_extra_is_named_where_it_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "linkwise.study.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(lw.StudyError, match=r"install it with pip install 'linkwise\[cluster\]'"):
         lw.study.run_study(small(tmp_path), tmp_path / "out", scheduler="tcp://127.0.0.1:8786")

@@ -13,10 +13,10 @@ from problems import chain_record
 
 import linkwise as lw
 from linkwise.progress import silent
-from linkwise.study.executor import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor, run_batch
 from linkwise.study.runner import StudyProgress, run
 from linkwise.study.store import open_store
 from linkwise.study.subject import Case
+from linkwise.study.workers import CaseBatch, CaseResult, Executor, FailureKind, ProcessExecutor, run_batch
 
 
 @pytest.mark.slow

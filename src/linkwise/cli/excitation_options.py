@@ -22,7 +22,7 @@ from linkwise.cli.options import (
     split,
     typed,
 )
-from linkwise.records.channel import require_complete
+from linkwise.records.sample_checks import require_complete
 
 
 @dataclass(frozen=True)

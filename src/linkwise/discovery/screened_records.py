@@ -18,8 +18,7 @@ from linkwise.discovery.term_parameters import MotionRange, first_values, motion
 from linkwise.errors import IdentificationError
 from linkwise.model.link import BASE, GROUND
 from linkwise.progress import Progress
-from linkwise.records.joining import common_samples
-from linkwise.records.record import Record
+from linkwise.records.record import Record, common_samples
 from linkwise.signals.gaps import short_gaps_bridged
 from linkwise.signals.noise import channel_noise
 from linkwise.signals.states import channel_motion

@@ -18,8 +18,9 @@ from linkwise.display import near_miss
 from linkwise.errors import RecordError
 from linkwise.files.mapping import RecordMapping, statement_of
 from linkwise.files.table import Column, ColumnHeader, Table, si_factor
-from linkwise.records.channel import BASE, COMMON, Channel, ClippedSamples, Rows, check_rate, si_unit
+from linkwise.records.channel import BASE, COMMON, Channel, ClippedSamples, si_unit
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import Rows, check_rate
 from linkwise.records.sensor_statement import SensorStatement, StatedError, with_statements
 from linkwise.records.timeline import JITTER, resample_evenly, sampled_columns
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import KINDS, Channel, Rows, is_angular
+from linkwise.records.channel import KINDS, Channel, is_angular
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import Rows
 from linkwise.units import base_exponents, converts, factor_to_si, is_unit
 
 _SHOWN = 60  # characters of a cell that a message quotes

@@ -19,7 +19,7 @@ from linkwise.estimates.estimate import Estimate, Estimator
 from linkwise.identification.weak_answer import judged_by_likelihood
 from linkwise.likelihood.estimate import LikelihoodKeywords, MaximumLikelihood
 from linkwise.likelihood.options import uncounted
-from linkwise.likelihood.rigs.problem import LinkPath
+from linkwise.likelihood.rigs.link_path import LinkPath
 from linkwise.model.excitation import Sampled
 from linkwise.model.structure import BASE, GROUND, Link, Structure
 from linkwise.progress import Progress, silent

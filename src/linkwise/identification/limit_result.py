@@ -21,7 +21,7 @@ from linkwise.estimates.link_estimate import (
     true_motion,
 )
 from linkwise.likelihood.fisher_information import Precision
-from linkwise.likelihood.rigs.problem import LinkPath
+from linkwise.likelihood.rigs.link_path import LinkPath
 from linkwise.model.coefficient import Name
 from linkwise.model.link import Link, refuse_signals
 from linkwise.model.parameters import Parameter

@@ -10,7 +10,7 @@ import numpy as np
 from linkwise.arrays import Bools, Floats, Indices, stretches
 from linkwise.inspection.channel_signal import ChannelSignal, RecordSignals
 from linkwise.inspection.result import Alert
-from linkwise.records.joining import sampled_every
+from linkwise.records.timeline import sampled_every
 from linkwise.signals.states import smoothing_spline
 
 _MOTION = 0.2  # of the power of its noise: a channel with more moves, however short it is

@@ -12,8 +12,8 @@ import numpy as np
 from linkwise.arrays import Floats, Indices
 from linkwise.errors import IdentificationError
 from linkwise.modal.oscillators import Complex, SampledForce, pole, pole_changes
-from linkwise.records.channel import require_complete
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import require_complete
 from linkwise.signals.noise import channel_noise
 
 _SHORTEST = 50  # samples

@@ -27,7 +27,7 @@ import numpy as np
 from linkwise.errors import LinkwiseError, StructureError, located
 from linkwise.model.coefficient import Coefficient, coefficient_of, percentage
 from linkwise.model.host import Host, HostMode, Pair, entries_of
-from linkwise.model.reduction import read_host_matrices
+from linkwise.model.matrix_files import read_host_matrices
 from linkwise.model.rotations import turns_throughout, with_units
 from linkwise.model.toml import decode, read_toml_text
 from linkwise.units import converts, to_si

@@ -3,14 +3,15 @@
 MAT files of MATLAB; NPZ files, of one sparse matrix of SciPy or arrays by name; matrices of Nastran as DMIG entries in punch
 and bulk data files, or in OUTPUT4 files, text or binary; and MTX files, those of MatrixMarket and those that Abaqus writes
 with *MATRIX OUTPUT: an entry to a line, as row and column, or as node and direction of each, and of a symmetric matrix one
-triangle.
+triangle. A matrix is named "FILE:NAME", or "FILE" where the file holds one; those of one model come with their rows in
+one order.
 """
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,8 +22,10 @@ import scipy
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats
+from linkwise.display import near_miss
 from linkwise.errors import StructureError
 from linkwise.model.mat_file import load_mat, sound_sparse
+from linkwise.model.reduction import HostMatrices, real_square
 from linkwise.registry import lazy_module
 
 nastran = lazy_module("pyyeti.nastran")  # of an extra
@@ -261,3 +264,158 @@ _READERS: dict[str, Callable[[Path], dict[str, FileMatrix]]] = {
     ".op4": read_op4,
 }
 """What gives every matrix of a file by its name, by the suffix of the file."""
+
+
+# in MAT and NPZ files, and those of Nastran; not KGG, which no boundary condition constrains
+_USUAL = {"mass": ("M", "mass", "MAAX", "MAA"), "stiffness": ("K", "stiffness", "KAAX", "KAA")}
+_CONSTRAINED = 1e36  # stiffness that Abaqus adds where a boundary condition holds a degree of freedom
+
+
+def read_host_matrices(
+    mass: str, stiffness: str, damping: str | None = None, *, folder: str | Path = "."
+) -> HostMatrices:
+    """Read the matrices of a finite-element model, with their rows in one order.
+
+    Parameters
+    ----------
+    mass, stiffness : str
+        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix: MAT, NPZ, MatrixMarket and Abaqus files (MTX), or
+        Nastran's DMIG entries (PCH, BDF) and OUTPUT4 files (OP4), for which linkwise[nastran] is installed. Of a file that
+        holds several, ``"FILE"`` is the one with a usual name: M, mass, MAAX or MAA, and K, stiffness, KAAX or KAA.
+    damping : str, optional
+        The matrix of viscous damping.
+    folder : str or Path, optional
+        The folder from which relative names count.
+
+    Returns
+    -------
+    HostMatrices
+        The matrices. Where the files name nodes and directions, a degree of freedom that one of them lacks is 0 there; those
+        that Abaqus holds fixed, by a stiffness of 1e36, are left out.
+
+    Raises
+    ------
+    StructureError
+        If a file cannot be read or holds no such matrix, or the matrices belong to different models.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "mass.mtx").write_text("7,1, 7,1, 0.5\\n7,2, 7,2, 0.5\\n")
+    ...     _ = (Path(folder) / "stiff.mtx").write_text("7,1, 7,1, 1e36\\n7,2, 7,2, 200.0\\n")
+    ...     lw.modal.read_host_matrices("mass.mtx", "stiff.mtx", folder=folder).names
+    ('7y',)
+    """
+    sources = {"mass": mass, "stiffness": stiffness} | ({"damping": damping} if damping is not None else {})
+    read = {quantity: _read(source, folder, _USUAL.get(quantity, ())) for quantity, source in sources.items()}
+    places = [(_file_and_name(source)[0], read[quantity][0]) for quantity, source in sources.items()]
+    if places[0] == places[1]:
+        raise StructureError(
+            f"{places[0][1]} is taken for the mass and for the stiffness; name both matrices, or a file for each, the "
+            "mass first",
+            mass,
+        )
+    in_files = {quantity: matrix for quantity, (_, matrix) in read.items()}
+    named = [quantity for quantity, matrix in in_files.items() if matrix.names]
+    if named and len(named) < len(in_files):
+        unnamed = next(quantity for quantity in in_files if quantity not in named)
+        raise StructureError(
+            f"{sources[named[0]]} names nodes and directions and {sources[unnamed]} does not; take all matrices from files "
+            "of one kind"
+        )
+    if named:
+        names = list({name: None for matrix in in_files.values() for name in matrix.names})
+        matrices = {quantity: _spread(matrix, names) for quantity, matrix in in_files.items()}
+    else:
+        matrices = {quantity: matrix.matrix for quantity, matrix in in_files.items()}
+        names = [str(row) for row in range(1, matrices["stiffness"].shape[0] + 1)]
+        for quantity, matrix in matrices.items():
+            if matrix.shape != matrices["stiffness"].shape:
+                raise StructureError(
+                    f"the {quantity} matrix has {matrix.shape[0]} rows and the stiffness matrix {len(names)}; they belong to "
+                    "different models",
+                    " and ".join(dict.fromkeys([sources[quantity], sources["stiffness"]])),
+                )
+    free = np.flatnonzero(matrices["stiffness"].diagonal() < _CONSTRAINED)
+    if len(free) == 0:
+        raise StructureError("every degree of freedom is held fixed", sources["stiffness"])
+    if len(free) < len(names):
+        matrices = {name: scipy.sparse.csc_array(matrix[free][:, free]) for name, matrix in matrices.items()}
+    own = matrices["mass"], matrices["stiffness"], matrices.get("damping")
+    return HostMatrices(*own, tuple(names[row] for row in free))
+
+
+def read_matrix(named: str, folder: str | Path = ".") -> scipy.sparse.csc_array:
+    """Read a matrix of a finite-element model.
+
+    Parameters
+    ----------
+    named : str
+        ``"FILE:NAME"``, or ``"FILE"`` where the file holds one matrix; of the kinds of files of `read_host_matrices`.
+    folder : str or Path, optional
+        The folder from which a relative name counts.
+
+    Returns
+    -------
+    scipy.sparse.csc_array
+        The matrix.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read, or holds no such matrix.
+
+    See Also
+    --------
+    read_host_matrices : Matrices of one model, with the names of their rows.
+
+    Examples
+    --------
+    >>> import linkwise as lw
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savez(Path(folder) / "beam.npz", M=np.eye(3))
+    ...     lw.modal.read_matrix("beam.npz:M", folder).shape
+    (3, 3)
+    """
+    return _read(named, folder)[1].matrix
+
+
+def _read(named: str, folder: str | Path, usual: Sequence[str] = ()) -> tuple[str, FileMatrix]:
+    """Name and matrix, as `read_matrix` gives it, with the names of its rows; without a name, a `usual` one."""
+    file, name = _file_and_name(named)
+    path = Path(folder) / file
+    source = str(path)
+    matrices = read_matrices(path)
+    if not matrices:
+        raise StructureError("holds no matrices", source)
+    if name is None:
+        name = next((usual_name for usual_name in usual if usual_name in matrices), None)
+    if name is None and len(matrices) == 1:
+        name = next(iter(matrices))
+    if name not in matrices:
+        problem = f"holds no matrix {name!r}{near_miss(name, matrices)}" if name else "holds several matrices"
+        raise StructureError(f"{problem}; choose from {', '.join(matrices)}, as in {file}:NAME", source)
+    chosen = matrices[str(name)]
+    return str(name), FileMatrix(real_square(chosen.matrix, str(name), source), chosen.names)
+
+
+def _file_and_name(named: str) -> tuple[str, str | None]:
+    """The file and the name in it; a colon in second place is that of a drive."""
+    file, colon, name = named.rpartition(":")
+    return (file, name) if colon and len(file) > 1 else (named, None)
+
+
+def _spread(chosen: FileMatrix, names: list[str]) -> scipy.sparse.csc_array:
+    """The matrix (n, n) with rows in the order of `names`; 0 for those that it lacks."""
+    numbers = {name: number for number, name in enumerate(names)}
+    places = np.array([numbers[name] for name in chosen.names])
+    entries = scipy.sparse.coo_array(chosen.matrix)
+    rows, columns = entries.coords
+    spread = (entries.data, (places[rows], places[columns]))
+    return scipy.sparse.csc_array(spread, shape=(len(names), len(names)))

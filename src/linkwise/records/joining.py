@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from linkwise.arrays import Bools, Floats
+from linkwise.arrays import Floats
 from linkwise.errors import RecordError, expect
 from linkwise.records.channel import OF_CHANNELS, ClippedSamples, interpolated
 from linkwise.records.record import Record
@@ -125,37 +125,6 @@ def check_stated_noise(records: Sequence[Record]) -> None:
                     f"square of {size:.3g} {unit}; check the number and its unit",
                     channel=name,
                 )
-
-
-# of the distances, multiples of that of most samples: a few samples more or less make no other rate
-_REGULAR = 0.9
-
-
-def common_samples(record: Record) -> Record | None:
-    """A record at the lowest of the rates at which the motion of its masses was sampled: every so-manyth of its samples,
-    without a filter; None where most samples that all displacements, velocities and accelerations have follow one another.
-    """
-    complete = np.asarray(np.isfinite(record.select(record.motions).values).all(axis=1))
-    every = sampled_every(complete)
-    if every < 2:
-        return None
-    first = int(np.argmax(complete))
-    start = record.start + first / record.rate
-    values = record.values[first::every]
-    return replace(record, start=start, rate=record.rate / every, values=values, simulated=None)
-
-
-def sampled_every(present: Bools) -> int:
-    """Samples from most of those that are `present` (N,) to the next one.
-
-    1 with less than two of them, and where the distances of many are no multiples of that, as where samples are missing at
-    random.
-    """
-    distances = np.diff(np.flatnonzero(present))
-    if not len(distances):
-        return 1
-    every = int(np.median(distances))
-    return every if np.mean(distances % every == 0) > _REGULAR else 1
 
 
 _SAME_RATE = 1e-6

@@ -18,18 +18,9 @@ from linkwise.arrays import Bools, Floats
 from linkwise.display import NotebookView
 from linkwise.errors import RecordError, expect
 from linkwise.model.coefficient import Text
-from linkwise.records.channel import (
-    COMMON,
-    MOTIONS,
-    OF_CHANNELS,
-    Channel,
-    ClippedSamples,
-    SensorUncertainty,
-    check_stated,
-    check_values,
-    require_channel,
-)
-from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns
+from linkwise.records.channel import COMMON, MOTIONS, OF_CHANNELS, Channel, ClippedSamples, SensorUncertainty
+from linkwise.records.sample_checks import check_stated, check_values, require_channel
+from linkwise.records.timeline import EDGE, lowpass_for, sampled_columns, sampled_every
 
 if TYPE_CHECKING:
     from linkwise.model.structure import Structure
@@ -640,3 +631,17 @@ class Record(NotebookView):
             simulated=self.simulated and replace(self.simulated, noise=added),
             notes=(*self.notes, f"Noise of {decibel:g} dB per channel was added (seed {seed})."),
         )
+
+
+def common_samples(record: Record) -> Record | None:
+    """A record at the lowest of the rates at which the motion of its masses was sampled: every so-manyth of its samples,
+    without a filter; None where most samples that all displacements, velocities and accelerations have follow one another.
+    """
+    complete = np.asarray(np.isfinite(record.select(record.motions).values).all(axis=1))
+    every = sampled_every(complete)
+    if every < 2:
+        return None
+    first = int(np.argmax(complete))
+    start = record.start + first / record.rate
+    values = record.values[first::every]
+    return replace(record, start=start, rate=record.rate / every, values=values, simulated=None)

@@ -11,17 +11,10 @@ from typing import Any, NamedTuple
 
 from linkwise.display import near_miss
 from linkwise.errors import LinkwiseError, RecordError
-from linkwise.records.channel import (
-    COMMON,
-    KINDS,
-    Channel,
-    SensorUncertainty,
-    require_channel,
-    si_unit,
-    size_in_unit,
-)
+from linkwise.records.channel import COMMON, KINDS, Channel, SensorUncertainty, si_unit, size_in_unit
 from linkwise.records.joining import without_delays
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import require_channel
 from linkwise.units import to_si
 
 _NO_CALIBRATION = 0.2  # relative: a number from here on was meant as a percentage

@@ -14,15 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from linkwise.arrays import Bools, Floats
 from linkwise.errors import RecordError
-from linkwise.records.channel import (
-    BAND_LIMITED,
-    NOWHERE,
-    Channel,
-    Rows,
-    check_rate,
-    check_responses,
-    column_notes,
-)
+from linkwise.records.channel import BAND_LIMITED, Channel
+from linkwise.records.sample_checks import NOWHERE, Rows, check_rate, check_responses, column_notes
 
 MIN_SAMPLES = 32  # fewer do not hold one period of a vibration together with its noise
 JITTER = 1e-3  # of a step: deviation of a clock up to which samples count as even
@@ -455,3 +448,20 @@ def sampled_columns(
     if informative:
         check_responses(tuple(channels), values, rows.file)
     return timeline, values, notes
+
+
+# of the distances, multiples of that of most samples: a few samples more or less make no other rate
+_REGULAR = 0.9
+
+
+def sampled_every(present: Bools) -> int:
+    """Samples from most of those that are `present` (N,) to the next one.
+
+    1 with less than two of them, and where the distances of many are no multiples of that, as where samples are missing at
+    random.
+    """
+    distances = np.diff(np.flatnonzero(present))
+    if not len(distances):
+        return 1
+    every = int(np.median(distances))
+    return every if np.mean(distances % every == 0) > _REGULAR else 1

@@ -27,8 +27,9 @@ import scipy
 from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.model.structure import BASE, GROUND, Structure
-from linkwise.records.channel import BAND_LIMITED, MOTIONS, Channel, interpolated, require_complete
+from linkwise.records.channel import BAND_LIMITED, MOTIONS, Channel, interpolated
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import require_complete
 
 _SPLINE = 7  # order of the spline that is integrated
 

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.errors import RecordError
-from linkwise.records.joining import sampled_every
 from linkwise.records.record import Record
+from linkwise.records.timeline import sampled_every
 
 _BANDS = ((0.125, 0.25), (0.25, 0.375), (0.4, 0.5))  # cycles per sample
 _FEWEST_FOR_BANDS = 40  # samples: fewer leave the last band a power that is wrong by half of it

@@ -17,18 +17,19 @@ from linkwise.errors import StudyError, expect
 from linkwise.progress import Progress, ProgressReport, silent
 from linkwise.runtime import processors
 from linkwise.study.definition import Study, read_study
-from linkwise.study.executor import (
+from linkwise.study.store import SHARDS, Store, open_store, read_rows
+from linkwise.study.subject import WORKER_DIED, Case, Row
+from linkwise.study.summary import export_study
+from linkwise.study.workers import (
     CaseBatch,
     CaseResult,
+    DaskExecutor,
     Executor,
     FailureKind,
     GivenExecutor,
     ProcessExecutor,
     failed_row,
 )
-from linkwise.study.store import SHARDS, Store, open_store, read_rows
-from linkwise.study.subject import WORKER_DIED, Case, Row
-from linkwise.study.summary import export_study
 
 _MOST_DEATHS = 3  # of workers that run a case, after which the case is the reason
 _BATCHES_LEFT = 4  # per slot; with fewer left, batches are made smaller
@@ -262,11 +263,10 @@ def _executor(
     if scheduler is None:
         return ProcessExecutor(workers if workers is not None else processors())
     try:
-        cluster = import_module("linkwise.study.cluster")
+        import_module("distributed")
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
             raise
         message = "a scheduler needs the library distributed; install it with pip install 'linkwise[cluster]'"
         raise StudyError(message) from error
-    of_cluster: Executor = cluster.DaskExecutor(scheduler)
-    return of_cluster
+    return DaskExecutor(scheduler)

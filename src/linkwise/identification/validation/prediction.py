@@ -25,17 +25,10 @@ from linkwise.model.excitation import Sampled
 from linkwise.model.link import refuse_memory
 from linkwise.model.structure import BASE, Structure, refuse_hosts, refuse_rig
 from linkwise.progress import Progress, ProgressReport
-from linkwise.records.channel import (
-    BAND_LIMITED,
-    HELD,
-    LARGEST,
-    ORDER_OF,
-    Channel,
-    interpolated,
-    require_complete,
-)
+from linkwise.records.channel import BAND_LIMITED, HELD, ORDER_OF, Channel, interpolated
 from linkwise.records.channel_units import places_of
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import LARGEST, require_complete
 from linkwise.signals.base_frame import framed
 from linkwise.simulation.simulate import simulate
 

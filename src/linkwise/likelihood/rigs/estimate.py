@@ -29,16 +29,10 @@ from linkwise.errors import IdentificationError
 from linkwise.estimates.causes import Cause, NoiseEstimate, SensorErrorEstimate
 from linkwise.estimates.estimate import Estimate
 from linkwise.estimates.link_estimate import LinkMotion, extremes
-from linkwise.likelihood.rigs.problem import (
-    BASE_CHANNEL,
-    LinkPath,
-    Minimum,
-    RigProblem,
-    cell_name,
-    cell_noise,
-    minimise,
-    starts,
-)
+from linkwise.likelihood.rigs.link_path import LinkPath
+from linkwise.likelihood.rigs.minimise import Minimum, minimise, starts
+from linkwise.likelihood.rigs.motion import BASE_CHANNEL
+from linkwise.likelihood.rigs.problem import RigProblem, cell_name, cell_noise
 from linkwise.likelihood.search import BlockScores
 from linkwise.likelihood.shooting.segmentation import require_same_channels
 from linkwise.likelihood.starts.memory import unit_sizes

@@ -31,18 +31,10 @@ from linkwise.likelihood.shooting.loss import ClippedReadings
 from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure
-from linkwise.records.channel import (
-    BAND_LIMITED,
-    BASE,
-    COMMON,
-    HELD,
-    MOTIONS,
-    Channel,
-    interpolated,
-    require_complete,
-)
+from linkwise.records.channel import BAND_LIMITED, BASE, COMMON, HELD, MOTIONS, Channel, interpolated
 from linkwise.records.channel_units import signals_of
 from linkwise.records.record import Record
+from linkwise.records.sample_checks import require_complete
 from linkwise.signals.base_frame import FramedRecord, frame_acceleration
 from linkwise.units import base_exponents
 

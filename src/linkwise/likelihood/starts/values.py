@@ -53,9 +53,8 @@ from linkwise.model.host import is_between_modes
 from linkwise.model.link import GROUND, Link
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
-from linkwise.records.channel import require_complete
-from linkwise.records.joining import common_samples
-from linkwise.records.record import Record
+from linkwise.records.record import Record, common_samples
+from linkwise.records.sample_checks import require_complete
 from linkwise.runtime import one_blas_thread
 from linkwise.signals.base_frame import framed_records
 from linkwise.signals.gaps import short_gaps_bridged

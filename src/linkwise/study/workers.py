@@ -1,4 +1,5 @@
-"""Executors of the batches of a study: the interface, and the processes of this machine behind it.
+"""Workers of a study: what each does with a batch of cases, and the executors of batches, which are the processes of this
+machine, those of a dask.distributed cluster (extra [cluster]), or what is given.
 
 An executor returns futures of `concurrent.futures`, and classifies the failure of a batch.
 """
@@ -11,6 +12,7 @@ import math
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -30,10 +32,12 @@ from typing import Any, Self, final
 
 from linkwise.errors import LinkwiseError, StudyError
 from linkwise.records.record import Record
+from linkwise.registry import lazy_module
 from linkwise.runtime import one_blas_thread
 from linkwise.study.definition import Study, build_study
 from linkwise.study.subject import FAILED, INTERNAL_ERROR, Case, MethodResult, Row
 
+distributed = lazy_module("distributed")  # of an extra
 ErrorType = type[BaseException] | None  # of the error that ends the work
 _RECORDS = 64  # clean records that a worker caches
 _ONE_AT_A_TIME = Lock()  # compiled integrators are not thread-safe, and a worker may have several threads
@@ -291,3 +295,54 @@ def _exit_with(end: Connection) -> None:
         end.poll(None)
     finally:
         os._exit(1)
+
+
+_TIMEOUT = 30.0  # s for the scheduler to answer, and for a first worker to connect
+
+
+@final
+class DaskExecutor(Executor):
+    """All workers of the cluster with the scheduler at `address` ("tcp://host:8786"), which may come and go.
+
+    dask moves a batch whose worker dies to another worker, and gives it up after a few deaths. Raises StudyError if no
+    scheduler answers at the address, and if it has no worker.
+    """
+
+    batch_seconds = 2.0
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+
+    @property
+    def slots(self) -> int:
+        return _BATCHES_PER_WORKER * max(sum(map(int, self._client.nthreads().values())), 1)
+
+    def __enter__(self) -> Self:
+        try:
+            # A client that cannot connect takes a minute to give up, so a plain connection is tried first.
+            socket.create_connection(distributed.comm.get_address_host_port(self._address), _TIMEOUT).close()
+            self._client: Any = distributed.Client(self._address, timeout=_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, ImportError) as error:
+            raise StudyError(f"no scheduler answers: {error}", self._address) from error
+        try:
+            self._client.wait_for_workers(1, timeout=_TIMEOUT)
+        except TimeoutError as error:
+            self._client.close()
+            raise StudyError(
+                f"no worker has connected to the scheduler within {_TIMEOUT:g} s; start some: dask worker {self._address}",
+                self._address,
+            ) from error
+        self._executor = self._client.get_executor(pure=False)
+        return self
+
+    def submit(self, batch: CaseBatch) -> Future[list[CaseResult]]:
+        future: Future[list[CaseResult]] = self._executor.submit(run_batch, batch)
+        return future
+
+    def failure_kind(self, future: Future[list[CaseResult]]) -> FailureKind:
+        died = isinstance(future.exception(), distributed.KilledWorker)
+        return FailureKind.WORKER_DIED if died else FailureKind.CANNOT_RUN
+
+    def __exit__(self, kind: ErrorType, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._executor.shutdown(wait=kind is None)
+        self._client.close()

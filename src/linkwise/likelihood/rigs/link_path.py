@@ -1,0 +1,172 @@
+"""States of a link along a motion that is known, by the trapezoidal rule, with their derivatives.
+
+All steps are solved together by Newton's method: the equations of neighbouring nodes form a banded matrix, which also gives
+the sensitivities of the states (one solve each) and, transposed, those to the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import lapack
+
+from linkwise.arrays import Floats
+from linkwise.expression import Program, differentiate
+from linkwise.model.law import Law
+from linkwise.model.named_laws import smooth_rates
+
+_NEWTON = 40  # iterations, at most
+_TOLERANCE = 1e-9  # of the size of the states
+_LARGEST = 1e12  # a state that gets larger has run away
+
+
+@lru_cache(maxsize=256)
+def _programs(law: Law, free: tuple[str, ...]) -> tuple[Program, Program]:
+    """Rates and their derivatives by states; then the derivatives of force and rates by d, v, states and coefficients."""
+    rates = smooth_rates(law)
+    names = (*law.variables, *law.coefficients)
+    newton = [*rates, *(differentiate(rate, state) for rate in rates for state in law.states)]
+    by = ("d", "v", *law.states, *free)
+    slopes = [differentiate(tree, name) for tree in (law.expression, *rates) for name in by]
+    return Program(newton, names, wide=law.variables), Program(slopes, names, wide=law.variables)
+
+
+@dataclass(frozen=True, eq=False)
+class StateEquations:
+    """Factorised linearised equations of the states (S) at the nodes (J), the first of which is given."""
+
+    factors: Floats
+    pivots: Floats
+    count: int
+
+    @classmethod
+    def of(cls, slopes: Floats, step: float) -> StateEquations:
+        """Of the derivatives (J, S, S) of the rates by states."""
+        nodes, count, _ = slopes.shape
+        half = 0.5 * step * slopes
+        lower, upper = 2 * count - 1, count - 1
+        bands = np.zeros((2 * lower + upper + 1, (nodes - 1) * count))
+        unit = np.eye(count)
+        for row in range(count):
+            for column in range(count):
+                ahead = unit[row, column] - half[1:, row, column]
+                behind = -unit[row, column] - half[1:-1, row, column]
+                bands[lower + upper + row - column, column::count] = ahead
+                bands[lower + upper + row - column + count, column:-count:count] = behind
+        factors, pivots, _ = lapack.dgbtrf(bands, lower, upper, overwrite_ab=1)
+        return cls(factors, pivots, count)
+
+    def solve(self, right: Floats, *, transposed: bool = False) -> Floats:
+        """Solution for right-hand sides (J - 1, S, q)."""
+        lower, upper = 2 * self.count - 1, self.count - 1
+        flat = right.reshape(-1, right.shape[-1])
+        solved, _ = lapack.dgbtrs(self.factors, lower, upper, flat, self.pivots, trans=int(transposed))
+        return np.asarray(solved).reshape(right.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPath:
+    """A link along a motion: `states` (J, S), behind them the signals that its law names, `converged` if they are found."""
+
+    law: Law
+    values: tuple[float, ...]
+    d: Floats
+    v: Floats
+    step: float
+    states: Floats
+    converged: bool
+
+    @classmethod
+    @np.errstate(all="ignore")  # states may run away; then the path has not converged
+    def of(
+        cls, law: Law, values: dict[str, float], d: Floats, v: Floats, step: float,
+        initial: Floats, guess: Floats | None = None,
+    ) -> LinkPath:  # fmt: skip
+        ordered = tuple(values[name] for name in law.coefficients)
+        program, _ = _programs(law, ())
+        count = len(law.states)
+        states, converged = np.zeros((len(d), count)) if guess is None else guess.copy(), not count
+        states[0] = initial
+        for _ in range(_NEWTON if count else 0):
+            rates_and_slopes = program(d, v, *states.T, *ordered)
+            rates = np.stack(rates_and_slopes[:count], axis=1)
+            slopes = np.stack(rates_and_slopes[count:], axis=1).reshape(-1, count, count)
+            missed = np.diff(states, axis=0) - 0.5 * step * (rates[1:] + rates[:-1])
+            if not (np.isfinite(missed).all() and np.isfinite(slopes).all()):
+                break
+            change = StateEquations.of(slopes, step).solve(missed[..., None])[..., 0]
+            states[1:] -= change
+            size = np.abs(states).max()
+            converged = bool(np.abs(change).max() <= _TOLERANCE * (size + 1e-300) and size < _LARGEST)
+            if converged or not size < _LARGEST:
+                break
+        return cls(law, ordered, d, v, step, states, converged)
+
+    def force(self) -> Floats:
+        """Force (J,) in N at the nodes."""
+        named = dict(zip(self.law.coefficients, self.values, strict=True))
+        named |= dict(zip((*self.law.states, *self.law.signals), self.states.T, strict=True))
+        return self.law.force(self.d, self.v, named)
+
+    def tangents(self, free: Sequence[str]) -> LinkTangents:
+        """Derivatives along the motion, by the coefficients `free`."""
+        _, program = _programs(self.law, tuple(free))
+        slopes = program(self.d, self.v, *self.states.T, *self.values)
+        count, width = len(self.law.states), 2 + len(self.law.states) + len(free)
+        rows = np.stack(slopes, axis=1).reshape(len(self.d), 1 + count, width)
+        by_state = rows[:, 1:, 2 : 2 + count]
+        equations = StateEquations.of(by_state, self.step) if count else None
+        return LinkTangents(rows, self.step, count, equations)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkTangents:
+    """Derivatives (J, 1 + S, 2 + S + c) of the force and the rates of the states of a link along a motion by d, v, the states
+    and c coefficients.
+    """
+
+    rows: Floats
+    step: float
+    count: int
+    equations: StateEquations | None
+
+    def by_unknowns(self) -> Floats:
+        """(J, c + S) by coefficients and initial states, and by d (one column more), held for the whole motion."""
+        count, own = self.count, self.rows[:, :, 2 + self.count :]
+        of_states = np.zeros((*self.rows.shape[:2], count))
+        pushed = np.concatenate([own, of_states, self.rows[:, :, :1]], axis=2)
+        return self._followed(pushed, np.eye(count, pushed.shape[2], k=own.shape[2]))
+
+    def by_motion(self, change_d: Floats, change_v: Floats) -> Floats:
+        """Changes (J, q) of the force with changes (J, q) of d and v along the motion."""
+        of_d, of_v = self.rows[:, :, 0, None], self.rows[:, :, 1, None]
+        pushed = of_d * change_d[:, None] + of_v * change_v[:, None]
+        return self._followed(pushed, np.zeros((self.count, change_d.shape[1])))
+
+    def _followed(self, pushed: Floats, first: Floats) -> Floats:
+        """Changes (J, q) of the force where it and the rates are `pushed` (J, 1 + S, q), and the states at first (S, q)."""
+        if self.equations is None:
+            return pushed[:, 0]
+        half, by_state = 0.5 * self.step, self.rows[:, :, 2 : 2 + self.count]
+        right = half * (pushed[1:, 1:] + pushed[:-1, 1:])
+        right[0] += first + half * by_state[0, 1:] @ first
+        states = np.concatenate([first[None], self.equations.solve(right)])
+        return np.asarray(pushed[:, 0] + np.einsum("js,jsq->jq", by_state[:, 0], states))
+
+    def to_motion(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Derivatives (J, q) of sums of forces, weighted with (J, q), by d and by v at every node."""
+        count, rows = self.count, self.rows
+        by_motion = [weights * rows[:, 0, column, None] for column in (0, 1)]
+        if self.equations is None:
+            return by_motion[0], by_motion[1]
+        sources = rows[:, 0, 2 : 2 + count, None] * weights[:, None, :]
+        pulled = self.equations.solve(sources[1:], transposed=True)
+        both = np.zeros((len(rows), *pulled.shape[1:]))
+        both[1:] += pulled
+        both[:-1] += pulled
+        for column in (0, 1):
+            by_motion[column] += 0.5 * self.step * np.einsum("js,jsq->jq", rows[:, 1:, column], both)
+        return by_motion[0], by_motion[1]
