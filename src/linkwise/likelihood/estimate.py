@@ -534,8 +534,8 @@ class MaximumLikelihood(AskedFor, Estimator):
             host_memory_starts if structure.hosts else memory_starts,
         ]
         searches = [partial(fit, kind) for kind in kinds]
-        shows_states = any(name.kind == "state" for name in records[0].channels)
-        held = held_at_zero(structure) if shows_states and knows_masses and not structure.hosts else None
+        beside_motion = records[0].motions and any(name.kind == "state" for name in records[0].channels)
+        held = held_at_zero(structure) if beside_motion and knows_masses and not structure.hosts else None
         if held:
             searches.append(partial(self._from_motion, held, structure, records, options))
         if all(p.name in known for p in structure.parameters):
