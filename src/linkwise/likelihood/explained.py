@@ -2,8 +2,9 @@
 
 Errors of inputs and sensors are taken into the model by themselves: samples at the end of a range, spikes and hums that the
 records show, noise of inputs at the level that their channels show, then what the diagnosis names first, as long as it is one
-of a sensor or an input. Terms and links that are missing are a second answer beside the one as stated, with what else is off
-beside the first of them. Either counts where it leaves nothing but noise.
+of a sensor or an input. Terms and links that are missing are a
+second answer beside the one as stated, with what else is off beside the first of them. Either counts where it leaves nothing
+but noise.
 """
 
 from __future__ import annotations
@@ -362,17 +363,15 @@ def _by_slip(first: _Model) -> _Model | None:
 
 
 def _by_range(first: _Model) -> _Model | None:
-    """A channel with another range from some moment on; None where another error or a term explains as much."""
+    """A channel whose gain is another one from some moment on; where a small one alone explains that."""
     found = changed_range(first.records, first.structure, first.answer.diagnosis[:1])
     if found is None:
         return None
     cause, error, record = found
-    errors = (*first.options.errors, error)
-    ranged = first.beside(cause, records=[record], options=replace(first.options, errors=errors))
-    if ranged is None or not ranged.is_explained:
-        return None
-    gains = (Cause("gain", str(name), 0.0, "1", 0.0, 0.0) for name in record.responses)
-    return _unrivalled(first, ranged, *gains)
+    errors = replace(first.options, errors=(*first.options.errors, error))
+    ranged = first.beside(cause, records=[record], options=errors)
+    is_small = abs(cause.size - 1.0) < _CALIBRATED
+    return _unrivalled(first, ranged) if ranged is not None and ranged.is_explained and is_small else ranged
 
 
 def _by_event(first: _Model) -> _Model | None:
@@ -431,10 +430,10 @@ def _by_high_pass(first: _Model) -> _Model | None:
     return None
 
 
-def _unrivalled(first: _Model, found: _Model, *errors: Cause) -> _Model | None:
-    """The model that was found; None where one of the `errors`, a term or another error explains as much."""
-    rivals = (*map(first.with_error, errors), explained(first, _beside_cause, 1), _with_errors(first, most=1))
-    alike = (one and one.is_explained and one.misfit < found.misfit + _AS_LIKELY for one in rivals)
+def _unrivalled(first: _Model, found: _Model) -> _Model | None:
+    """The model that was found; None where a term or another error explains as much."""
+    rivals = (explained(first, _beside_cause, 1), _with_errors(first, most=1))
+    alike = (one.is_explained and one.misfit < found.misfit + _AS_LIKELY for one in rivals)
     return None if any(alike) else found
 
 
