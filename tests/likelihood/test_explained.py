@@ -560,20 +560,6 @@ def accelerations(subject: lw.Structure, corner: float = 0.0) -> lw.Record:
     return replace(clean, values=values, simulated=None).with_noise(35.0, seed=1)
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.03])
-def test_a_change_of_range_is_taken_out(factor: float) -> None:
-    """It was told as an event, half of the force, or as a gain that is off."""
-    force = random_force(np.random.default_rng(2), 4.0, 200.0)
-    clean = lw.simulate(HARD, forces={"m1": force}, duration=4.0, rate=200.0).with_noise(40.0, seed=2)
-    values, column = clean.values.copy(), clean.channels.index("x:m1")
-    values[clean.time > 2.3, column] *= factor
-    fit = lw.identify(replace(clean, values=values, simulated=None), HARD.unknown("all"))
-    assert fit.trusted and np.abs(errors(fit, HARD)).max() < 4.5
-    [cause] = fit.added
-    assert cause.kind == "range" and cause.size == pytest.approx(factor, rel=0.01)
-    assert float(cause.source.split()[0]) == pytest.approx(2.3, abs=0.1)
-
-
 def test_a_high_pass_that_a_term_hides_to_the_first_order_is_taken_into_the_model() -> None:
     """At 1.9 Hz v*d**2 explained more by its score, and made a second answer with the high pass beside it."""
     fit = lw.identify(accelerations(HARD, 1.9), HARD.unknown("all"))

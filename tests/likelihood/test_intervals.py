@@ -264,10 +264,7 @@ def test_intervals_reach_the_truth_on_the_slow_side(
 
 @pytest.mark.slow
 def test_another_optimum_behind_the_wall_takes_trust_away() -> None:
-    """At a low signal, the laws held loosely; where rounding leads the search was 7 standard errors off in the second."""
-    estimate = lw.identify(released(2.0, 2.0, 10.0, 61033), UNKNOWN)
-    assert estimate.status == "several optima" and not estimate.trusted
-    assert "or rises again beyond" in estimate.message
+    """At a low signal, the laws held loosely: where rounding leads the search, alpha was 7 standard errors off."""
     estimate = lw.identify(released(2.0, 2.0, 10.0, 5750348), UNKNOWN)
     off = np.abs(estimate.values - truth(CHAIN, UNKNOWN)) / np.sqrt(estimate.covariance.diagonal())
     assert off.max() < 4.5 or not estimate.trusted

@@ -255,8 +255,8 @@ def test_values_by_which_motion_soon_runs_away_from_the_record_are_refused() -> 
         misfit = evaluate(optimum.segments, point, optimum.scales, optimum.loss)
         wrong = replace(best, fit=replace(fit, optimum=replace(optimum, misfit=misfit)))
         judgement = present(motion_that_runs_away(wrong, before))
-    assert judgement.verdict is lw.Verdict.NOT_CONVERGED
-    assert "state starts of link.k and link.c within some 20 %" in judgement.message
+        assert judgement.verdict is lw.Verdict.NOT_CONVERGED
+        assert "state starts of link.k and link.c within some 20 %" in judgement.message
 
 
 @pytest.mark.parametrize(("left", "growth"), [(0.5, 0.0), (0.2, 0.0), (1.0, 0.0), (1.0, 10.0)])

@@ -15,9 +15,8 @@ from within import assert_within, errors
 
 import linkwise as lw
 from linkwise.arrays import Floats
-from linkwise.likelihood.fit import likelihood_fit
+from linkwise.likelihood.fit import _passed, likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
-from linkwise.likelihood.terms import passed_above
 
 
 @pytest.fixture(scope="module")
@@ -320,7 +319,7 @@ def coupled(corner: float = 0.3, before: int = 0) -> tuple[lw.Record, lw.Structu
     clean = lw.simulate(spring, duration=(count - 1) / rate, rate=rate, forces={"m1": force}, sensors=("a",))
     values = clean.values.copy()
     column = clean.channels.index("a:m1")
-    values[:, column] = passed_above(corner, values[:, column], 1.0 / rate)
+    values[:, column] = _passed(values[:, column], 1.0 / rate, corner)
     return replace(clean, values=values).with_noise(40.0, seed=3)[before:], spring.unknown("all"), corner
 
 

@@ -284,7 +284,8 @@ class QuadraticModel:
     def forward_selection(self, always: frozenset[int], limit: float) -> list[int]:
         """Add the coefficient with the largest |z| to `always`, drop what it makes insignificant, until none is above `limit`.
 
-        Each is added once. Of hundreds of columns that noise makes nearly dependent few are ever solved for together.
+        Each is added once: what a later one makes insignificant stays out. Of hundreds of columns that noise makes nearly
+        dependent few are ever solved for together.
         """
         chosen, tried = sorted(always), list[int]()
         while True:

@@ -31,7 +31,7 @@ class Cause:
         ``"gain"``, ``"offset"``, ``"drift"``, ``"delay"`` or ``"crosstalk"`` of a channel, a ``"filter"`` that all of
         them share, the wrong ``"sign"`` of a channel, a ``"unit"`` that is another one, two channels that are
         ``"swapped"``, another ``"place"`` of a force, ``"relative"`` motion taken for absolute, a ``"high pass"``, a
-        ``"clock"``, a ``"slip"`` by samples that were lost or doubled, another ``"range"`` from a moment on,
+        ``"clock"``, a ``"slip"`` by samples that were lost or doubled,
         ``"clipped"`` samples, ``"hits"`` of few, ``"spikes"``, a ``"hum"``, an exponential ``"window"``, ``"mass"``,
         the ``"frequency"`` of a mode of a host or its ``"shape"`` at a point, a ``"mode"`` or ``"damping between
         modes"`` that a host lacks, ``"force gain"`` or ``"force delay"`` of an applied force, ``"input noise"`` of its
@@ -45,7 +45,7 @@ class Cause:
     size : float
         The error, in `unit`: relative for gains, masses and frequencies, of a force what acts over what its channel
         shows, its delay behind that, the root mean square of the force for a term or a link, half the square of the
-        time constant for a filter, how many times too large values in another unit are, the factor of a range, the
+        time constant for a filter, how many times too large values in another unit are, the
         corner of a high pass, the frequency of a mode that is lacking or of a hum, the rate at which a window falls,
         the number of clipped samples or spikes, of samples of the shortest hit, of those that were lost or, below 0,
         doubled, 0 for a sign, a relative motion and channels that are swapped, the standard deviation of noise, the
@@ -61,7 +61,7 @@ class Cause:
         The form of a missing term, or of the law of a missing link, else empty.
     source : str
         The channel that crosstalk comes from, the other one of two that are swapped or correlated, the mass on which a force
-        acts, the mode of a shape, or the moment of a change, a slip, a range or an event, else empty.
+        acts, the mode of a shape, or the moment of a change, a slip or an event, else empty.
     share : float
         Of a missing term: its part of the force in its link, both root mean squares; of a mode that is lacking: the part of
         the power that is left in the sensors of its host that it explains.
@@ -215,7 +215,6 @@ CLIPPED: Final = "clipped"
 HITS: Final = "hits"
 SPIKES: Final = "spikes"
 HUM: Final = "hum"
-RANGE: Final = "range"
 WINDOW: Final = "window"
 
 _OFF = "{0.where} that is off by {percent:+.3g} %"
@@ -240,7 +239,6 @@ CAUSE_KINDS: Registry[CauseKind] = Registry(
         HIGH_PASS: CauseKind("a high pass of {0.where} at {0.size:.3g} Hz, as AC coupling is", "Hz"),
         CLOCK: CauseKind("a clock of {0.where} that runs {size:.3g} ppm {faster}{remark}", "ppm"),
         SLIP: CauseKind("{0.where} that {lost} {size:.0f} sample{plural} at {0.source}", "1"),
-        RANGE: CauseKind("{0.where} that shows {0.size:.4g} of its motion from {0.source} on", "1"),
         CLIPPED: CauseKind("{0.size:.0f} clipped sample{plural} of {0.where}", "1"),
         HITS: CauseKind(
             "hits of {0.where} whose {size:.0f} samples do not tell their force, without which the record was taken",
@@ -294,7 +292,6 @@ FOUND = {
     HIGH_PASS: "is behind a high pass with its corner at {0.value:.4g} Hz",
     CLOCK: "has a clock that runs {size:.4g} ppm {faster}",
     CROSSTALK: "shows {0.value:.4g} of what {0.source} shows as well",
-    RANGE: "shows {0.value:.6g} of its {shown} from a moment on",
     HARMONIC: "has a harmonic force at {0.value:.6g} Hz that was not recorded",
 }
 """What is said of a channel whose error of a kind is estimated with the laws (see `SensorErrorEstimate.description`)."""
@@ -419,7 +416,7 @@ class SensorErrorEstimate:
     ----------
     channel : str
         The channel.
-    kind : {"offset", "gain", "delay", "high pass", "clock", "crosstalk", "range", "harmonic force"}
+    kind : {"offset", "gain", "delay", "high pass", "clock", "crosstalk", "harmonic force"}
         What it is: the sensor shows ``gain * motion(t - delay) + offset``, and the channel of a force that of a force.
     value, standard_error : float
         Its size and the standard error of that: of an offset in the SI unit of the channel, of a delay in s.

@@ -25,7 +25,6 @@ from linkwise.display import (
 )
 from linkwise.errors import IdentificationError, StructureError, require_known
 from linkwise.estimates.causes import (
-    RANGE,
     SLIP,
     Cause,
     NoiseEstimate,
@@ -350,9 +349,7 @@ class Estimate(JudgedView):
     def alerts(self) -> tuple[Alert, ...]:
         """What is wrong with channels of the records by themselves and is not allowed for, worst first, as of `inspect`."""
         of_sensors = [EstimatedError(error.kind, error.channel) for error in self.sensor_errors]
-        of_sensors += [
-            EstimatedError("dropped", cause.where) for cause in self.added if cause.kind in (RANGE, SLIP)
-        ]
+        of_sensors += [EstimatedError("dropped", cause.where) for cause in self.added if cause.kind == SLIP]
         return unanswered_alerts((self.record, *self.more_records), (*of_sensors, *self.disturbances))
 
     def coefficient(self, name: str | Parameter) -> CoefficientEstimate:

@@ -105,8 +105,8 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
         )
         options = replace(options, errors=tuple(errors))
     raise IdentificationError(
-        f"the clock of {', '.join(before)} does not settle: fits, in each of which the ratio of the last one was taken out, "
-        "do not agree. State it (ppm), or take a shorter part of the record"
+        f"the clock of {', '.join(clock.channel for clock in clocks)} does not settle: fits, in each of which the ratio of the "
+        "last one was taken out, do not agree. State it (ppm), or take a shorter part of the record"
     )
 
 
@@ -204,7 +204,7 @@ def _at_best_shift(shifted: _ShiftedFit, name: str) -> _ShiftedFit:
         if nearest is best:
             break
         best = nearest
-    return best if best.is_optimum or best.fit.interrupted else shifted
+    return best if best.is_last or best.is_optimum else shifted
 
 
 def _is_small(ratio: float, error: float, record: Record) -> bool:

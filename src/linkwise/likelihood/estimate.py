@@ -90,9 +90,9 @@ from linkwise.likelihood.starts.values import require_supported, starting_values
 from linkwise.likelihood.terms import (
     Block,
     Disturbance,
+    HighPass,
     Hum,
     Offset,
-    OfMotion,
     Term,
     frequencies_by_channel,
     of_kind,
@@ -462,16 +462,16 @@ class MaximumLikelihood(AskedFor, Estimator):
     def _search(
         self, structure: Structure, records: Sequence[Record], options: LikelihoodOptions
     ) -> LikelihoodFit:
-        """A fit; it is repeated with the motion of the one before where errors of sensors follow from that."""
+        """A fit; where it is lost again with noise of quiet channels, and with its motion for what high passes take off."""
         fit = self._searched(structure, records, options)
-        lost = fit.status in _ENDED_EARLY or runs_away(fit)
+        lost = not fit.interrupted and (fit.status in _ENDED_EARLY or runs_away(fit))
         if lost and (noisier := _with_noise_of_quiet(records)) is not None:
             fit = self._searched(structure, noisier, options)
             noisier = [replace(record, noise={**record.noise, **fit.noise}) for record in records]
             names = fit.segments.system.parameters.names
             found = dict(zip(names, fit.values.tolist(), strict=True))
             fit = replace(self, starts=found)._searched(structure, noisier, options)
-        for _ in range(_DENOISED if any(isinstance(one, OfMotion) for one in options.errors) else 0):
+        for _ in range(_DENOISED if of_kind(options.errors, HighPass) else 0):
             errors = with_denoised(fit, records, options.errors)
             fit = self._searched(structure, records, replace(options, errors=errors))
         return fit
@@ -503,7 +503,9 @@ class MaximumLikelihood(AskedFor, Estimator):
                 nodes = exact.optimum.point.nodes
                 by_sample = nodes.shape[-1] == sum(map(len, records))
                 begun = replace(options, nodes=nodes if by_sample else None)
-                return likelihood_fit(records, structure, exact.values, options=begun)
+                beside = likelihood_fit(records, structure, exact.values, options=begun)
+                if is_settled(beside) or beside.interrupted:
+                    return beside
         theta, _ = starting_values(records, structure, self.starts)
         about_rest = partial(fit_about_rest, records, structure, given=self.starts)
         return fit_with_restarts(

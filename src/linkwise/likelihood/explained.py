@@ -34,7 +34,6 @@ from linkwise.estimates.causes import (
 )
 from linkwise.estimates.estimate import Estimate
 from linkwise.inspection.inspect import mark_missing, marked_samples, without_copies
-from linkwise.likelihood.checks.ranges import changed_range
 from linkwise.likelihood.checks.recording import EXCHANGES, copied_samples, corrected, likeliest_errors
 from linkwise.likelihood.checks.slips import slips
 from linkwise.likelihood.delays import Answer, Report, Search, with_delays
@@ -362,18 +361,6 @@ def _by_slip(first: _Model) -> _Model | None:
     return rival if rival.is_explained and rival.misfit < slipped.misfit else slipped
 
 
-def _by_range(first: _Model) -> _Model | None:
-    """A channel whose gain is another one from some moment on; where a small one alone explains that."""
-    found = changed_range(first.records, first.structure, first.answer.diagnosis[:1])
-    if found is None:
-        return None
-    cause, error, record = found
-    errors = replace(first.options, errors=(*first.options.errors, error))
-    ranged = first.beside(cause, records=[record], options=errors)
-    is_small = abs(cause.size - 1.0) < _CALIBRATED
-    return _unrivalled(first, ranged) if ranged is not None and ranged.is_explained and is_small else ranged
-
-
 def _by_event(first: _Model) -> _Model | None:
     """The parts of a record before and behind an event as two records, and errors of sensors beside that."""
     event = next((cause for cause in first.answer.diagnosis[:1] if cause.kind == EVENT), None)
@@ -426,15 +413,10 @@ def _by_high_pass(first: _Model) -> _Model | None:
     for cause in [cause for cause in diagnosis[1:] if cause.kind == HIGH_PASS][:_TRIED]:
         passed = first.with_error(cause)
         if passed is not None and passed.is_explained:
-            return _unrivalled(first, passed)
+            rivals = (explained(first, _beside_cause, 1), _with_errors(first, most=1))
+            alike = (one.is_explained and one.misfit < passed.misfit + _AS_LIKELY for one in rivals)
+            return None if any(alike) else passed
     return None
-
-
-def _unrivalled(first: _Model, found: _Model) -> _Model | None:
-    """The model that was found; None where a term or another error explains as much."""
-    rivals = (explained(first, _beside_cause, 1), _with_errors(first, most=1))
-    alike = (one.is_explained and one.misfit < found.misfit + _AS_LIKELY for one in rivals)
-    return None if any(alike) else found
 
 
 def _by_base(first: _Model) -> _Model | None:
@@ -528,7 +510,6 @@ LADDER: tuple[Callable[[_Model], _Model | None], ...] = (
     _by_alerts,
     _by_channel,
     _by_slip,
-    _by_range,
     _by_event,
     _by_hits,
     _by_high_pass,

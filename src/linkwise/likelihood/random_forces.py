@@ -19,7 +19,7 @@ from linkwise.errors import IdentificationError, expect
 from linkwise.estimates.causes import RandomForceEstimate
 from linkwise.expression import symbols
 from linkwise.likelihood.shooting.system import System
-from linkwise.likelihood.terms import Disturbance, OfMotion, Stated, Term, late_beside_clocks
+from linkwise.likelihood.terms import Disturbance, HighPass, Stated, Term, late_beside_clocks
 from linkwise.model.law import Law, LinkState
 from linkwise.model.link import BASE, GROUND, Link
 from linkwise.model.named_laws import LAG
@@ -285,7 +285,7 @@ def refuse_beside_random_forces(
 ) -> None:
     """IdentificationError for what is not estimated, or not tested, beside random forces."""
     delays = late_beside_clocks(errors)
-    disturbed = [one.channel for one in errors if isinstance(one, Disturbance | OfMotion)]
+    disturbed = [one.channel for one in errors if isinstance(one, Disturbance | HighPass)]
     of_links = [channel for record in records for channel in record.channels if channel.of_link]
     refused = (
         (

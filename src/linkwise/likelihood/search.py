@@ -273,7 +273,9 @@ class BlockScores:
 
 def _degrees(covariance: Floats) -> Floats:
     """(p,) degrees of freedom of sums of squares of normal numbers with covariances (p, B, B) (Satterthwaite 1946)."""
-    return np.asarray(np.trace(covariance, axis1=1, axis2=2) ** 2 / np.sum(covariance**2, axis=(1, 2)))
+    squares = np.sum(covariance**2, axis=(1, 2))
+    whole = np.trace(covariance, axis1=1, axis2=2) ** 2
+    return np.asarray(np.where(squares > 0.0, whole / np.where(squares > 0.0, squares, 1.0), 1.0))
 
 
 def _normal_quantiles(degrees: Floats | float) -> Floats:

@@ -26,7 +26,6 @@ from linkwise.estimates.causes import (
     CROSSTALK,
     HIGH_PASS,
     HUM,
-    RANGE,
     Cause,
     SensorErrorEstimate,
 )
@@ -428,46 +427,16 @@ class Hum(Disturbance):
 
 
 @dataclass(frozen=True)
-class OfMotion(Waveform):
-    """What follows from the motion that a channel shows: a fit is repeated with what the one before has `shown`, by record,
-    without the noise of samples.
-    """
-
-    shown: Sequence[Floats] = field(default=(), compare=False, repr=False, kw_only=True)
-
-    def seen(self, frame: FramedRecord, number: int, noise: Mapping[str, float]) -> Floats:
-        return self.shown[number] if self.shown else super().seen(frame, number, noise)
-
-    def left_of(self, motion: Floats, samples: Floats, step: float, size: float) -> Floats:
-        """(N,) what an error of a first size leaves of a motion (N,), in `samples` (N,) with a `step` in s between them."""
-        return motion
-
-
-@dataclass(frozen=True)
-class Range(OfMotion):
-    """The part by which a channel is too large from a `moment` in s of a record on, beside a `factor` that is taken out."""
-
-    moment: float = 0.0
-    factor: float = 1.0
-    kind, argument = RANGE, "admit"
-
-    def columns(self, shown: Shown) -> list[Floats]:
-        return [np.where(shown.ramp * shown.duration < self.moment, 0.0, np.nan_to_num(shown.value))]
-
-    def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate:
-        larger = self.factor * (1.0 + value)
-        return SensorErrorEstimate(self.channel, self.kind, larger, abs(self.factor) * error, self.unit)
-
-
-@dataclass(frozen=True)
-class HighPass(OfMotion):
+class HighPass(Waveform):
     """A high pass of first order, whose `corner` in Hz may be stated.
 
     It takes off a channel its corner times the integral of what that shows, beside a constant and a ramp from its state and
-    its mean before, which a `drift` from anywhere holds.
+    its mean before, which a `drift` from anywhere holds. Noise adds up in the integral, so that a fit is repeated with what
+    the one before has `shown`, by record.
     """
 
     corner: float | None = None
+    shown: Sequence[Floats] = field(default=(), compare=False, repr=False)
     drift: bool = field(default=False, compare=False)
     kind, argument = HIGH_PASS, "corners"
     wrong = "the corner of {name} must be a positive frequency in Hz, got {number!r}"
@@ -483,23 +452,11 @@ class HighPass(OfMotion):
     def refusal(self, records: Sequence[Record]) -> str:
         return super().refusal(records) or self.gaps_in(records)
 
-    def left_of(self, motion: Floats, samples: Floats, step: float, size: float) -> Floats:
-        passed = passed_above(size, motion, step)
-        decay = np.exp(-2.0 * np.pi * size * step * np.arange(len(motion)))  # of its state at the start
-        return np.asarray(passed + decay * (decay @ (samples - passed)) / (decay @ decay))
+    def seen(self, frame: FramedRecord, number: int, noise: Mapping[str, float]) -> Floats:
+        return self.shown[number] if self.shown else super().seen(frame, number, noise)
 
     def estimate(self, value: float, error: float, unit: str) -> SensorErrorEstimate | None:
         return super().estimate(value, error, unit) if self.corner is None else None
-
-
-def passed_above(corner: float, motion: Floats, step: float) -> Floats:
-    """(N,) what a high pass of first order, at rest before, leaves of a motion (N,), by the trapezoidal rule."""
-    half = np.pi * corner * step
-    bands = np.array([[1.0 + half], [half - 1.0]]).repeat(len(motion), axis=1)
-    integral = scipy.linalg.solve_banded(
-        (1, 0), bands, np.append(0.0, 0.5 * step * (motion[1:] + motion[:-1]))
-    )
-    return np.asarray(motion - 2.0 * np.pi * corner * integral)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from linkwise.arrays import Floats
 from linkwise.display import format_percent
-from linkwise.estimates.causes import RANGE, SLIP, WINDOW, Cause
+from linkwise.estimates.causes import SLIP, WINDOW, Cause
 from linkwise.likelihood.checks.horizons import CloserFit, held_closer
 from linkwise.likelihood.checks.jumps import Jump, likeliest_jump
 from linkwise.likelihood.checks.unstated_forces import unstated_forces
@@ -41,9 +41,9 @@ _SHOWN = 1.2  # times the noise that a channel shows: stated noise below it is n
 _STATED = frozenset({MASS, "gain", "force gain"})
 """Causes by which the records contradict a stated mass or calibration, where they move a coefficient."""
 _CONTRADICTED = frozenset(
-    {"sign", "unit", "swapped", "place", "relative", "high pass", "clipped", RANGE, SLIP, WINDOW}
+    {"sign", "unit", "swapped", "place", "relative", "high pass", "clipped", SLIP, WINDOW}
 )
-"""The same of a sign, a unit, a place, a range or a sequence of samples, which no small size makes harmless."""
+"""The same of a sign, a unit, a place, a window or a sequence of samples, which no small size makes harmless."""
 _LEAVES_NOISE = (Verdict.SEVERAL_OPTIMA, Verdict.HARDLY_DETERMINED, Verdict.COVARIANCE_NOT_POSITIVE)
 """Verdicts on laws that leave only noise."""
 _NOTHING = 1.0

@@ -128,7 +128,7 @@ _ALIKE_MASSES = (
     0.1  # relative: by more, an exchange leaves more than noise in some record of a hundred samples
 )
 _PLACES, _SEED = 7, 20261129  # at which the symmetry of a law is looked at
-MAY_BE = 9.0  # the same of a high pass that the likelihood, which sees more of it, decides on: three standard errors
+_MAY_BE = 9.0  # the same of a high pass that the likelihood, which sees more of it, decides on: three standard errors
 _ALIKE = 10.0  # of -2 log likelihood: "very strong" evidence between two errors (Kass and Raftery 1995)
 _G = 9.80665  # m/s^2
 _UNITS = {"x": (1e3, 1e-3), "v": (1e3, 1e-3), "a": (1.0 / _G, _G, 1e3, 1e-3), "force": (1e3, 1e-3)}
@@ -157,7 +157,7 @@ def recording_errors(records: Sequence[Record], structure: Structure) -> tuple[C
     return tuple(
         error
         for error in _alike(_convincing(parts, structure))
-        if all(is_explained_by_weak_form(error, corrected(part, error), structure) for part in parts)
+        if all(_is_explained(error, corrected(part, error), structure) for part in parts)
     )
 
 
@@ -171,7 +171,7 @@ def likeliest_errors(
     of several signs the first, as the others differ by the direction that is positive; but for laws that hold it, none of one
     sensor or an input, where no others outvote it.
     """
-    convincing = _convincing([*map(_loudest_part, records)], structure, MAY_BE)
+    convincing = _convincing([*map(_loudest_part, records)], structure, _MAY_BE)
     passes = sorted(
         (error for error in _alike(convincing) if error.kind == "high pass"), key=lambda e: -e.gain
     )
@@ -263,9 +263,9 @@ def _convincing(parts: Sequence[Record], structure: Structure, high_pass: float 
         return []
 
     def gain(error: Cause) -> float:
-        return as_recorded - left_by_weak_form([corrected(part, error) for part in parts], structure)
+        return as_recorded - _misfit([corrected(part, error) for part in parts], structure)
 
-    as_recorded = left_by_weak_form(parts, structure)
+    as_recorded = _misfit(parts, structure)
     if not np.isfinite(as_recorded):
         return []
     errors = [*_exchanged(parts[0], structure), *_high_passes(parts, structure, gain)]
@@ -295,8 +295,8 @@ def _loudest_part(record: Record) -> Record:
     return record[first : first + _SAMPLES]
 
 
-def left_by_weak_form(records: Sequence[Record], structure: Structure) -> float:
-    """What the weak form leaves of records, their noise not stated; infinite where it does not apply."""
+def _misfit(records: Sequence[Record], structure: Structure) -> float:
+    """What the weak form leaves of records; infinite where it does not apply."""
     try:
         framed = framed_records(records, structure, integrated=True)
         return sum(record_misfit(with_displacements(one, structure.masses), structure) for one in framed)
@@ -304,7 +304,7 @@ def left_by_weak_form(records: Sequence[Record], structure: Structure) -> float:
         return np.inf
 
 
-def is_explained_by_weak_form(error: Cause, record: Record, structure: Structure) -> bool:
+def _is_explained(error: Cause, record: Record, structure: Structure) -> bool:
     """Whether the weak form finds no more than noise in what the laws leave of a `record` that is without an error.
 
     Without a high pass, slow noise of the sensor is larger than before, and follows slow motion; there the power decides.

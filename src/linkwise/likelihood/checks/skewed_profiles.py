@@ -78,9 +78,9 @@ def skewed_profiles(of: Examined, before: Judgement) -> Judgement | None:
                 before,
                 verdict=Verdict.SEVERAL_OPTIMA,
                 message=(
-                    f"{before.message} But the likelihood of {names[number]} falls steeply on one side, and either cannot "
-                    "be followed to the end of its interval on the other or rises again beyond. Hold "
-                    "it at a known value, or add a record of another motion or with less noise."
+                    f"{before.message} But the likelihood of {names[number]} either cannot be followed to the end of its "
+                    "interval, or rises again beyond. Hold it at a known value, or add a record of another motion or with "
+                    "less noise."
                 ),
             )
         reaches[number] = reach / NORMAL_95
@@ -108,7 +108,7 @@ def _added(covariance: Floats, factors: dict[int, float]) -> Floats:
 
 
 def _is_wall(fit: LikelihoodFit, number: int, *, side: float) -> bool:
-    """Whether the likelihood of a parameter stays low on the steep side, looked at where the laws hold loosely.
+    """Whether the likelihood of a parameter stays low on a side, looked at where the laws hold loosely.
 
     There the likelihood of exact laws has other optima, of which noise may make a wrong one the highest.
     """

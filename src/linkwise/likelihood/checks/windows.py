@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import chdtri
 
 from linkwise.arrays import Floats
 from linkwise.estimates.causes import WINDOW, Cause
@@ -25,7 +26,9 @@ _GROWTH = np.geomspace(
     0.01, 1e4, 61
 )  # power of noise as large as the motion is on average, over that which is always there
 _CHANCE = 16.0  # of -2 log likelihood: four standard errors
-_LIKELIER = 9.0  # of it: three, by which noise that grows with the motion has to explain more
+_LIKELIER = 9.0  # of it: three, by which noise that grows with the motion has to explain more ...
+_BY_CHANCE = 0.0027  # ... and the probability of as much by chance, where each channel falls by itself
+_LEAST = 0.7  # logarithm of a half: windows take off more, and noise of sensors changes by less of itself
 _SLOWER = 0.9  # times the rate at which the motion decays: what falls as fast as that follows it
 
 
@@ -78,10 +81,13 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     scatter = levels.overdispersion(np.exp(-2.0 * _FALLS[best] * levels.part))
     gain = float(costs[0] - costs[best]) / scatter
     follows = _FALLS[best] > _SLOWER * _FALLS[int(np.argmin(levels.by_falls(levels.motion).sum(axis=1)))]
-    others = min(levels.by_growth, float(of_each.min(axis=0).sum()))  # a window falls in all channels alike
-    if gain < _CHANCE or follows or others < costs[best] - _LIKELIER * scatter:
+    apart = max(len(levels.part) - 1, 1)  # a window falls in all channels alike
+    by_each = float(of_each.min(axis=0).sum()) + chdtri(apart, _BY_CHANCE) * scatter
+    if gain < _CHANCE or _FALLS[best] < _LEAST or follows:
         return None
-    error = 1.0 / np.sqrt(np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
+    if min(levels.by_growth + _LIKELIER * scatter, by_each) < costs[best]:
+        return None
+    error = np.sqrt(scatter / np.sum(2.0 * levels.samples * (levels.part - 0.5) ** 2))
     rate = float(_FALLS[best] / records[0].duration)
     cause = Cause(WINDOW, "all channels", rate, "1/s", gain, float(error / records[0].duration))
     return replace(

@@ -130,6 +130,7 @@ def add_shown_forces(jacobian: Floats, random: RandomStates, scales: Scales, whi
 
 #: Numbers in one tangent array (2, n, P, k) of a chunk, so that a dozen of them fit a core's cache.
 CHUNK = 120_000
+_FEWEST = 16  # segments in a chunk, beside which the overhead of its operations is small
 _AT_ONCE = 200_000  # numbers in the equations of nodes that are assembled together
 _TOGETHER = 8  # segments whose products are summed in the precision of the rows
 NEGLIGIBLE = (1e-13, 1e-12, 1e-11)  # of the diagonal: single precision has 6e-8
@@ -139,7 +140,8 @@ def chunks(segments: Segments, parameters: int | None = None) -> list[slice]:
     """The segments in parts whose sensitivities to states and `parameters` stay in a core's cache."""
     m, K = segments.system.dimension, segments.count
     p = segments.parameters if parameters is None else parameters
-    return [slice(*ends) for ends in pairwise(block_ends(K, max(1, round(K * m * (m + p) / CHUNK))))]
+    count = min(round(K * m * (m + p) / CHUNK), K // _FEWEST)
+    return [slice(*ends) for ends in pairwise(block_ends(K, max(1, count)))]
 
 
 def block_ends(K: int, blocks: int) -> list[int]:
