@@ -55,11 +55,9 @@ def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> tuple[Floats,
     forward = filtered(model, samples, inputs)
     states, middle = forward.predicted + _adjoints(forward) @ forward.covariance, len(samples) // 2
     information = _accumulated(forward.loop, forward.root, len(samples) - middle)
-    smoothed = np.eye(states.shape[1]) - forward.covariance @ information
-    onward = smoothed @ np.linalg.matrix_power(
-        forward.loop, middle
-    )  # what is left of an error of the first state
-    return states, smoothed @ forward.covariance + onward @ forward.first @ onward.T
+    onward = np.linalg.matrix_power(forward.loop, middle)
+    onward -= forward.covariance @ information @ onward  # what is left of an error of the first state
+    return states, _reduced(forward.covariance, information) + onward @ forward.first @ onward.T
 
 
 def filtered(model: LinearModel, samples: Floats, inputs: Floats) -> Filtered:
@@ -132,6 +130,16 @@ def _accumulated(loop: Floats, root: Floats, samples: int) -> Floats:
         added, loop = added + loop.T @ added @ loop, loop @ loop
         samples //= 2
     return information
+
+
+def _reduced(covariance: Floats, information: Floats) -> Floats:
+    """P - P N P of a covariance P and the information N of later errors (m, m), never negative."""
+    scale = np.sqrt(np.maximum(covariance.diagonal(), np.finfo(float).tiny))
+    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
+    shares, axes = np.linalg.eigh(_symmetric(root.T @ information @ root))
+    left = root @ axes * np.sqrt(np.clip(1.0 - shares, 0.0, 1.0))
+    return np.asarray(left @ left.T)
 
 
 def _symmetric(matrix: Floats) -> Floats:

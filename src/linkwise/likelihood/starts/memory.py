@@ -34,10 +34,11 @@ from linkwise.arrays import Bools, Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import Number, substitute, to_text
 from linkwise.likelihood.starts.drift import LinkSignals, link_signals
-from linkwise.likelihood.starts.kalman import with_starts
+from linkwise.likelihood.starts.kalman import tuned_modes, with_starts
+from linkwise.likelihood.starts.linear_part import LinearPart
 from linkwise.likelihood.starts.link_states import follow_states, forget_start, link_motion
 from linkwise.likelihood.starts.states import measured_motion
-from linkwise.likelihood.starts.values import HostMotion, require_supported, tuned_motions
+from linkwise.likelihood.starts.values import TOO_LITTLE, HostMotion, host_motions, require_supported
 from linkwise.model.law import Law, unit_dimension
 from linkwise.model.parameters import Parameter
 from linkwise.model.structure import Structure
@@ -615,9 +616,17 @@ def host_memory_starts(
     """
     record = _liveliest(records)
     require_supported(record, structure)
-    record, structure = record[:MOST_SAMPLES], with_starts(structure, dict(given))
-    tuned, motions = tuned_motions(record, structure)
-    by_motion = [_motion_starts(motion, record, structure, {**given, **tuned}) for motion in motions]
+    record, sigma = record[:MOST_SAMPLES], channel_noise(record)
+    structure = with_starts(structure, dict(given))
+    try:
+        tuned = tuned_modes(record, structure, sigma)
+        linear = LinearPart.of(with_starts(structure, tuned))
+        by_motion = [
+            _motion_starts(motion, record, structure, {**given, **tuned})
+            for motion in host_motions(record, linear, sigma)
+        ]
+    except np.linalg.LinAlgError:
+        raise IdentificationError(TOO_LITTLE) from None
     return min(by_motion, key=lambda starts: starts[0].misfit)
 
 

@@ -368,19 +368,6 @@ def host_motion(record: Record, structure: Structure, sigma: Mapping[str, float]
     return min(tracked, key=lambda motion: motion.misfit(structure))
 
 
-def tuned_motions(record: Record, structure: Structure) -> tuple[dict[str, float], Iterator[HostMotion]]:
-    """Frequencies and damping of modes that are unknown, by name, and the motions of `host_motions` with these.
-
-    Raises IdentificationError where the record does not determine them.
-    """
-    sigma = channel_noise(record)
-    try:
-        tuned = tuned_modes(record, structure, sigma)
-    except np.linalg.LinAlgError:
-        raise IdentificationError(TOO_LITTLE) from None
-    return tuned, host_motions(record, LinearPart.of(with_starts(structure, tuned)), sigma)
-
-
 def host_motions(record: Record, linear: LinearPart, sigma: Mapping[str, float]) -> Iterator[HostMotion]:
     """The motion for several bounds on elongations; for one alone where none drifts.
 
@@ -407,8 +394,7 @@ def _motion(linear: LinearPart, states: Floats, smoothed: Floats, step: float) -
     d, rate = structure.elongations(x.T).T, structure.elongations(v.T).T
     force, walk = np.zeros_like(d), np.zeros(len(d))
     force[open_links] = inside
-    incidence = structure.incidence.toarray()
-    deviation = np.sqrt(np.maximum(smoothed.diagonal()[: 2 * n + u], 0.0))
+    incidence, deviation = structure.incidence.toarray(), np.sqrt(smoothed.diagonal()[: 2 * n + u])
     covariance = smoothed[:n, :n]
     variance = np.einsum("il,ij,jl->l", incidence, covariance, incidence)
     drifts = variance > (_DETERMINED**2) * np.mean(d**2, axis=1)
@@ -445,7 +431,10 @@ def host_start(record: Record, structure: Structure, given: Mapping[str, float])
     """
     require_supported(record, structure)
     stated = with_starts(structure, {name: v for name, v in given.items() if not name.endswith(".mass")})
-    values = _start_by_forces(record, stated, given)
+    try:
+        values = _start_by_forces(record, stated, given)
+    except np.linalg.LinAlgError:
+        raise IdentificationError(TOO_LITTLE) from None
     missing = [p.name for p in structure.parameters if p.name not in values]
     if missing:
         raise IdentificationError(
@@ -489,11 +478,13 @@ def require_supported(record: Record, structure: Structure) -> None:
 
 def _start_by_forces(record: Record, structure: Structure, given: Mapping[str, float]) -> dict[str, float]:
     """Values by forces of links along the motion that the laws explain best."""
-    tuned, motions = tuned_motions(record, structure)
+    sigma = channel_noise(record)
+    tuned = tuned_modes(record, structure, sigma)
+    linear = LinearPart.of(with_starts(structure, tuned))
     shapes = [p for p in structure.parameters if p.name.is_shape or is_between_modes(p.name)]
     known = {p.name: p.start for p in shapes if p.start is not None} | dict(given) | tuned
     trials: list[tuple[float, int, dict[str, float]]] = []
-    for motion in motions:
+    for motion in host_motions(record, linear, sigma):
         start = start_of_links(motion.signals, structure, given, motion.open) | known
         valued = structure.with_values(
             {p.name: start[p.name] for p in structure.parameters if p.name in start}
