@@ -22,7 +22,7 @@ from linkwise.discovery.candidates import Candidates
 from linkwise.discovery.criterion import Penalty, QuadraticModel
 from linkwise.errors import IdentificationError
 from linkwise.likelihood.starts.kalman import CHANGES, likeliest_change, tuned_modes
-from linkwise.likelihood.starts.linear_part import LinearPart
+from linkwise.likelihood.starts.linear_part import LinearPart, samples_of
 from linkwise.likelihood.starts.values import require_supported
 from linkwise.model.link import BASE, GROUND
 from linkwise.model.structure import Structure
@@ -211,7 +211,7 @@ def _shown_links(
     stated = {link.name for pair in candidates.pairs for link in pair.stated}
     chosen = [number for number in linear.open if links[number].name in stated]
     others = [number for number in linear.open if number not in chosen]
-    samples = int(np.isfinite(record.select(record.motions).values).sum())
+    samples = int(np.isfinite(samples_of(record, replace(linear, open=()))).sum())
     least = 0.5 * Penalty.of(candidates, (), samples).link
     known = {end for link in links if link.name in stated for end in link.between}
     current = _evidence(record, linear, noise, chosen)

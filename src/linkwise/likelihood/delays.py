@@ -105,8 +105,8 @@ def _on_one_clock(search: Search, records: Sequence[Record], options: Likelihood
         )
         options = replace(options, errors=tuple(errors))
     raise IdentificationError(
-        f"the clock of {', '.join(clock.channel for clock in clocks)} does not settle: fits, in each of which the ratio of the "
-        "last one was taken out, do not agree. State it (ppm), or take a shorter part of the record"
+        f"the clock of {', '.join(clock.channel for clock in clocks)} does not settle: fits, in each of which the ratio of "
+        "the last one was taken out, do not agree. State it (ppm), or take a shorter part of the record"
     )
 
 

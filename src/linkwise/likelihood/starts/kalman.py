@@ -1,8 +1,8 @@
 """States of a linear system with random inputs: Kalman filter and fixed-interval smoother.
 
-The covariance is the steady one, of the algebraic Riccati equation, and the gain with it; the first state is that from which
-predictions are likeliest. The smoother runs an adjoint backwards through the filter's own closed loop, which is stable, and
-divides by no covariance of a state, which sinks to rounding where little is random.
+After the first samples the covariance is the steady one, of the algebraic Riccati equation, and the gain with it. The smoother
+runs an adjoint backwards through the filter's own closed loop, which is stable, and divides by no covariance of a state, which
+sinks to rounding where little is random.
 
 References
 ----------
@@ -21,85 +21,123 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats
+from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.starts.linear_part import LinearModel, LinearPart, inputs_of, recursion, samples_of
 from linkwise.model.structure import Structure
 from linkwise.records.record import Record
 
+_TRANSIENT = 400  # samples at most, until the covariance is taken for the steady one ...
 _DOUBLINGS = 60  # of the samples after which the covariance is that far from the start ...
 _STEADY = 1e-9  # ... and what one may add to each variance, relative, in the end
+_SETTLED = 0.01  # ... and what it may differ from that, relative, before
+
+
+class _Gain(NamedTuple):
+    """What an update needs: the channels, their gain, what whitens their errors, and the covariances before and after it."""
+
+    chosen: Indices
+    gain: Floats
+    whitening: Floats
+    log_determinant: float
+    predicted: Floats
+    updated: Floats
+
+
+def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+    """Most likely states (N, m), and their covariance (m, m) in the middle.
+
+    Parameters
+    ----------
+    model : LinearModel
+        The system.
+    samples : array of shape (N, C)
+        The samples, NaN where missing.
+    inputs : array of shape (N, r)
+        The known inputs at the samples; between them their mean acts.
+    """
+    forward = filtered(model, samples, inputs, _TRANSIENT)
+    count, which = len(samples), np.asarray(forward.which)
+    middle, states = count // 2, np.empty_like(forward.predicted)
+    adjoint, information = np.zeros(states.shape[1]), np.zeros(model.first.shape)
+    firsts = np.append(0, 1 + np.flatnonzero(np.diff(which)))  # of runs of one gain
+    for first, end in zip(firsts[::-1], np.append(firsts[1:], count)[::-1], strict=True):
+        gain = forward.gains[which[first]]
+        observation = model.observation[gain.chosen]
+        loop = model.transition @ (np.eye(len(adjoint)) - gain.gain @ observation)
+        root = observation.T @ gain.whitening.T
+        added = forward.whitened[first:end, gain.chosen] @ root.T
+        adjoints = recursion(loop.T, adjoint, added[::-1])[:0:-1]
+        states[first:end] = forward.predicted[first:end] + adjoints @ gain.predicted
+        adjoint = adjoints[0]
+        if end > middle:
+            information = _accumulated(loop, root @ root.T, information, int(end - max(first, middle)))
+    return states, _reduced(forward.gains[which[middle]].predicted, information)
 
 
 class Filtered(NamedTuple):
-    """What the filter of a system says of N samples, with its gain far from the start, from the likeliest first state.
-
-    `whitened` (N, C) are errors of the predictions of samples from those before, `predicted` (N, m) the states, `covariance`
-    (m, m) that of these beside that of the `first` (m, m), `loop` (m, m) what the filter makes of an error of a state from one
-    sample to the next, and `root` (C, m) how whitened errors show it. `log_likelihood` lacks what no model changes.
+    """Whitened errors (N, C) of the predictions of samples from those before, 0 where one is missing, predicted states (N, m),
+    the distinct gains, which of them each sample has, and the log likelihood, less what does not depend on the model.
     """
 
     whitened: Floats
     predicted: Floats
-    covariance: Floats
-    first: Floats
-    loop: Floats
-    root: Floats
+    gains: list[_Gain]
+    which: list[int]
     log_likelihood: float
 
 
-def smooth(model: LinearModel, samples: Floats, inputs: Floats) -> tuple[Floats, Floats]:
-    """Most likely states (N, m) by samples (N, C) with known inputs (N, r), and their covariance (m, m) in the middle.
+def filtered(model: LinearModel, samples: Floats, inputs: Floats, transient: int = 1) -> Filtered:
+    """What the model predicts of samples (N, C) with inputs (N, r), its covariance steady after a `transient` at most."""
+    count, m = len(samples), len(model.transition)
+    known = np.isfinite(samples)
+    shown = np.where(known, samples, 0.0) - inputs @ model.direct.T
+    driven = np.zeros((count, m))
+    driven[1:] = 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
+    predicted = np.empty((count, m))
+    whitened = np.zeros(samples.shape)
+    steady = steady_covariance(model)
+    gains: list[_Gain] = []
+    which: list[int] = []
+    constant = -1  # which of the gains is the steady one
+    state, covariance, total = np.zeros(m), model.first, 0.0
+    complete: Bools = np.asarray(known.all(axis=1))
+    gaps = np.append(np.flatnonzero(~complete), count)
+    settled, since, k = False, 0, 0
+    while k < count:
+        if not complete[k]:
+            settled, since = False, 0
+        elif steady is not None and not settled:  # the steady gain is that of complete samples
+            since += 1
+            if since > transient or _close(covariance, steady):
+                covariance, settled = steady, True
+        if not (settled and constant >= 0):
+            gains.append(_gain(model, covariance, known[k]))
+            constant = len(gains) - 1 if settled else constant
+        index = constant if settled else len(gains) - 1
+        end = int(gaps[np.searchsorted(gaps, k)]) if settled else k + 1
+        gain, rows = gains[index], slice(k, end)
+        which += [index] * (end - k)
+        if end == k + 1:
+            predicted[k] = state
+        else:
+            through = model.transition @ gain.gain
+            added = shown[k : end - 1] @ through.T + driven[k + 1 : end]
+            predicted[rows] = recursion(model.transition - through @ model.observation, state, added)
+        errors = (shown[rows] - predicted[rows] @ model.observation.T)[:, gain.chosen]
+        white = errors @ gain.whitening.T
+        whitened[rows, gain.chosen] = white
+        total -= 0.5 * float(np.sum(white**2)) + (end - k) * gain.log_determinant
+        if end < count:
+            updated = predicted[end - 1] + gain.gain @ errors[-1]
+            state = model.transition @ updated + driven[end]
+        if not settled:
+            covariance = _symmetric(model.transition @ gain.updated @ model.transition.T + model.process)
+        k = end
+    return Filtered(whitened, predicted, gains, which, total)
 
-    Raises numpy.linalg.LinAlgError as `filtered` does.
-    """
-    forward = filtered(model, samples, inputs)
-    states, middle = forward.predicted + _adjoints(forward) @ forward.covariance, len(samples) // 2
-    information = _accumulated(forward.loop, forward.root, len(samples) - middle)
-    onward = np.linalg.matrix_power(forward.loop, middle)
-    onward -= forward.covariance @ information @ onward  # what is left of an error of the first state
-    return states, _reduced(forward.covariance, information) + onward @ forward.first @ onward.T
 
-
-def filtered(model: LinearModel, samples: Floats, inputs: Floats) -> Filtered:
-    """What the model predicts of samples (N, C) with inputs (N, r), of which the mean acts between two samples.
-
-    Raises numpy.linalg.LinAlgError where the covariance of a prediction has no steady value.
-    """
-    covariance, observation = steady_covariance(model), model.observation
-    noise = np.sqrt(model.noise)
-    cross = covariance @ observation.T / noise
-    sizes, axes = np.linalg.eigh(np.eye(len(noise)) + _symmetric((observation / noise[:, None]) @ cross))
-    sizes = np.maximum(sizes, 1.0)  # of samples in units of their noise: rounding makes no variance smaller
-    log_deviations = float(np.log(noise).sum() + 0.5 * np.log(sizes).sum())
-    whitening = (axes / np.sqrt(sizes)) @ axes.T / noise
-    through = model.transition @ (cross * noise @ (whitening.T @ whitening))
-    loop, root = model.transition - through @ observation, whitening @ observation
-    shown = samples - inputs @ model.direct.T
-    added = shown[:-1] @ through.T + 0.5 * (inputs[1:] + inputs[:-1]) @ model.drive.T
-
-    def following(state: Floats, first: Floats, likelihood: float) -> Filtered:
-        predicted = recursion(loop, state, added)
-        white = (shown - predicted @ observation.T) @ whitening.T
-        likelihood -= 0.5 * float(np.sum(white**2)) + len(samples) * log_deviations
-        return Filtered(white, predicted, covariance, first, loop, root, likelihood)
-
-    unit = np.sqrt(model.first.diagonal())
-    shares, axes = np.linalg.eigh(np.outer(unit, unit) * _symmetric(_accumulated(loop, root, len(samples))))
-    shares = 1.0 + np.maximum(shares, 0.0)
-    spread = unit[:, None] * axes / np.sqrt(shares)
-    state = spread @ (spread.T @ _adjoints(following(np.zeros(len(unit)), model.first, 0.0))[0])
-    prior = -0.5 * float(np.log(shares).sum() + np.sum((state / unit) ** 2))
-    return following(state, spread @ spread.T, prior)
-
-
-def _adjoints(forward: Filtered) -> Floats:
-    """(N, m) slopes of the log likelihood by the state before each sample, from that sample on."""
-    added = forward.whitened @ forward.root
-    return np.asarray(recursion(forward.loop.T, np.zeros(added.shape[1]), added[::-1])[:0:-1])
-
-
-def steady_covariance(model: LinearModel) -> Floats:
-    """The covariance (m, m) of a state before its sample, far from the start; LinAlgError where there is none.
+def steady_covariance(model: LinearModel) -> Floats | None:
+    """The covariance (m, m) of a state before its sample, far from the start; None where there is none.
 
     That after 1, 2, 4, ... samples from a known state, by the doubling of E. K.-W. Chu et al., Int. J. Control 77, 767 (2004).
     """
@@ -109,21 +147,41 @@ def steady_covariance(model: LinearModel) -> Floats:
     information, covariance = observation.T @ observation, model.process / np.outer(size, size)
     identity = np.eye(len(size))
     for _ in range(_DOUBLINGS):
-        through = np.linalg.solve(identity + information @ covariance, np.hstack([step, information]))
+        try:
+            through = np.linalg.solve(identity + information @ covariance, np.hstack([step, information]))
+        except np.linalg.LinAlgError:
+            return None
         moved, remaining = np.hsplit(through, 2)
         added = _symmetric(step.T @ covariance @ moved)
         information = _symmetric(information + step @ remaining @ step.T)
         covariance, step = covariance + added, step @ moved
-        if not np.isfinite(covariance).all() or np.all(added.diagonal() <= _STEADY * covariance.diagonal()):
+        if not np.isfinite(covariance).all():
+            return None
+        if np.all(added.diagonal() <= _STEADY * covariance.diagonal()):
             break
-    if not np.isfinite(covariance).all():
-        raise np.linalg.LinAlgError("no steady covariance")
-    return np.asarray(covariance * np.outer(size, size))
+    covariance = covariance * np.outer(size, size)
+    return covariance if bool((covariance.diagonal() > 0.0).all()) else None
 
 
-def _accumulated(loop: Floats, root: Floats, samples: int) -> Floats:
-    """(m, m) information of the whitened errors of `samples` on the state before them, in powers of two of their number."""
-    added, information = root.T @ root, np.zeros_like(loop)
+def _gain(model: LinearModel, covariance: Floats, known: Bools) -> _Gain:
+    chosen = np.flatnonzero(known)
+    observation, m = model.observation[chosen], len(covariance)
+    if not len(chosen):
+        return _Gain(chosen, np.zeros((m, 0)), np.zeros((0, 0)), 0.0, covariance, covariance)
+    noise = np.sqrt(model.noise[chosen])
+    cross = covariance @ observation.T / noise
+    sizes, axes = np.linalg.eigh(np.eye(len(chosen)) + _symmetric((observation / noise[:, None]) @ cross))
+    sizes = np.maximum(sizes, 1.0)  # of samples in units of their noise: rounding makes no variance smaller
+    whitening = (axes / np.sqrt(sizes)) @ axes.T / noise
+    gain = cross * noise @ (whitening.T @ whitening)
+    complement = np.eye(m) - gain @ observation  # Joseph's form, which stays positive
+    updated = complement @ covariance @ complement.T + (gain * noise**2) @ gain.T
+    log_determinant = float(np.log(noise).sum() + 0.5 * np.log(sizes).sum())
+    return _Gain(chosen, gain, whitening, log_determinant, covariance, _symmetric(updated))
+
+
+def _accumulated(loop: Floats, added: Floats, information: Floats, samples: int) -> Floats:
+    """Information (m, m) of `samples` errors and those after them: N_k-1 = `added` + loop' N_k loop, in powers of two."""
     while samples:
         if samples % 2:
             information = added + loop.T @ information @ loop
@@ -146,6 +204,11 @@ def _symmetric(matrix: Floats) -> Floats:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
+def _close(first: Floats, second: Floats) -> bool:
+    scale = np.sqrt(np.maximum(np.outer(first.diagonal(), first.diagonal()), np.finfo(float).tiny))
+    return bool((np.abs(first - second) <= _SETTLED * scale).all())
+
+
 _TRIED = 2000  # samples that decide how fast the forces of links change
 _TUNED = 4000  # samples that the frequencies of modes are tuned to
 _ROUGH = 0.05  # relative size of a change of a frequency or damping without a prior
@@ -163,18 +226,9 @@ def likeliest_change(
     samples, inputs = samples_of(record, linear)[:_TRIED], inputs_of(record)[:_TRIED]
     models = [linear.model(record, sigma, change, white=white) for change in tried.tolist()]
     bounds = models[0].noise[len(record.motions) :]  # of elongations, which are no samples
-    found = [_likelihood(model, samples, inputs) for model in models]
-    likelihood, best = max(zip(found, tried, strict=True), key=lambda one: one[0])
+    found = [filtered(model, samples, inputs).log_likelihood for model in models]
+    likelihood, best = max(zip(np.nan_to_num(found, nan=-np.inf), tried, strict=True), key=lambda one: one[0])
     return float(likelihood + 0.5 * len(samples) * np.log(bounds).sum()), float(best)
-
-
-def _likelihood(model: LinearModel, samples: Floats, inputs: Floats) -> float:
-    """The log likelihood of samples; -inf for a filter that has no steady state."""
-    try:
-        likelihood = filtered(model, samples, inputs).log_likelihood
-    except np.linalg.LinAlgError:
-        return -np.inf
-    return likelihood if np.isfinite(likelihood) else -np.inf
 
 
 def tuned_modes(record: Record, structure: Structure, sigma: Mapping[str, float]) -> dict[str, float]:

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from math import isqrt
 
 import numpy as np
 import scipy
 
-from linkwise.arrays import Floats, bridged
+from linkwise.arrays import Floats
 from linkwise.errors import IdentificationError
 from linkwise.expression import differentiate, symbols
 from linkwise.model.law import Law
@@ -51,7 +52,7 @@ class LinearModel:
 
 
 def recursion(matrix: Floats, first: Floats, added: Floats) -> Floats:
-    """States of a stable system, all side by side.
+    """States of a stable system, in blocks side by side.
 
     Parameters
     ----------
@@ -67,21 +68,30 @@ def recursion(matrix: Floats, first: Floats, added: Floats) -> Floats:
     array of shape (N + 1, m)
         The states.
     """
-    states, shift = np.concatenate([first[None], added]), 1
-    while shift < len(states) and np.abs(matrix).max() > _FORGOTTEN:  # each the sum over `shift` samples more
-        states[shift:] += states[:-shift] @ matrix.T
-        matrix, shift = matrix @ matrix, 2 * shift
-    return states
+    count, m = added.shape
+    length = max(1, isqrt(count))
+    blocks = -(-count // length)
+    states = np.zeros((blocks * length, m))
+    states[:count] = added
+    states = states.reshape(blocks, length, m)
+    powers, starts = np.empty((length, m, m)), np.empty((blocks, m))
+    powers[0] = matrix
+    for k in range(1, length):  # as if every block started at 0
+        states[:, k] += states[:, k - 1] @ matrix.T
+        np.matmul(powers[k - 1], matrix, out=powers[k])
+    starts[0] = first
+    for block in range(1, blocks):
+        starts[block] = powers[-1] @ starts[block - 1] + states[block - 1, -1]
+    states += np.matmul(starts, powers.transpose(0, 2, 1)).transpose(1, 0, 2)
+    return np.concatenate([first[None], states.reshape(-1, m)[:count]])
 
 
-_FORGOTTEN = 1e-20  # what is left of a state that adds nothing to another
 TIGHT = 0.1
 """A bound on elongations that drift, as a part of the size of the measured motion."""
 _CORRELATED = 0.1  # s over which a bound is one piece of information
 _FASTEST = 10.0  # radians that the fastest start moves in a sample: what eight steps of the flow follow
 _STABLE = 0.9  # of the static stiffness of a structure at the ends of a link: the largest negative spring between them
 _HELD = 1e-6  # relative: what a force on a structure that holds it leaves of itself
-_FINE = 12  # doublings of a part of a sample: the rule then leaves a part in 2^24
 _LOWEST = 3  # periods in a record of the slowest motion that counts for sizes
 
 
@@ -214,8 +224,8 @@ def is_linear(law: Law) -> bool:
 
 
 def samples_of(record: Record, linear: LinearPart) -> Floats:
-    """(N, C + U) samples, with lines through missing ones, and zeros that bound the elongations of open links."""
-    shown = np.stack([bridged(record.channel(channel)) for channel in record.motions], axis=1)
+    """(N, C + U) samples, and zeros that bound the elongations of open links."""
+    shown = record.select(record.motions).values
     return np.concatenate([shown, np.zeros((len(record), len(linear.open)))], axis=1)
 
 
@@ -228,17 +238,20 @@ def inputs_of(record: Record) -> Floats:
 def _discrete(rates: Floats, drive: Floats, intensity: Floats, step: float) -> tuple[Floats, Floats, Floats]:
     """Transition, process covariance and effect of inputs over a step.
 
-    The covariance is that of a part of the step that is short for every mode, by the trapezoidal rule, doubled on and on.
+    Van Loan's method runs a motion back in time, where that of an overdamped mode grows beyond all digits. It serves for a
+    part of the step that is short for every mode, from which the covariance of the whole follows by doubling.
     """
     m, r = len(rates), drive.shape[1]
     augmented = np.zeros((m + r, m + r))
     augmented[:m, :m], augmented[:m, m:] = rates, drive
     whole = scipy.linalg.expm(augmented * step)
     fastest = float(np.abs(np.linalg.eigvals(rates)).max(initial=0.0)) * step
-    doublings = _FINE + int(np.ceil(np.log2(max(fastest, 1.0))))
-    short = step / 2**doublings
-    transition, white = scipy.linalg.expm(rates * short), np.diag(np.maximum(intensity, 0.0))
-    process = 0.5 * short * (white + transition @ white @ transition.T)
+    doublings = max(0, int(np.ceil(np.log2(max(fastest, 1.0)))))
+    block = np.zeros((2 * m, 2 * m))
+    block[:m, :m], block[:m, m:], block[m:, m:] = -rates, np.diag(np.maximum(intensity, 0.0)), rates.T
+    loaned = scipy.linalg.expm(block * (step / 2**doublings))
+    transition = loaned[m:, m:].T
+    process = transition @ loaned[:m, m:]
     for _ in range(doublings):
         process = process + transition @ process @ transition.T
         transition = transition @ transition
