@@ -1,5 +1,6 @@
 """Records joined by time and in parts, delays taken out, and the grids of times that they lie on."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -171,7 +172,7 @@ RATES = [1000.0, 610.3515625, 333.3, 100.0 * np.pi, 44100.0, 51200.0, 1.0 / 0.00
 
 
 @pytest.mark.parametrize("rate", RATES)
-@pytest.mark.parametrize("start", [0.0, 1.234, -3.3, np.e])
+@pytest.mark.parametrize("start", [0.0, 1.234, -3.3, math.e])
 def test_a_grid_in_full_precision_comes_back_to_the_bit(rate: float, start: float) -> None:
     time = start + np.arange(3000) / rate
     timeline = Timeline.fit(time)
