@@ -28,6 +28,7 @@ _GROWTH = np.geomspace(
 _CHANCE = 16.0  # of -2 log likelihood: four standard errors
 _LIKELIER = 9.0  # of it: three, by which noise that grows with the motion has to explain more ...
 _BY_CHANCE = 0.0027  # ... and the probability of as much by chance, where each channel falls by itself
+_ROUNDING = 0.1  # chi-square a sample: less is left by rounding, and by noise that is stated too high
 _LEAST = 0.7  # logarithm of a half: windows take off more, and noise of sensors changes by less of itself
 _SLOWER = 0.9  # times the rate at which the motion decays: what falls as fast as that follows it
 
@@ -69,7 +70,8 @@ def exponential_window(of: Examined, before: Judgement) -> Judgement | None:
     """Whether noise falls along records as behind an exponential window, which counts as damping of a motion that decays."""
     fit, records = of.fit, of.records
     unnamed = before.verdict in (Verdict.NOISE_MISMATCH, Verdict.OUTLIERS) and not before.diagnosis
-    if not (before.leaves_noise or unnamed) or fit.random_forces or fit.optimum.coloured is not None:
+    shows_noise = fit.chi_square > _ROUNDING and not fit.random_forces and fit.optimum.coloured is None
+    if not (before.leaves_noise or unnamed) or not shows_noise:
         return None
     blocks = list(_levels(fit, records))
     if not blocks:
