@@ -6,6 +6,6 @@ from linkwise.likelihood.shooting.loss import Gaussian as Gaussian
 from linkwise.likelihood.shooting.loss import Huber as Huber
 from linkwise.likelihood.shooting.loss import Loss as Loss
 from linkwise.likelihood.shooting.loss import Student as Student
-from linkwise.likelihood.shooting.steps import AnnealingStep as AnnealingStep
+from linkwise.likelihood.shooting.minimise import AnnealingStep as AnnealingStep
 
 __all__: list[str]

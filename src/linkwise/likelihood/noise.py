@@ -41,10 +41,15 @@ import scipy
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows, linear_model
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
-from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.minimise import (
+    Annealer,
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    freedom,
+)
 from linkwise.likelihood.shooting.residuals import Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
-from linkwise.likelihood.shooting.steps import freedom
 
 _SIGNIFICANT = 2.5  # the statistic exceeds it by chance once in 130 000 channels
 _SIZEABLE = 0.03  # of the residual power in the wrong part of the band: less does not widen intervals

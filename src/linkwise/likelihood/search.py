@@ -41,12 +41,17 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information, linear_model
 from linkwise.likelihood.shooting.loss import Gaussian, Loss
-from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.minimise import (
+    Annealer,
+    AnnealingFit,
+    AnnealingSchedule,
+    AnnealingStatus,
+    freedom,
+)
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization
 from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, SensorErrors, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
-from linkwise.likelihood.shooting.steps import freedom
 from linkwise.likelihood.shooting.tangents import CandidateForces
 
 # numbers that are tried: short blocks are many, long ones hold what residuals remember; each divides the one before

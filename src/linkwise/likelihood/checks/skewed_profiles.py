@@ -35,8 +35,8 @@ from linkwise.likelihood.optima.other_optima import (
 from linkwise.likelihood.optima.profiles import Profile
 from linkwise.likelihood.search import Optimum
 from linkwise.likelihood.shooting.linear_model import FactoredModel
+from linkwise.likelihood.shooting.minimise import pull_of_defects
 from linkwise.likelihood.shooting.residuals import evaluate
-from linkwise.likelihood.shooting.steps import pull_of_defects
 from linkwise.likelihood.tests.diagnosis import TestedCauses
 from linkwise.likelihood.tests.variances import free_of_bounds
 from linkwise.runtime import one_blas_thread
