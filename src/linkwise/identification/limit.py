@@ -18,8 +18,7 @@ from linkwise.expression import symbols
 from linkwise.identification.limit_result import Limit, true_path
 from linkwise.likelihood.fisher_information import Precision, RandomInputs, fisher_information
 from linkwise.likelihood.search import Optimum
-from linkwise.likelihood.shooting.loss import Gaussian
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
 from linkwise.likelihood.shooting.segmentation import cut_segments
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System

@@ -12,9 +12,8 @@ import numpy as np
 import scipy
 
 from linkwise.arrays import Floats, Indices
-from linkwise.likelihood.shooting.loss import Gaussian
 from linkwise.likelihood.shooting.normal_equations import chunks, whitened_jacobian
-from linkwise.likelihood.shooting.residuals import evaluate
+from linkwise.likelihood.shooting.residuals import Gaussian, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 

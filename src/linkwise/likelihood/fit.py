@@ -30,9 +30,8 @@ from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import SAMPLES, SensorModel, ShootingProblem, shooting_problem
 from linkwise.likelihood.random_forces import force_estimates
 from linkwise.likelihood.search import ExplainedFit, Optimum, explained_fit, searched
-from linkwise.likelihood.shooting.loss import with_bounds_for
 from linkwise.likelihood.shooting.minimise import Annealer, AnnealingFit, AnnealingStatus, AnnealingStep
-from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.residuals import Misfit, with_bounds_for
 from linkwise.likelihood.shooting.segments import Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Found, Gain, HighPass, Term, Unknown

@@ -43,7 +43,6 @@ import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.noise import evidence
-from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -52,7 +51,7 @@ from linkwise.likelihood.shooting.minimise import (
 )
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _PARTS, _LENGTH = 8, 500  # pieces of the records, and segments in each, whose log det stands for that of all

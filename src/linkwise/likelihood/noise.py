@@ -40,7 +40,6 @@ import scipy
 
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.linear_model import EliminatedRows, eliminated_rows, linear_model
-from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -48,7 +47,7 @@ from linkwise.likelihood.shooting.minimise import (
     AnnealingStatus,
     freedom,
 )
-from linkwise.likelihood.shooting.residuals import Misfit
+from linkwise.likelihood.shooting.residuals import Gaussian, Loss, Misfit
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 
 _SIGNIFICANT = 2.5  # the statistic exceeds it by chance once in 130 000 channels

@@ -40,7 +40,6 @@ from linkwise.likelihood.noise import (
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.problem import ShootingProblem
 from linkwise.likelihood.shooting.linear_model import FactoredModel, block_information, linear_model
-from linkwise.likelihood.shooting.loss import Gaussian, Loss
 from linkwise.likelihood.shooting.minimise import (
     Annealer,
     AnnealingFit,
@@ -50,7 +49,14 @@ from linkwise.likelihood.shooting.minimise import (
 )
 from linkwise.likelihood.shooting.neighbourhoods import MANY
 from linkwise.likelihood.shooting.normal_equations import Linearization
-from linkwise.likelihood.shooting.residuals import LongerSegments, Misfit, SensorErrors, evaluate
+from linkwise.likelihood.shooting.residuals import (
+    Gaussian,
+    LongerSegments,
+    Loss,
+    Misfit,
+    SensorErrors,
+    evaluate,
+)
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments, carry_through_gaps, split_at_gaps
 from linkwise.likelihood.shooting.tangents import CandidateForces
 

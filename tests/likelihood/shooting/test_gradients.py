@@ -24,11 +24,17 @@ from linkwise.arrays import Floats
 from linkwise.likelihood.fit import likelihood_fit
 from linkwise.likelihood.options import LikelihoodOptions
 from linkwise.likelihood.shooting.bordered_system import BorderedSystem
-from linkwise.likelihood.shooting.loss import ClippedReadings, Gaussian, Huber, Loss, Student
 from linkwise.likelihood.shooting.normal_equations import linearise
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import (
+    Gaussian,
+    Huber,
+    Loss,
+    Misfit,
+    Student,
+    evaluate,
+)
 from linkwise.likelihood.shooting.segmentation import cut_segments
-from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
+from linkwise.likelihood.shooting.segments import ClippedReadings, Iterate, Scales, Segments
 from linkwise.likelihood.shooting.system import System
 from linkwise.likelihood.terms import Delay, Drift, Gain, Hum, Offset, Term
 

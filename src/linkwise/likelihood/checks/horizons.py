@@ -31,8 +31,8 @@ from linkwise.likelihood.fit import LikelihoodFit, with_values
 from linkwise.likelihood.marginal import is_long, relaxation
 from linkwise.likelihood.noise import evidence
 from linkwise.likelihood.search import BLOCKS, FEWEST, BlockScores, Optimum, blocks_of_scatter
-from linkwise.likelihood.shooting.loss import Prior
 from linkwise.likelihood.shooting.minimise import AnnealingFit, AnnealingSchedule, AnnealingStatus
+from linkwise.likelihood.shooting.segments import Prior
 from linkwise.likelihood.tests.diagnosis import Diagnosis, diagnose
 from linkwise.model.coefficient import MASS
 from linkwise.model.structure import Structure

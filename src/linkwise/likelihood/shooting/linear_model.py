@@ -26,7 +26,6 @@ from scipy.linalg import solve_triangular
 from linkwise.arrays import Bools, Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem
 from linkwise.likelihood.shooting.local_equations import local_linearization
-from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.neighbourhoods import (
     MANY,
     LocalRows,
@@ -44,7 +43,7 @@ from linkwise.likelihood.shooting.normal_equations import (
     whitened_jacobian,
     with_common_shift,
 )
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import F, S, Scales, Segments
 from linkwise.likelihood.shooting.tangents import CandidateForces
 from linkwise.runtime import processors

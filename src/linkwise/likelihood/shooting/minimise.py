@@ -32,10 +32,9 @@ from linkwise.likelihood.shooting.bordered_system import BorderedFactor, border_
 from linkwise.likelihood.shooting.flow import LARGEST
 from linkwise.likelihood.shooting.linear_model import covariance, firm_factor, groups_at
 from linkwise.likelihood.shooting.local_equations import local_linearization
-from linkwise.likelihood.shooting.loss import Loss
 from linkwise.likelihood.shooting.neighbourhoods import MANY, LocalRows, Neighbourhood
 from linkwise.likelihood.shooting.normal_equations import Linearization, linearise
-from linkwise.likelihood.shooting.residuals import Misfit, evaluate
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, evaluate
 from linkwise.likelihood.shooting.segments import Iterate, Scales, Segments
 from linkwise.progress import Progress, ProgressReport, silent
 

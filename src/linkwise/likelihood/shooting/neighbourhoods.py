@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linkwise.arrays import Bools, Floats, Indices
-from linkwise.likelihood.shooting.loss import Loss
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors
 from linkwise.likelihood.shooting.segments import A, F, S, Scales, Segments, V, X, as_slice
 from linkwise.likelihood.shooting.system import MANY as MANY
 from linkwise.likelihood.shooting.system import NumericSystem, System

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from linkwise.arrays import Floats, Indices
 from linkwise.likelihood.shooting.bordered_system import BorderedFactor, BorderedSystem, Damping
 from linkwise.likelihood.shooting.flow import Inputs, input_along
-from linkwise.likelihood.shooting.loss import Loss, Prior, RandomStates
-from linkwise.likelihood.shooting.residuals import Misfit, SensorErrors, estimated_errors
+from linkwise.likelihood.shooting.residuals import Loss, Misfit, SensorErrors, estimated_errors
 from linkwise.likelihood.shooting.segments import (
     A,
     Iterate,
+    Prior,
+    RandomStates,
     Scales,
     Segments,
     Sensors,

@@ -27,8 +27,7 @@ from linkwise.likelihood.shooting.flow import (
     straight_on,
     values_at_delays,
 )
-from linkwise.likelihood.shooting.loss import ClippedReadings
-from linkwise.likelihood.shooting.segments import A, F, S, Segments, Sensors, V, X
+from linkwise.likelihood.shooting.segments import A, ClippedReadings, F, S, Segments, Sensors, V, X
 from linkwise.likelihood.shooting.system import System
 from linkwise.model.structure import FIRST_POINT, Structure
 from linkwise.records.channel import BAND_LIMITED, BASE, COMMON, HELD, MOTIONS, Channel, interpolated
